@@ -1,0 +1,1 @@
+"""The numbers: models, friction, filter, laws, reference, simulation. Nothing here knows ROS."""

@@ -1,0 +1,75 @@
+"""A strictly monotone box-constrained problem, solved exactly for any n in bounded time.
+
+Find z in the box ``|z_i| <= bound_i`` such that, with ``w = A z + b`` and A symmetric positive
+definite, for every i::
+
+    w_i = 0 where |z_i| < bound_i,   w_i >= 0 where z_i = -bound_i,   w_i <= 0 where z_i = bound_i
+
+These are the optimality conditions of min ½ zᵀ A z + bᵀ z over the box: the solution exists and
+is unique. It is the set-valued friction of joints at rest.
+
+The method is principal pivoting with the least-index rule, which for a positive definite matrix
+visits no set of active bounds twice (Murty, *Linear Complementarity, Linear and Nonlinear
+Programming*, 1988; with upper bounds, Júdice & Pires, 1994).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ctc_chattering.core.model import Rows, Vector, dot, solve
+
+
+def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
+    """Solve the box problem of this module.
+
+    Parameters
+    ----------
+    a : sequence of rows, shape (n, n)
+        Symmetric positive definite.
+    b : sequence of float, shape (n,)
+    bound : sequence of float, shape (n,)
+        Not negative.
+
+    Returns
+    -------
+    list of float, shape (n,)
+        The solution z.
+    """
+    n = len(b)
+    if n == 1:
+        return [min(max(-b[0] / a[0][0], -bound[0]), bound[0])]
+    scale = [1e-13 * (abs(b[i]) + dot([abs(x) for x in a[i]], bound)) for i in range(n)]
+    side = [0] * n
+    z = _pivot(a, b, bound, side)
+    for _ in range(3 ** n):
+        wrong = _least_wrong(a, b, bound, side, z, scale)
+        if wrong is None:
+            break
+        i, side[i] = wrong
+        z = _pivot(a, b, bound, side)
+    return [min(max(x, -limit), limit) for x, limit in zip(z, bound)]
+
+
+def _pivot(a: Rows, b: Vector, bound: Vector, side: Sequence[int]) -> list[float]:
+    """Return z with z_i at the bound that side_i names, and w_i = 0 where side_i is 0."""
+    z = [s * limit for s, limit in zip(side, bound)]
+    free = [i for i, s in enumerate(side) if s == 0]
+    if free:
+        part = solve([[a[i][j] for j in free] for i in free],
+                     [-b[i] - dot(a[i], z) for i in free])
+        for i, value in zip(free, part):
+            z[i] = value
+    return z
+
+
+def _least_wrong(a: Rows, b: Vector, bound: Vector, side: Sequence[int], z: Vector,
+                 scale: Vector) -> tuple[int, int] | None:
+    """Return the first index whose condition fails and the side it should change to."""
+    for i, s in enumerate(side):
+        if s == 0:
+            if abs(z[i]) > bound[i]:
+                return i, 1 if z[i] > 0.0 else -1
+        elif s * (dot(a[i], z) + b[i]) > scale[i]:
+            return i, 0
+    return None

@@ -1,0 +1,81 @@
+"""Coulomb friction as a set: F(dq) = Kf sgn(dq), and at dq = 0 any value in [-Kf, Kf].
+
+A joint is in one of three modes: sliding forwards (+1), sliding backwards (-1), or at rest (0).
+At rest it sticks until the load exceeds Kf; which joints stick and which break away is one
+problem for all joints at rest together, because M couples them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ctc_chattering.core.box import solve_box
+from ctc_chattering.core.model import Model, Vector, solve
+
+Modes = tuple[int, ...]
+
+
+def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Modes:
+    """Decide for every joint between sticking (0) and sliding (+1 or -1).
+
+    Parameters
+    ----------
+    model : Model
+    q, dq, u : sequence of float, shape (n,)
+        Position [rad], velocity [rad/s], torque without friction [N·m].
+    level : sequence of float, shape (n,)
+        Kf [N·m]; a joint whose level is 0 is reported as 0 and never sticks.
+
+    Returns
+    -------
+    tuple of int, shape (n,)
+        A moving joint slides the way it moves. A joint at rest has the mode for which either
+        its acceleration is 0 and the friction that this takes is within ±Kf, or its friction is
+        ±Kf and it accelerates that way.
+    """
+    n = model.n
+    rest = [i for i in range(n) if dq[i] == 0.0 and level[i] > 0.0]
+    mode = [0 if level[i] == 0.0 or dq[i] == 0.0 else 1 if dq[i] > 0.0 else -1 for i in range(n)]
+    if not rest:
+        return tuple(mode)
+    load = [u[i] - level[i] * mode[i] for i in range(n)]
+    if max(excess(model, q, dq, load, level, rest)) <= 0.0:
+        return tuple(mode)
+    mass = model.mass_matrix(q)
+    free = model.forward_dynamics(q, dq, load)
+    columns = [solve(mass, [float(i == j) for i in range(n)]) for j in rest]
+    reaction = solve_box([[column[i] for column in columns] for i in rest],
+                         [-free[i] for i in rest], [level[i] for i in rest])
+    for i, f in zip(rest, reaction):
+        if abs(f) >= level[i]:
+            mode[i] = 1 if f > 0.0 else -1
+    return tuple(mode)
+
+
+def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,
+           stuck: Sequence[int]) -> list[float]:
+    """Return for each stuck joint how far its load is beyond Kf [N·m]; negative while it holds.
+
+    Parameters
+    ----------
+    model : Model
+    q, dq : sequence of float, shape (n,)
+        Position [rad] and velocity [rad/s].
+    load : sequence of float, shape (n,)
+        Torque less the friction of the joints that slide [N·m].
+    level : sequence of float, shape (n,)
+        Kf [N·m].
+    stuck : sequence of int
+        Joints at rest.
+    """
+    a = model.forward_dynamics(q, dq, load, locked(stuck))
+    need = model.inverse_dynamics(q, dq, a)
+    return [abs(load[i] - need[i]) - level[i] for i in stuck]
+
+
+def locked(joints: Sequence[int]) -> int:
+    """Return the bit mask of `joints`, as `Model.forward_dynamics` takes it."""
+    mask = 0
+    for i in joints:
+        mask |= 1 << i
+    return mask

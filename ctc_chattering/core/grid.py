@@ -1,0 +1,32 @@
+"""The control grid: sample k lies at t = k h, with h a whole number of nanoseconds."""
+
+from __future__ import annotations
+
+from ctc_chattering.errors import ParameterError
+
+NANOSECONDS = 1_000_000_000
+
+
+def period_ns(control_period: float) -> int:
+    """Return `control_period` [s] in nanoseconds.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a whole, positive number of nanoseconds (to one part in 1e9).
+    """
+    ns = round(control_period * NANOSECONDS)
+    if ns < 1 or abs(control_period * NANOSECONDS - ns) > 1e-9 * ns:
+        raise ParameterError(
+            'control_period', control_period, 'a positive whole number of nanoseconds')
+    return ns
+
+
+def samples(duration: float, period: int) -> int:
+    """Return the index of the last sample of a run of `duration` [s] with `period` [ns]."""
+    return round(duration * NANOSECONDS) // period
+
+
+def seconds(nanoseconds: int) -> float:
+    """Return integer nanoseconds in seconds, the same float for the same instant everywhere."""
+    return nanoseconds / NANOSECONDS

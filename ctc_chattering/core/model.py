@@ -1,0 +1,112 @@
+"""What a robot model must offer: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
+
+Vectors are sequences of ``n`` floats, matrices sequences of rows: small numpy arrays cost more
+than the arithmetic they would do.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+Vector = Sequence[float]
+Rows = Sequence[Sequence[float]]
+
+
+class Model(ABC):
+    """Rigid-body dynamics of an arm with `n` joints.
+
+    A subclass gives M, C and G; the products below follow from them. A subclass overrides the
+    products where a closed form is faster.
+    """
+
+    #: Number of joints.
+    n: int
+
+    @abstractmethod
+    def mass_matrix(self, q: Vector) -> Rows:
+        """Return M(q), shape (n, n), symmetric positive definite [kg·m²]."""
+
+    @abstractmethod
+    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
+        """Return C(q, dq), shape (n, n), such that ½ dM/dt - C is skew-symmetric."""
+
+    @abstractmethod
+    def gravity_torque(self, q: Vector) -> Vector:
+        """Return G(q), shape (n,) [N·m]."""
+
+    @abstractmethod
+    def potential_energy(self, q: Vector) -> float:
+        """Return the potential whose gradient is G(q) [J]."""
+
+    def inertia_times(self, q: Vector, x: Vector) -> Vector:
+        """Return M(q) x, shape (n,)."""
+        return times(self.mass_matrix(q), x)
+
+    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
+        """Return C(q, dq) x, shape (n,)."""
+        return times(self.coriolis_matrix(q, dq), x)
+
+    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
+        """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
+        return [x + y + z for x, y, z in zip(
+            self.inertia_times(q, a), self.coriolis_times(q, dq, dq), self.gravity_torque(q))]
+
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
+        """Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
+
+        Parameters
+        ----------
+        q, dq, u : sequence of float, shape (n,)
+            Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
+        locked : int
+            Bit i set: joint i is held still by a torque of its own, so that ddq_i = 0.
+        """
+        mass = self.mass_matrix(q)
+        bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)
+        free = [i for i in range(self.n) if not locked >> i & 1]
+        a = solve([[mass[i][j] for j in free] for i in free], [u[i] - bias[i] for i in free])
+        ddq = [0.0] * self.n
+        for i, value in zip(free, a):
+            ddq[i] = value
+        return ddq
+
+    def kinetic_energy(self, q: Vector, dq: Vector) -> float:
+        """Return ½ dqᵀ M(q) dq [J]."""
+        return 0.5 * dot(dq, self.inertia_times(q, dq))
+
+
+def dot(x: Vector, y: Vector) -> float:
+    """Return xᵀ y."""
+    total = 0.0
+    for a, b in zip(x, y):
+        total += a * b
+    return total
+
+
+def times(rows: Rows, x: Vector) -> list[float]:
+    """Return the product of a matrix, shape (m, n), and a vector, shape (n,)."""
+    return [dot(row, x) for row in rows]
+
+
+def solve(rows: Rows, right: Vector) -> list[float]:
+    """Solve A x = b for symmetric positive definite A by elimination (no pivoting needed)."""
+    a = [list(row) for row in rows]
+    x = list(right)
+    n = len(x)
+    for k in range(n):
+        pivot, row_k = a[k][k], a[k]
+        for i in range(k + 1, n):
+            factor = a[i][k] / pivot
+            if factor:
+                row_i = a[i]
+                for j in range(k + 1, n):
+                    row_i[j] -= factor * row_k[j]
+                x[i] -= factor * x[k]
+    for k in range(n - 1, -1, -1):
+        row_k = a[k]
+        total = x[k]
+        for j in range(k + 1, n):
+            total -= row_k[j] * x[j]
+        x[k] = total / row_k[k]
+    return x

@@ -1,0 +1,227 @@
+"""Declaration of parameters: one place for type, unit, default, range and description.
+
+A configuration is a frozen dataclass derived from `Config` whose fields are made by `parameter`.
+The YAML file, the ROS nodes, `ctc` and the README's tables are all served from these fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from ctc_chattering.errors import ParameterError
+
+Matrix = tuple[tuple[float, ...], ...]
+C = TypeVar('C', bound='Config')
+
+_TYPE_NAMES = {
+    'bool': 'a boolean', 'int': 'an integer', 'float': 'a number', 'str': 'a string',
+    'float[]': 'a list of numbers', 'str[]': 'a list of strings'}
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """What is known of one parameter besides its value.
+
+    Attributes
+    ----------
+    name : str
+        As in the YAML file, for example ``disturbance.amplitude``.
+    kind : {'bool', 'int', 'float', 'str', 'float[]', 'str[]'}
+        Its type.
+    default : object
+        A scalar for a ``float[]`` stands for that value on every joint.
+    description, unit : str
+        For `ros2 param describe` and the README.
+    minimum, maximum : float
+        Range of the value, or of each element.
+    exclusive : bool
+        Whether `minimum` itself is out of range.
+    infinite : bool
+        Whether infinity is a value.
+    choices : tuple of str
+        The only strings allowed; empty for any.
+    shape : {'', 'n', 'nn', 'any'}
+        For lists: one element per joint; n or n·n (a symmetric positive definite matrix, row by
+        row); or any number of them.
+    read_only : bool
+        Whether it is fixed once the node runs.
+    """
+
+    name: str
+    kind: str
+    default: Any
+    description: str
+    unit: str = ''
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    exclusive: bool = False
+    infinite: bool = False
+    choices: tuple[str, ...] = ()
+    shape: str = ''
+    read_only: bool = False
+
+    @property
+    def field(self) -> str:
+        """Name of the dataclass field (``lambda`` is a keyword, a dot is no identifier)."""
+        return 'lambda_' if self.name == 'lambda' else self.name.replace('.', '_')
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words."""
+        if self.choices:
+            return ' | '.join(self.choices)
+        text = _TYPE_NAMES[self.kind]
+        if self.kind in ('float', 'float[]', 'int'):
+            text = text.replace('number', 'finite number') if not self.infinite else text
+            lower = f'{">" if self.exclusive else ">="} {self.minimum:g}'
+            if self.minimum > -math.inf and self.maximum < math.inf:
+                text += f' {lower} and <= {self.maximum:g}'
+            elif self.minimum > -math.inf:
+                text += f' {lower}'
+        if self.shape == 'nn':
+            text += (', one per joint or n*n row by row, symmetric positive definite')
+        elif self.shape == 'n':
+            text += ', one per joint'
+        return text
+
+    def default_for(self, n: int) -> Any:
+        """Return the default for `n` joints."""
+        if self.kind == 'float[]' and not isinstance(self.default, tuple):
+            return (float(self.default),) * n
+        return self.default
+
+    def coerce(self, value: object) -> Any:
+        """Return `value` as this parameter's Python type, integers as floats where floats are due.
+
+        Raises
+        ------
+        ParameterError
+            If the type does not fit.
+        """
+        scalar = self.kind.removesuffix('[]')
+        if self.kind.endswith('[]'):
+            if isinstance(value, str) or not hasattr(value, '__iter__'):
+                raise ParameterError(self.name, value, self.allowed)
+            return tuple(self._scalar(scalar, item, value) for item in value)
+        return self._scalar(scalar, value, value)
+
+    def _scalar(self, kind: str, item: object, whole: object) -> Any:
+        number = isinstance(item, (int, float, np.number)) and not isinstance(item, bool)
+        if kind == 'float' and number:
+            return float(item)  # type: ignore[arg-type]
+        if (kind == 'int' and number and not isinstance(item, (float, np.floating))
+                or kind == 'bool' and isinstance(item, bool)
+                or kind == 'str' and isinstance(item, str)):
+            return item
+        raise ParameterError(self.name, whole, self.allowed)
+
+    def check(self, value: Any, n: int) -> None:
+        """Raise `ParameterError` unless `value` is allowed for a robot of `n` joints."""
+        items = value if isinstance(value, tuple) else (value,)
+        if self.shape == 'n' and len(items) != n or self.shape == 'nn' and len(items) not in (
+                n, n * n):
+            raise ParameterError(
+                self.name, value, f'{self.allowed} (n = {n}, got {len(items)} values)')
+        if self.choices and any(item not in self.choices for item in items):
+            raise ParameterError(self.name, value, self.allowed)
+        if self.kind in ('float', 'float[]', 'int'):
+            matrix = self.shape == 'nn' and len(items) != n
+            for item in items:
+                finite = math.isfinite(item) or (self.infinite and not math.isnan(item))
+                low = item <= self.minimum if self.exclusive else item < self.minimum
+                if not finite or not matrix and (low or item > self.maximum):
+                    raise ParameterError(self.name, value, self.allowed)
+            if matrix and not _positive_definite(items, n):
+                raise ParameterError(self.name, value, self.allowed)
+
+
+def _positive_definite(items: tuple[float, ...], n: int) -> bool:
+    a = np.array(items).reshape(n, n)
+    if not np.allclose(a, a.T, rtol=1e-12, atol=0.0):
+        return False
+    return bool(np.linalg.eigvalsh(a).min() > 0.0)
+
+
+def matrix(values: tuple[float, ...], n: int) -> Matrix:
+    """Return `values` as `n` rows: n of them are a diagonal, n·n stand row by row."""
+    if len(values) == n * n:
+        return tuple(tuple(values[i * n:i * n + n]) for i in range(n))
+    return tuple(tuple(values[i] if i == j else 0.0 for j in range(n)) for i in range(n))
+
+
+def parameter(name: str, kind: str, default: Any, description: str, **more: Any) -> Any:
+    """Return a dataclass field that declares one parameter; arguments as in `Parameter`."""
+    spec = Parameter(name, kind, default, description, **more)
+    return dataclasses.field(default=None, metadata={'parameter': spec})
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Base of the configurations: fields left out take their defaults, all are checked.
+
+    Raises
+    ------
+    ParameterError
+        On construction, for the first value that is not allowed.
+    """
+
+    #: Title of the configuration in the documentation.
+    title: ClassVar[str] = ''
+
+    def __post_init__(self) -> None:
+        """Fill in defaults, coerce types and check every value."""
+        names = getattr(self, 'joint_names', ())
+        if names is None:
+            names = self.parameters()['joint_names'].default
+        n = len(names) if not isinstance(names, str) else 0
+        for spec in self.parameters().values():
+            value = getattr(self, spec.field)
+            value = spec.default_for(n) if value is None else spec.coerce(value)
+            object.__setattr__(self, spec.field, value)
+            spec.check(value, n)
+        if 'joint_names' in self.parameters():
+            check_joint_names(names)
+        self.validate()
+
+    def validate(self) -> None:
+        """Check what concerns several parameters at once; a subclass overrides this."""
+
+    @classmethod
+    def parameters(cls) -> dict[str, Parameter]:
+        """Return the declared parameters by name, in order."""
+        specs = (field.metadata.get('parameter') for field in dataclasses.fields(cls))
+        return {spec.name: spec for spec in specs if spec is not None}
+
+    @classmethod
+    def from_mapping(cls: type[C], values: Mapping[str, object]) -> C:
+        """Build the configuration from parameter names and values.
+
+        Raises
+        ------
+        ParameterError
+            For an unknown name or a value that is not allowed.
+        """
+        known = cls.parameters()
+        for name, value in values.items():
+            if name not in known:
+                raise ParameterError(name, value, 'one of ' + ', '.join(known))
+        return cls(**{known[name].field: value for name, value in values.items()})
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return every parameter's value by name."""
+        return {name: getattr(self, spec.field) for name, spec in self.parameters().items()}
+
+    def changed(self: C, values: Mapping[str, object]) -> C:
+        """Return a copy with some parameters changed, checked like a new one."""
+        return self.from_mapping({**self.as_mapping(), **values})
+
+
+def check_joint_names(names: tuple[str, ...]) -> None:
+    """Raise `ParameterError` unless there are names, each of them once and none empty."""
+    if not names or len(set(names)) != len(names) or not all(names):
+        raise ParameterError('joint_names', names, 'one or more names, all different, none empty')

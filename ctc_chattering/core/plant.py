@@ -1,0 +1,235 @@
+"""The simulated robot: equation (1) with set-valued Coulomb friction, under a held torque.
+
+Between changes of stick and slide the motion is smooth and a Runge-Kutta step of fourth order
+follows it. Where a sliding joint comes to rest, or a stuck one is overloaded, the instant is
+located within the step, the modes are decided anew there, and the rest of the step goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from math import inf
+from typing import ClassVar
+
+from ctc_chattering.core.disturbance import disturbance
+from ctc_chattering.core.friction import excess, locked, modes
+from ctc_chattering.core.grid import period_ns, samples, seconds
+from ctc_chattering.core.model import Model, Vector
+from ctc_chattering.core.models import MODELS, check_model, make_model
+from ctc_chattering.core.parameters import Config, parameter
+from ctc_chattering.core.root import first_negative
+from ctc_chattering.errors import CtcError
+
+#: Values of the parameter ``pacing``.
+PACINGS = ('real_time', 'lockstep')
+#: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
+_MAX_EVENTS = 50
+
+
+@dataclasses.dataclass(frozen=True)
+class PlantConfig(Config):
+    """Parameters of the simulated plant and of the run."""
+
+    title: ClassVar[str] = 'plant'
+
+    joint_names: tuple[str, ...] = parameter(
+        'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints in the order of the model.',
+        read_only=True)
+    model: str = parameter(
+        'model', 'str', 'two_link', 'Robot model: M, C and G.', choices=MODELS, read_only=True)
+    gravity: float = parameter(
+        'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
+        read_only=True)
+    coulomb_friction: tuple[float, ...] = parameter(
+        'coulomb_friction', 'float[]', 9.9, 'Coulomb friction Kf.', unit='N*m', minimum=0.0,
+        shape='n')
+    disturbance_amplitude: tuple[float, ...] = parameter(
+        'disturbance.amplitude', 'float[]', 0.0, 'Amplitude of the disturbance d(t).', unit='N*m',
+        shape='n')
+    disturbance_frequency: tuple[float, ...] = parameter(
+        'disturbance.frequency', 'float[]', 0.0, 'Frequency of the disturbance d(t).',
+        unit='rad/s', shape='n')
+    initial_position: tuple[float, ...] = parameter(
+        'initial_position', 'float[]', 0.0, 'Position at t = 0.', unit='rad', shape='n',
+        read_only=True)
+    initial_velocity: tuple[float, ...] = parameter(
+        'initial_velocity', 'float[]', 0.0, 'Velocity at t = 0.', unit='rad/s', shape='n',
+        read_only=True)
+    control_period: float = parameter(
+        'control_period', 'float', 1e-3, 'Sample period h; the torque is held over it.', unit='s',
+        minimum=0.0, exclusive=True, read_only=True)
+    integration_step: float = parameter(
+        'integration_step', 'float', 1e-3,
+        'Largest step of the integrator; at most one control period is taken at once.', unit='s',
+        minimum=0.0, exclusive=True, read_only=True)
+    pacing: str = parameter(
+        'pacing', 'str', 'real_time',
+        'Publish on the node clock, or in simulated time after each answer.', choices=PACINGS,
+        read_only=True)
+    duration: float = parameter(
+        'duration', 'float', 0.0, 'Simulated time after which the run ends; 0 for never.',
+        unit='s', minimum=0.0, read_only=True)
+    experiment: str = parameter(
+        'experiment', 'str', 'friction', 'Title of the run in metrics and figures.',
+        read_only=True)
+
+    def validate(self) -> None:
+        """Check the model's number of joints, and that the run ends on the grid."""
+        check_model(self.model, self.joint_names)
+        samples(self.duration, period_ns(self.control_period))
+
+
+class Plant:
+    """State of the simulated robot.
+
+    Contract: `step` holds the torque for exactly one control period and advances `k` by one.
+
+    Parameters
+    ----------
+    config : PlantConfig
+    model : Model, optional
+        In place of the one that the configuration names.
+
+    Attributes
+    ----------
+    q, dq : sequence of float, shape (n,)
+        Position [rad] and velocity [rad/s] at sample `k`.
+    k : int
+        Sample index; the time is k h.
+    modes : tuple of int, shape (n,)
+        +1 and -1 for a joint that slides, 0 for one that sticks or has no friction.
+    """
+
+    def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
+        self.model = model or make_model(config.model, config.gravity)
+        self.q: Vector = config.initial_position
+        self.dq: Vector = config.initial_velocity
+        self.k = 0
+        self.modes: tuple[int, ...] = (0,) * self.model.n
+        self.period_ns = period_ns(config.control_period)
+        period = seconds(self.period_ns)
+        self._substeps = max(1, math.ceil(period / config.integration_step - 1e-9))
+        self._h = period / self._substeps
+        self.configure(config)
+
+    def configure(self, config: PlantConfig) -> None:
+        """Use another friction or disturbance from the next step on."""
+        self.config = config
+        self._level = config.coulomb_friction
+        self._rubbing = [i for i, level in enumerate(self._level) if level > 0.0]
+        self._disturbed = any(config.disturbance_amplitude)
+        self._decided = False
+
+    @property
+    def t(self) -> float:
+        """Time of the present sample [s]."""
+        return seconds(self.k * self.period_ns)
+
+    def step(self, tau: Vector) -> None:
+        """Hold the torque `tau`, shape (n,) [N·m], for one control period.
+
+        Raises
+        ------
+        CtcError
+            If the motion leaves the range of floating-point numbers.
+        """
+        t = self.t
+        if not self._decided or self._stuck or 0.0 in self.dq:
+            self._decide(t, tau)
+        try:
+            for i in range(self._substeps):
+                self._advance(t + i * self._h, self._h, tau)
+        except (ValueError, OverflowError):  # sin(inf)
+            raise CtcError(f'the motion of the plant diverged at t = {t:g} s') from None
+        self.k += 1
+
+    def _torque(self, t: float, tau: Vector) -> Vector:
+        """Return torque plus disturbance, shape (n,)."""
+        if not self._disturbed:
+            return tau
+        d = disturbance(
+            self.config.disturbance_amplitude, self.config.disturbance_frequency, t)
+        return [a + b for a, b in zip(tau, d)]
+
+    def _decide(self, t: float, tau: Vector) -> None:
+        """Set the modes from the state and the load at time `t`."""
+        self.modes = modes(self.model, self.q, self.dq, self._torque(t, tau), self._level)
+        mode = self.modes
+        self._stuck = [i for i in self._rubbing if not mode[i]]
+        self._sliding = [i for i in self._rubbing if mode[i]]
+        self._locked = locked(self._stuck)
+        self._friction = [level * m for level, m in zip(self._level, mode)]
+        self._decided = True
+
+    def _advance(self, t: float, h: float, tau: Vector) -> None:
+        """Integrate over `h` [s] from `t` [s], through any change of mode."""
+        load = [a - f for a, f in zip(tau, self._friction)]
+        for _ in range(_MAX_EVENTS):
+            q, dq = self._runge_kutta(t, h, load)
+            held = self._held(t + h, q, dq, load)
+            if held >= 0.0:
+                self.q, self.dq = q, dq
+                return
+            s = self._locate(t, h, load, held)
+            self.q, dq = self._runge_kutta(t, s, load)
+            mode = self.modes
+            self.dq = [x if x * m >= 0.0 else 0.0 for x, m in zip(dq, mode)]
+            t, h = t + s, h - s
+            self._decide(t, tau)
+            load = [a - f for a, f in zip(tau, self._friction)]
+        self.q, self.dq = self._runge_kutta(t, h, load)
+
+    def _held(self, t: float, q: Vector, dq: Vector, load: Vector) -> float:
+        """Return how far the joint nearest to it is from leaving its mode; negative if it has."""
+        mode = self.modes
+        margin = inf
+        for i in self._sliding:
+            x = dq[i] * mode[i]
+            if x < margin:
+                margin = x
+        if self._stuck:
+            u = self._torque(t, load)
+            beyond = max(excess(self.model, q, dq, u, self._level, self._stuck))
+            if -beyond < margin:
+                margin = -beyond
+        return margin
+
+    def _locate(self, t: float, h: float, load: Vector, held: float) -> float:
+        """Return an instant after `t` [s], to 1e-12 h late, at which a joint first left its mode.
+
+        Parameters
+        ----------
+        t, h : float
+            Start and length of the step [s].
+        load : sequence of float, shape (n,)
+            Torque less sliding friction [N·m].
+        held : float
+            What `_held` is at the end of the step: negative.
+        """
+        def margin(s: float) -> float:
+            q, dq = self._runge_kutta(t, s, load)
+            return self._held(t + s, q, dq, load)
+
+        return first_negative(margin, h, held, 1e-12 * h)
+
+    def _runge_kutta(self, t: float, h: float, load: Vector) -> tuple[Vector, Vector]:
+        """Return q and dq after one step of fourth order in the present modes."""
+        dynamics, lock = self.model.forward_dynamics, self._locked
+        q, dq = self.q, self.dq
+        half = 0.5 * h
+        sixth = h / 6.0
+        u0 = self._torque(t, load)
+        um = self._torque(t + half, load) if self._disturbed else u0
+        u1 = self._torque(t + h, load) if self._disturbed else u0
+        a = dynamics(q, dq, u0, lock)
+        v2 = [x + half * y for x, y in zip(dq, a)]
+        b = dynamics([x + half * y for x, y in zip(q, dq)], v2, um, lock)
+        v3 = [x + half * y for x, y in zip(dq, b)]
+        c = dynamics([x + half * y for x, y in zip(q, v2)], v3, um, lock)
+        v4 = [x + h * y for x, y in zip(dq, c)]
+        d = dynamics([x + h * y for x, y in zip(q, v3)], v4, u1, lock)
+        return ([x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
+                 for x, k1, k2, k3, k4 in zip(q, dq, v2, v3, v4)],
+                [x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
+                 for x, k1, k2, k3, k4 in zip(dq, a, b, c, d)])

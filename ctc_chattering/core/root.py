@@ -1,0 +1,53 @@
+"""The first instant at which a function of time turns negative: events of the integrator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+_MAX_STEPS = 60
+
+
+def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: float) -> float:
+    """Return s in (0, end] with f(s) < 0 and a sign change within `tol` before it.
+
+    The regula falsi with the Illinois rule, bisecting where that is slow. `f` may be 0 at 0 and
+    rise from there (a joint that starts to slide): the sign change after the rise is found.
+
+    Parameters
+    ----------
+    f : callable
+        Not negative just after 0.
+    end : float
+        Where `f` is negative.
+    f_end : float
+        f(end).
+    tol : float
+        Width of the bracket that is small enough.
+    """
+    high, f_high = end, f_end
+    low, f_low = 0.5 * end, f(0.5 * end)
+    while f_low < 0.0:
+        high, f_high = low, f_low
+        low *= 0.5
+        if low < tol:
+            return high
+        f_low = f(low)
+    kept = 0
+    for step in range(_MAX_STEPS):
+        if high - low <= tol:
+            break
+        s = low + (high - low) * (0.5 if step % 8 == 7 else f_low / (f_low - f_high))
+        if not low < s < high:
+            s = 0.5 * (low + high)
+        value = f(s)
+        if value < 0.0:
+            high, f_high = s, value
+            if kept < 0:
+                f_low *= 0.5
+            kept = -1
+        else:
+            low, f_low = s, value
+            if kept > 0:
+                f_high *= 0.5
+            kept = 1
+    return high

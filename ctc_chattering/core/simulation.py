@@ -1,0 +1,148 @@
+"""The closed loop without ROS: the same plant, controller and reference that the nodes run."""
+
+from __future__ import annotations
+
+import dataclasses
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.core.grid import period_ns, samples, seconds
+from ctc_chattering.core.model import Vector
+from ctc_chattering.core.plant import Plant, PlantConfig
+from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
+from ctc_chattering.errors import CtcError
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """Parameters that change at a sample.
+
+    Attributes
+    ----------
+    time : float
+        The change is in force from the first sample at or after this time [s].
+    node : str
+        ``plant`` or ``controller``.
+    values : mapping
+        New values by parameter name.
+    """
+
+    time: float
+    node: str
+    values: Mapping[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A run sample by sample; arrays of shape (N,) and (N, n).
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Time [s].
+    q, dq : ndarray, shape (N, n)
+        Position [rad] and velocity [rad/s].
+    q_d, dq_d, ddq_d : ndarray, shape (N, n)
+        Desired position [rad], velocity [rad/s] and acceleration [rad/s²].
+    tau : ndarray, shape (N, n)
+        Torque sent at the sample, to be held until the next [N·m].
+    v : ndarray, shape (N, n)
+        Filtered error of equation (3) [rad/s].
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    q_d: Array
+    dq_d: Array
+    ddq_d: Array
+    tau: Array
+    v: Array
+
+
+class Record:
+    """Collects samples into a `Run` without an object per number."""
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self._columns = [array('d') for _ in range(7)]
+        self._t = array('d')
+
+    def add(self, t: float, *rows: Sequence[float]) -> None:
+        """Append one sample: q, dq, q_d, dq_d, ddq_d, tau, v."""
+        self._t.append(t)
+        for column, row in zip(self._columns, rows):
+            column.extend(row)
+
+    def run(self) -> Run:
+        """Return what was collected."""
+        return Run(np.frombuffer(self._t) if self._t else np.zeros(0), *(
+            np.frombuffer(c).reshape(-1, self._n) if c else np.zeros((0, self._n))
+            for c in self._columns))
+
+
+def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
+             events: Sequence[Event] = (),
+             progress: Callable[[float], None] | None = None) -> Run:
+    """Run the closed loop from t = 0 to the plant's `duration`, both samples included.
+
+    At every sample the controller answers the state, and the plant holds that torque until the
+    next; that is the lockstep of the nodes.
+
+    Parameters
+    ----------
+    plant, controller, reference
+        Configurations; the joints of all three are the same, in any order for the reference.
+    events : sequence of Event
+        Changes of parameters during the run.
+    progress : callable, optional
+        Called now and then with the simulated time [s].
+
+    Raises
+    ------
+    CtcError
+        If `duration` is 0, or the motion diverges.
+    """
+    if plant.duration <= 0.0:
+        raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
+    robot, law, motion = Plant(plant), Controller(controller), Sinusoid(reference)
+    order = [reference.joint_names.index(name) for name in controller.joint_names]
+    straight = order == list(range(len(order)))
+    period = period_ns(plant.control_period)
+    last = samples(plant.duration, period)
+    due = sorted(events, key=lambda event: event.time)
+    record = Record(robot.model.n)
+    every = max(1, last // 100)
+    for k in range(last + 1):
+        t = seconds(k * period)
+        while due and t >= due[0].time:
+            _apply(due.pop(0), robot, law)
+        desired = motion.at(t)
+        if not straight:
+            desired = tuple(_pick(x, order) for x in desired)  # type: ignore[assignment]
+        q, dq = robot.q, robot.dq
+        sample = law.step(q, dq, *desired)
+        record.add(t, q, dq, *desired, sample.tau, sample.v)
+        if k < last:
+            robot.step(sample.tau)
+        if progress is not None and k % every == 0:
+            progress(t)
+    return record.run()
+
+
+def _pick(x: Vector, order: Sequence[int]) -> Vector:
+    return [x[i] for i in order]
+
+
+def _apply(event: Event, robot: Plant, law: Controller) -> None:
+    if event.node == 'plant':
+        robot.configure(robot.config.changed(event.values))
+    else:
+        law.configure(law.config.changed(event.values))

@@ -1,0 +1,97 @@
+"""A desired motion that arrives in pieces, as a controller sees it."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+
+from ctc_chattering.core.grid import seconds
+from ctc_chattering.core.model import Vector
+
+Point = tuple[Vector, Vector, Vector]
+
+
+class Trajectory:
+    """Points of position, velocity and acceleration over integer nanoseconds.
+
+    A new piece replaces all points from its first instant on. Between two points the motion is
+    the quintic that meets both; on a point it is that point, to the last bit; after the last one
+    it rests there.
+    """
+
+    def __init__(self) -> None:
+        self._times: list[int] = []
+        self._points: dict[int, Point] = {}
+
+    def __len__(self) -> int:
+        """Return the number of points held."""
+        return len(self._times)
+
+    @property
+    def end(self) -> int | None:
+        """Instant of the last point [ns]; None without points."""
+        return self._times[-1] if self._times else None
+
+    def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
+        """Add a piece.
+
+        Parameters
+        ----------
+        times : sequence of int
+            Instants [ns], increasing.
+        points : sequence of (position, velocity, acceleration)
+            Each of shape (n,) [rad, rad/s, rad/s²].
+        """
+        if not times:
+            return
+        while self._times and self._times[-1] >= times[0]:
+            del self._points[self._times.pop()]
+        self._times.extend(times)
+        self._points.update(zip(times, points))
+
+    def forget(self, before: int) -> None:
+        """Drop the points that no instant from `before` [ns] on needs."""
+        keep = max(0, bisect_right(self._times, before) - 1)
+        for t in self._times[:keep]:
+            del self._points[t]
+        del self._times[:keep]
+
+    def clear(self) -> None:
+        """Drop all points."""
+        self._times.clear()
+        self._points.clear()
+
+    def at(self, t: int) -> Point | None:
+        """Return position, velocity and acceleration at `t` [ns].
+
+        None if the first point is still to come, or there is no point.
+        """
+        point = self._points.get(t)
+        if point is not None:
+            return point
+        i = bisect_right(self._times, t)
+        if i == 0:
+            return None
+        before = self._points[self._times[i - 1]]
+        if i == len(self._times):
+            rest = (0.0,) * len(before[0])
+            return before[0], rest, rest
+        after = self._points[self._times[i]]
+        h = seconds(self._times[i] - self._times[i - 1])
+        s = seconds(t - self._times[i - 1]) / h
+        joints = [_quintic(s, h, *ends) for ends in zip(*before, *after)]
+        return tuple(zip(*joints))  # type: ignore[return-value]
+
+
+def _quintic(s: float, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
+             a1: float) -> tuple[float, float, float]:
+    """Return value and two derivatives, at s in [0, 1], of the quintic over `h` [s]."""
+    v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
+    d = x1 - x0
+    c2 = 0.5 * a0
+    c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
+    c5 = 6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
+    return (x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
+            (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
+            (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))

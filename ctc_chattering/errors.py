@@ -1,0 +1,26 @@
+"""The package's exceptions: one base class, so that a caller catches all of them at once."""
+
+
+class CtcError(Exception):
+    """Base of every error this package raises on purpose; its text is one line for a user."""
+
+
+class ParameterError(CtcError, ValueError):
+    """A parameter whose value is not allowed.
+
+    Parameters
+    ----------
+    name : str
+        The parameter's name as in the YAML file.
+    value : object
+        The refused value.
+    allowed : str
+        What is allowed instead.
+    """
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+        shown = list(value) if isinstance(value, tuple) else value
+        super().__init__(f'{name}: {shown!r} is not allowed; allowed: {allowed}')
