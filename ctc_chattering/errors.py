@@ -6,7 +6,8 @@ class CtcError(Exception):
 
 
 class ParameterError(CtcError, ValueError):
-    """A parameter whose value is not allowed.
+    """
+    A parameter whose value is not allowed.
 
     Parameters
     ----------
@@ -16,6 +17,7 @@ class ParameterError(CtcError, ValueError):
         The refused value.
     allowed : str
         What is allowed instead.
+
     """
 
     def __init__(self, name: str, value: object, allowed: str) -> None:

@@ -14,7 +14,8 @@ from ctc_chattering.core.terms import Terms, terms
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """One run of one experiment.
+    """
+    One run of one experiment.
 
     Attributes
     ----------
@@ -26,6 +27,7 @@ class Result:
         The samples.
     terms : Terms
         The parts of the torque, v and V.
+
     """
 
     experiment: str

@@ -1,4 +1,5 @@
-"""A strictly monotone box-constrained problem, solved exactly for any n in bounded time.
+"""
+A strictly monotone box-constrained problem, solved exactly for any n in bounded time.
 
 Find z in the box ``|z_i| <= bound_i`` such that, with ``w = A z + b`` and A symmetric positive
 definite, for every i::
@@ -21,7 +22,8 @@ from ctc_chattering.core.model import Rows, Vector, dot, solve
 
 
 def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
-    """Solve the box problem of this module.
+    """
+    Solve the box problem of this module.
 
     Parameters
     ----------
@@ -35,6 +37,7 @@ def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
     -------
     list of float, shape (n,)
         The solution z.
+
     """
     n = len(b)
     if n == 1:

@@ -83,7 +83,8 @@ class Sample(NamedTuple):
 
 
 class Controller:
-    """The sampled controller: one call of `step` per state.
+    """
+    The sampled controller: one call of `step` per state.
 
     Contract: `step` takes the state and the reference at sample k and returns the torque to hold
     until sample k + 1. It reads no clock; the filter advances by exactly one period per call.
@@ -93,6 +94,7 @@ class Controller:
     config : ControllerConfig
     model : Model, optional
         In place of the one that the configuration names.
+
     """
 
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
@@ -101,7 +103,8 @@ class Controller:
         self.configure(config)
 
     def configure(self, config: ControllerConfig) -> None:
-        """Use other gains or another law from the next step on.
+        """
+        Use other gains or another law from the next step on.
 
         The filter state ξ lives on, so that v has no step (unless b itself changes) and only the
         chattering term comes or goes.
@@ -120,7 +123,8 @@ class Controller:
         self.filter.configure(config.lambda_, config.b, period)
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector) -> Sample:
-        """Return the torque for this sample, and what it is made of.
+        """
+        Return the torque for this sample, and what it is made of.
 
         Parameters
         ----------
@@ -128,6 +132,7 @@ class Controller:
             Position [rad] and velocity [rad/s].
         q_d, dq_d, ddq_d : sequence of float, shape (n,)
             Desired position [rad], velocity [rad/s] and acceleration [rad/s²].
+
         """
         model = self.model
         e = [a - b for a, b in zip(q_d, q)]

@@ -8,7 +8,8 @@ from ctc_chattering.core.model import Vector
 
 
 def disturbance(amplitude: Vector, frequency: Vector, t: float) -> list[float]:
-    """Return d(t), shape (n,) [N·m].
+    """
+    Return d(t), shape (n,) [N·m].
 
     Parameters
     ----------
@@ -18,5 +19,6 @@ def disturbance(amplitude: Vector, frequency: Vector, t: float) -> list[float]:
         [rad/s].
     t : float
         Time [s].
+
     """
     return [a * sin(w * t) for a, w in zip(amplitude, frequency)]

@@ -1,4 +1,5 @@
-"""The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration.
+"""
+The filter (3), with b > 0, λ > 0 and a state ξ that needs no acceleration.
 
 In continuous time ``v = -b de + ξ`` with ``dξ/dt = -λ ξ + b [(λ I - Kv) de - Kp e]``, ξ(0) = 0.
 Sampled, with the bracket held over each period h, this has the exact solution::
@@ -14,12 +15,14 @@ from ctc_chattering.core.model import Vector
 
 
 class ErrorFilter:
-    """State and coefficients of the filter (3).
+    """
+    State and coefficients of the filter (3).
 
     Parameters
     ----------
     n : int
         Number of joints.
+
     """
 
     def __init__(self, n: int) -> None:
@@ -39,7 +42,8 @@ class ErrorFilter:
         return [x - b * d for x, d in zip(self.state, de)]
 
     def update(self, de: Vector, feedback: Vector) -> None:
-        """Advance ξ by one period.
+        """
+        Advance ξ by one period.
 
         Parameters
         ----------
@@ -47,6 +51,7 @@ class ErrorFilter:
             Velocity error [rad/s].
         feedback : sequence of float, shape (n,)
             Kv de + Kp e [rad/s²].
+
         """
         decay, gain, lambda_ = self._decay, self._gain, self._lambda
         self.state = [decay * x + gain * (lambda_ * d - f)

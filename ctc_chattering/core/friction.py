@@ -1,4 +1,5 @@
-"""Coulomb friction as a set: F(dq) = Kf sgn(dq), and at dq = 0 any value in [-Kf, Kf].
+"""
+Coulomb friction as a set: F(dq) = Kf sgn(dq), and at dq = 0 any value in [-Kf, Kf].
 
 A joint is in one of three modes: sliding forwards (+1), sliding backwards (-1), or at rest (0).
 At rest it sticks until the load exceeds Kf; which joints stick and which break away is one
@@ -16,7 +17,8 @@ Modes = tuple[int, ...]
 
 
 def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Modes:
-    """Decide for every joint between sticking (0) and sliding (+1 or -1).
+    """
+    Decide for every joint between sticking (0) and sliding (+1 or -1).
 
     Parameters
     ----------
@@ -32,6 +34,7 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Mode
         A moving joint slides the way it moves. A joint at rest has the mode for which either
         its acceleration is 0 and the friction that this takes is within ±Kf, or its friction is
         ±Kf and it accelerates that way.
+
     """
     n = model.n
     rest = [i for i in range(n) if dq[i] == 0.0 and level[i] > 0.0]
@@ -54,7 +57,8 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Mode
 
 def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,
            stuck: Sequence[int]) -> list[float]:
-    """Return for each stuck joint how far its load is beyond Kf [N·m]; negative while it holds.
+    """
+    Return for each stuck joint how far its load is beyond Kf [N·m]; negative while it holds.
 
     Parameters
     ----------
@@ -67,6 +71,7 @@ def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,
         Kf [N·m].
     stuck : sequence of int
         Joints at rest.
+
     """
     a = model.forward_dynamics(q, dq, load, locked(stuck))
     need = model.inverse_dynamics(q, dq, a)

@@ -8,12 +8,14 @@ NANOSECONDS = 1_000_000_000
 
 
 def period_ns(control_period: float) -> int:
-    """Return `control_period` [s] in nanoseconds.
+    """
+    Return `control_period` [s] in nanoseconds.
 
     Raises
     ------
     ParameterError
         If it is not a whole, positive number of nanoseconds (to one part in 1e9).
+
     """
     ns = round(control_period * NANOSECONDS)
     if ns < 1 or abs(control_period * NANOSECONDS - ns) > 1e-9 * ns:

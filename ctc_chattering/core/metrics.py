@@ -15,7 +15,8 @@ BAND = 0.15
 
 
 def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND) -> dict[str, Any]:
-    """Return the numbers of one run, as they stand in ``metrics.json``.
+    """
+    Return the numbers of one run, as they stand in ``metrics.json``.
 
     Parameters
     ----------
@@ -31,6 +32,7 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND) 
         ``rms_error_rad``, ``rms_torque_nm`` and ``torque_variation_nm_per_s`` per joint,
         ``max_error_norm1_rad``, ``window_s`` and ``reaching_time_s``; None where the run has no
         sample in the window.
+
     """
     inside = (run.t >= window[0] - 1e-9) & (run.t <= window[1] + 1e-9)
     result: dict[str, Any] = {
@@ -55,7 +57,8 @@ def rms(x: Array) -> Array:
 
 
 def reaching_time(t: Array, v: Array, band: float = BAND) -> float | None:
-    """Return the first time [s] from which every |v_i| stays within `band` to the end.
+    """
+    Return the first time [s] from which every |v_i| stays within `band` to the end.
 
     None if the last sample is outside, or there is none.
     """

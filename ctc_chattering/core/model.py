@@ -1,4 +1,5 @@
-"""What a robot model must offer: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
+"""
+What a robot model must offer: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
 
 Vectors are sequences of ``n`` floats, matrices sequences of rows: small numpy arrays cost more
 than the arithmetic they would do.
@@ -14,7 +15,8 @@ Rows = Sequence[Sequence[float]]
 
 
 class Model(ABC):
-    """Rigid-body dynamics of an arm with `n` joints.
+    """
+    Rigid-body dynamics of an arm with `n` joints.
 
     A subclass gives M, C and G; the products below follow from them. A subclass overrides the
     products where a closed form is faster.
@@ -53,7 +55,8 @@ class Model(ABC):
             self.inertia_times(q, a), self.coriolis_times(q, dq, dq), self.gravity_torque(q))]
 
     def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
-        """Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
+        """
+        Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
 
         Parameters
         ----------
@@ -61,6 +64,7 @@ class Model(ABC):
             Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
         locked : int
             Bit i set: joint i is held still by a torque of its own, so that ddq_i = 0.
+
         """
         mass = self.mass_matrix(q)
         bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)

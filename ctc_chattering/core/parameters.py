@@ -1,4 +1,5 @@
-"""Declaration of parameters: one place for type, unit, default, range and description.
+"""
+Declaration of parameters: one place for type, unit, default, range and description.
 
 A configuration is a frozen dataclass derived from `Config` whose fields are made by `parameter`.
 The YAML file, the ROS nodes, `ctc` and the README's tables are all served from these fields.
@@ -25,7 +26,8 @@ _TYPE_NAMES = {
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """What is known of one parameter besides its value.
+    """
+    What is known of one parameter besides its value.
 
     Attributes
     ----------
@@ -50,6 +52,7 @@ class Parameter:
         row); or any number of them.
     read_only : bool
         Whether it is fixed once the node runs.
+
     """
 
     name: str
@@ -96,12 +99,14 @@ class Parameter:
         return self.default
 
     def coerce(self, value: object) -> Any:
-        """Return `value` as this parameter's Python type, integers as floats where floats are due.
+        """
+        Return `value` as this parameter's Python type, integers as floats where floats are due.
 
         Raises
         ------
         ParameterError
             If the type does not fit.
+
         """
         scalar = self.kind.removesuffix('[]')
         if self.kind.endswith('[]'):
@@ -114,17 +119,17 @@ class Parameter:
         number = isinstance(item, (int, float, np.number)) and not isinstance(item, bool)
         if kind == 'float' and number:
             return float(item)  # type: ignore[arg-type]
-        if (kind == 'int' and number and not isinstance(item, (float, np.floating))
-                or kind == 'bool' and isinstance(item, bool)
-                or kind == 'str' and isinstance(item, str)):
+        if ((kind == 'int' and number and not isinstance(item, (float, np.floating)))
+                or (kind == 'bool' and isinstance(item, bool))
+                or (kind == 'str' and isinstance(item, str))):
             return item
         raise ParameterError(self.name, whole, self.allowed)
 
     def check(self, value: Any, n: int) -> None:
         """Raise `ParameterError` unless `value` is allowed for a robot of `n` joints."""
         items = value if isinstance(value, tuple) else (value,)
-        if self.shape == 'n' and len(items) != n or self.shape == 'nn' and len(items) not in (
-                n, n * n):
+        if (self.shape == 'n' and len(items) != n) or (self.shape == 'nn' and len(items) not in (
+                n, n * n)):
             raise ParameterError(
                 self.name, value, f'{self.allowed} (n = {n}, got {len(items)} values)')
         if self.choices and any(item not in self.choices for item in items):
@@ -134,7 +139,7 @@ class Parameter:
             for item in items:
                 finite = math.isfinite(item) or (self.infinite and not math.isnan(item))
                 low = item <= self.minimum if self.exclusive else item < self.minimum
-                if not finite or not matrix and (low or item > self.maximum):
+                if not finite or (not matrix and (low or item > self.maximum)):
                     raise ParameterError(self.name, value, self.allowed)
             if matrix and not _positive_definite(items, n):
                 raise ParameterError(self.name, value, self.allowed)
@@ -162,12 +167,14 @@ def parameter(name: str, kind: str, default: Any, description: str, **more: Any)
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Base of the configurations: fields left out take their defaults, all are checked.
+    """
+    Base of the configurations: fields left out take their defaults, all are checked.
 
     Raises
     ------
     ParameterError
         On construction, for the first value that is not allowed.
+
     """
 
     #: Title of the configuration in the documentation.
@@ -199,12 +206,14 @@ class Config:
 
     @classmethod
     def from_mapping(cls: type[C], values: Mapping[str, object]) -> C:
-        """Build the configuration from parameter names and values.
+        """
+        Build the configuration from parameter names and values.
 
         Raises
         ------
         ParameterError
             For an unknown name or a value that is not allowed.
+
         """
         known = cls.parameters()
         for name, value in values.items():

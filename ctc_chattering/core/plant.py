@@ -1,4 +1,5 @@
-"""The simulated robot: equation (1) with set-valued Coulomb friction, under a held torque.
+"""
+The simulated robot: equation (1) with set-valued Coulomb friction, under a held torque.
 
 Between changes of stick and slide the motion is smooth and a Runge-Kutta step of fourth order
 follows it. Where a sliding joint comes to rest, or a stuck one is overloaded, the instant is
@@ -81,7 +82,8 @@ class PlantConfig(Config):
 
 
 class Plant:
-    """State of the simulated robot.
+    """
+    State of the simulated robot.
 
     Contract: `step` holds the torque for exactly one control period and advances `k` by one.
 
@@ -99,6 +101,7 @@ class Plant:
         Sample index; the time is k h.
     modes : tuple of int, shape (n,)
         +1 and -1 for a joint that slides, 0 for one that sticks or has no friction.
+
     """
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
@@ -127,12 +130,14 @@ class Plant:
         return seconds(self.k * self.period_ns)
 
     def step(self, tau: Vector) -> None:
-        """Hold the torque `tau`, shape (n,) [N·m], for one control period.
+        """
+        Hold the torque `tau`, shape (n,) [N·m], for one control period.
 
         Raises
         ------
         CtcError
             If the motion leaves the range of floating-point numbers.
+
         """
         t = self.t
         if not self._decided or self._stuck or 0.0 in self.dq:
@@ -196,7 +201,8 @@ class Plant:
         return margin
 
     def _locate(self, t: float, h: float, load: Vector, held: float) -> float:
-        """Return an instant after `t` [s], to 1e-12 h late, at which a joint first left its mode.
+        """
+        Return an instant after `t` [s], to 1e-12 h late, at which a joint first left its mode.
 
         Parameters
         ----------
@@ -206,6 +212,7 @@ class Plant:
             Torque less sliding friction [N·m].
         held : float
             What `_held` is at the end of the step: negative.
+
         """
         def margin(s: float) -> float:
             q, dq = self._runge_kutta(t, s, load)

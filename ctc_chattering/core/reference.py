@@ -42,11 +42,13 @@ class ReferenceConfig(Config):
 
 
 class Sinusoid:
-    """The desired motion as a function of time.
+    """
+    The desired motion as a function of time.
 
     Parameters
     ----------
     config : ReferenceConfig
+
     """
 
     def __init__(self, config: ReferenceConfig) -> None:

@@ -8,7 +8,8 @@ _MAX_STEPS = 60
 
 
 def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: float) -> float:
-    """Return s in (0, end] with f(s) < 0 and a sign change within `tol` before it.
+    """
+    Return s in (0, end] with f(s) < 0 and a sign change within `tol` before it.
 
     The regula falsi with the Illinois rule, bisecting where that is slow. `f` may be 0 at 0 and
     rise from there (a joint that starts to slide): the sign change after the rise is found.
@@ -23,6 +24,7 @@ def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: f
         f(end).
     tol : float
         Width of the bracket that is small enough.
+
     """
     high, f_high = end, f_end
     low, f_low = 0.5 * end, f(0.5 * end)

@@ -22,7 +22,8 @@ Array = npt.NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Event:
-    """Parameters that change at a sample.
+    """
+    Parameters that change at a sample.
 
     Attributes
     ----------
@@ -32,6 +33,7 @@ class Event:
         ``plant`` or ``controller``.
     values : mapping
         New values by parameter name.
+
     """
 
     time: float
@@ -41,7 +43,8 @@ class Event:
 
 @dataclasses.dataclass(frozen=True)
 class Run:
-    """A run sample by sample; arrays of shape (N,) and (N, n).
+    """
+    A run sample by sample; arrays of shape (N,) and (N, n).
 
     Attributes
     ----------
@@ -55,6 +58,7 @@ class Run:
         Torque sent at the sample, to be held until the next [N·m].
     v : ndarray, shape (N, n)
         Filtered error of equation (3) [rad/s].
+
     """
 
     t: Array
@@ -91,7 +95,8 @@ class Record:
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None) -> Run:
-    """Run the closed loop from t = 0 to the plant's `duration`, both samples included.
+    """
+    Run the closed loop from t = 0 to the plant's `duration`, both samples included.
 
     At every sample the controller answers the state, and the plant holds that torque until the
     next; that is the lockstep of the nodes.
@@ -109,6 +114,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     ------
     CtcError
         If `duration` is 0, or the motion diverges.
+
     """
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')

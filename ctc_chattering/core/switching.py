@@ -9,7 +9,8 @@ SWITCHINGS = ('sign',)
 
 
 def sign(v: Vector, ka: Vector) -> list[float]:
-    """Return Ka sgn(v), shape (n,) [N·m], with sgn(0) = 0 as in the paper.
+    """
+    Return Ka sgn(v), shape (n,) [N·m], with sgn(0) = 0 as in the paper.
 
     Parameters
     ----------
@@ -17,5 +18,6 @@ def sign(v: Vector, ka: Vector) -> list[float]:
         Filtered error [rad/s].
     ka : sequence of float, shape (n,)
         Gains [N·m].
+
     """
     return [k if x > 0.0 else -k if x < 0.0 else 0.0 for x, k in zip(v, ka)]

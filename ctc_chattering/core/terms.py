@@ -14,7 +14,8 @@ from ctc_chattering.core.simulation import Array, Run
 
 @dataclasses.dataclass(frozen=True)
 class Terms:
-    """Terms of the laws (2) and (6) sample by sample.
+    """
+    Terms of the laws (2) and (6) sample by sample.
 
     Attributes
     ----------
@@ -24,6 +25,7 @@ class Terms:
         Filtered error [rad/s].
     lyapunov : ndarray, shape (N,)
         V of equation (9) [J].
+
     """
 
     tau: Array
@@ -35,7 +37,8 @@ class Terms:
 
 
 def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]]) -> Terms:
-    """Run the controller over the states and the reference of `run`.
+    """
+    Run the controller over the states and the reference of `run`.
 
     Parameters
     ----------
@@ -43,6 +46,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]]) -> Terms:
         Its `tau` and `v` are not used.
     configs : sequence of (time, ControllerConfig)
         Configurations, each in force from the first sample at or after its time [s].
+
     """
     due = sorted(configs, key=lambda item: item[0])
     law = Controller(due[0][1])
@@ -58,5 +62,5 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]]) -> Terms:
                 columns, (s.tau, s.inverse_dynamics, s.compensation, s.chattering, s.v)):
             column.extend(row)
         lyapunov.append(law.lyapunov(q, s.v))
-    arrays = [np.array(c).reshape(-1, n) for c in columns]
-    return Terms(*arrays, np.array(lyapunov))
+    tau, inverse, compensation, chattering, v = (np.array(c).reshape(-1, n) for c in columns)
+    return Terms(tau, inverse, compensation, chattering, v, np.array(lyapunov))

@@ -12,7 +12,8 @@ Point = tuple[Vector, Vector, Vector]
 
 
 class Trajectory:
-    """Points of position, velocity and acceleration over integer nanoseconds.
+    """
+    Points of position, velocity and acceleration over integer nanoseconds.
 
     A new piece replaces all points from its first instant on. Between two points the motion is
     the quintic that meets both; on a point it is that point, to the last bit; after the last one
@@ -33,7 +34,8 @@ class Trajectory:
         return self._times[-1] if self._times else None
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
-        """Add a piece.
+        """
+        Add a piece.
 
         Parameters
         ----------
@@ -41,6 +43,7 @@ class Trajectory:
             Instants [ns], increasing.
         points : sequence of (position, velocity, acceleration)
             Each of shape (n,) [rad, rad/s, rad/s²].
+
         """
         if not times:
             return
@@ -62,7 +65,8 @@ class Trajectory:
         self._points.clear()
 
     def at(self, t: int) -> Point | None:
-        """Return position, velocity and acceleration at `t` [ns].
+        """
+        Return position, velocity and acceleration at `t` [ns].
 
         None if the first point is still to come, or there is no point.
         """

@@ -1,4 +1,5 @@
-"""The paper's robot: two links in a vertical plane (Berghuis & Nijmeijer, 1993), in closed form.
+"""
+The paper's robot: two links in a vertical plane (Berghuis & Nijmeijer, 1993), in closed form.
 
 With ``c2 = cos q2`` and ``s2 = sin q2``::
 
@@ -18,12 +19,14 @@ from ctc_chattering.core.model import Model, Rows, Vector
 
 
 class TwoLink(Model):
-    """The paper's two-link arm.
+    """
+    The paper's two-link arm.
 
     Parameters
     ----------
     gravity : float
         Acceleration g [m/s²].
+
     """
 
     n = 2

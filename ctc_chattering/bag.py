@@ -1,0 +1,189 @@
+"""Reading a bag of the graph back into a run, with nothing but the bag."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import Connection
+from rosbags.typesys import Stores, get_typestore
+
+from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.core.grid import NANOSECONDS, seconds
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.simulation import Run
+from ctc_chattering.core.terms import terms
+from ctc_chattering.core.trajectory import Trajectory
+from ctc_chattering.errors import CtcError
+from ctc_chattering.graph import COMMANDS, JOINT_STATES, PARAMETERS, REFERENCE
+from ctc_chattering.result import Result
+
+#: Which field of a ParameterValue holds the value, by its type.
+_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
+           8: 'double_array_value', 9: 'string_array_value'}
+
+
+def open_bag(path: Path) -> AnyReader:
+    """
+    Return an open reader of the bag at `path`; close it after use.
+
+    Raises
+    ------
+    CtcError
+        If there is no bag, or it cannot be read.
+
+    """
+    if not path.exists():
+        raise CtcError(f'{path}: no such bag')
+    try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        reader.open()
+    except (AnyReaderError, OSError) as error:
+        raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
+    return reader
+
+
+def read_bag(path: Path) -> Result:
+    """
+    Return the run that a bag holds.
+
+    Parameters
+    ----------
+    path : Path
+        Directory of the bag.
+
+    Raises
+    ------
+    CtcError
+        If there is no bag, it cannot be read, or something is not in it that a run needs.
+
+    """
+    reader = open_bag(path)
+    try:
+        return _Topics(reader, path).result()
+    except CtcError:
+        raise
+    except Exception as error:
+        text = ' '.join(str(error).split())
+        raise CtcError(f'{path}: damaged: {type(error).__name__}: {text}') from None
+    finally:
+        reader.close()
+
+
+@dataclasses.dataclass(frozen=True)
+class _States:
+    """Joint states in the controller's order, each stamp once, in the order of time."""
+
+    t: list[int]
+    q: np.ndarray[Any, Any]
+    dq: np.ndarray[Any, Any]
+    effort: np.ndarray[Any, Any]
+
+
+class _Topics:
+    """The topics of one open bag; namespaces in front of their names do not matter."""
+
+    def __init__(self, reader: AnyReader, path: Path) -> None:
+        self._reader = reader
+        self._path = path
+
+    def result(self) -> Result:
+        """Put the run together."""
+        history = self._parameters('controller', ControllerConfig)
+        if not history:
+            raise CtcError(f'{self._path}: not a bag of this package: no message on '
+                           f'controller/{PARAMETERS}')
+        names = history[0][1].joint_names
+        states = self._states(names, since=history[0][0])
+        if not states.t:
+            raise CtcError(f'{self._path}: no state on {JOINT_STATES} that was answered')
+        trajectory, start = self._trajectory(names)
+        points = [trajectory.at(t) for t in states.t]
+        if None in points:
+            raise CtcError(f'{self._path}: no {REFERENCE} for the state at '
+                           f'{seconds(states.t[points.index(None)]):g} s')
+        q_d, dq_d, ddq_d = (np.array([p[i] for p in points if p]) for i in range(3))
+        run = Run(np.array([seconds(t - start) for t in states.t]), states.q, states.dq,
+                  q_d, dq_d, ddq_d, self._torques(names, states), np.zeros_like(states.q))
+        configs = [(seconds(t - start), config) for t, config in history]
+        recomputed = terms(run, configs)
+        plants = self._parameters('plant', PlantConfig)
+        experiment = plants[0][1].experiment if plants else self._path.name
+        return Result(experiment, configs, dataclasses.replace(run, v=recomputed.v), recomputed)
+
+    def _connections(self, name: str) -> list[Connection]:
+        return [x for x in self._reader.connections
+                if x.topic == name or x.topic.endswith('/' + name)]
+
+    def _messages(self, name: str) -> Iterator[Any]:
+        connections = self._connections(name)
+        if connections:
+            for connection, _, data in self._reader.messages(connections):
+                yield self._reader.deserialize(data, connection.msgtype)
+
+    def _parameters(self, node: str, kind: Any) -> list[tuple[int, Any]]:
+        """Return the configurations of a node with the stamps [ns] they are in force from."""
+        known = kind.parameters()
+        values: dict[str, Any] = {}
+        history: list[tuple[int, Any]] = []
+        for message in self._messages(f'{node}/{PARAMETERS}'):
+            for item in [*message.new_parameters, *message.changed_parameters]:
+                if item.name in known and item.value.type in _FIELDS:
+                    value = getattr(item.value, _FIELDS[item.value.type])
+                    values[item.name] = value.tolist() if hasattr(value, 'tolist') else value
+            config = kind.from_mapping(values)
+            if not history or history[-1][1] != config:
+                history.append((_nanoseconds(message.stamp), config))
+        return history
+
+    def _states(self, names: Sequence[str], since: int) -> _States:
+        times, rows = [], []
+        for message in self._messages(JOINT_STATES):
+            t = _nanoseconds(message.header.stamp)
+            if t < since or (times and t <= times[-1]):
+                continue
+            order = [message.name.index(name) for name in names]
+            effort = message.effort if len(message.effort) else np.zeros(len(message.name))
+            times.append(t)
+            rows.append((message.position[order], message.velocity[order], effort[order]))
+        arrays = np.array(rows).reshape(len(rows), 3, len(names))
+        return _States(times, arrays[:, 0], arrays[:, 1], arrays[:, 2])
+
+    def _trajectory(self, names: Sequence[str]) -> tuple[Trajectory, int]:
+        """Return the desired motion and the instant of its first point [ns]."""
+        trajectory, start = Trajectory(), 0
+        for message in self._messages(REFERENCE):
+            first = _nanoseconds(message.header.stamp)
+            order = [message.joint_names.index(name) for name in names]
+            times = [first + _nanoseconds(p.time_from_start) for p in message.points]
+            if not len(trajectory) and times:
+                start = times[0]
+            trajectory.extend(times, [tuple(
+                row[order].tolist() for row in (p.positions, p.velocities, p.accelerations))
+                for p in message.points])
+        return trajectory, start
+
+    def _torques(self, names: Sequence[str], states: _States) -> np.ndarray[Any, Any]:
+        """
+        Return the torque that answers each state.
+
+        Commands carry no stamp. Where there is one for every state, as in lockstep, they answer
+        them in turn; otherwise the torque is the one that the next state says was applied.
+        """
+        commands = []
+        for message in self._messages(COMMANDS):
+            labels = [dim.label for dim in message.layout.dim]
+            commands.append(message.data[[labels.index(name) for name in names]]
+                            if labels else message.data)
+        if len(commands) == len(states.t):
+            return np.array(commands)
+        last = commands[-1:] or [states.effort[-1]]
+        return np.concatenate([states.effort[1:], last])
+
+
+def _nanoseconds(time: Any) -> int:
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)

@@ -1,0 +1,49 @@
+"""Names, types and readers of the topics; all names are relative, so that remaps work."""
+
+from __future__ import annotations
+
+import dataclasses
+
+JOINT_STATES = 'joint_states'
+COMMANDS = 'effort_controller/commands'
+REFERENCE = 'reference'
+CLOCK = 'clock'
+#: Topics under ``~/`` of the controller.
+TRACKING, FILTER, TORQUES = 'tracking', 'filter', 'torques'
+#: Topic under ``~/`` of plant, controller and reference: the parameters in force.
+PARAMETERS = 'parameters'
+
+
+@dataclasses.dataclass(frozen=True)
+class Topic:
+    """
+    One topic as the recorder sees it.
+
+    Attributes
+    ----------
+    name, kind : str
+        Relative name and message type.
+    readers : tuple of str
+        Our own nodes that subscribe to it.
+    latched : bool
+        Whether a late subscriber gets the messages sent before.
+
+    """
+
+    name: str
+    kind: str
+    readers: tuple[str, ...]
+    latched: bool = False
+
+
+#: Every topic of the graph by name.
+TOPICS = {topic.name: topic for topic in (
+    Topic(JOINT_STATES, 'sensor_msgs/msg/JointState', ('controller', 'recorder')),
+    Topic(COMMANDS, 'std_msgs/msg/Float64MultiArray', ('plant', 'recorder')),
+    Topic(REFERENCE, 'trajectory_msgs/msg/JointTrajectory', ('controller', 'recorder')),
+    Topic(CLOCK, 'rosgraph_msgs/msg/Clock', ('reference', 'bringup', 'recorder')),
+    *(Topic(f'controller/{name}', 'sensor_msgs/msg/JointState', ('recorder',))
+      for name in (TRACKING, FILTER, TORQUES)),
+    *(Topic(f'{node}/{PARAMETERS}', 'rcl_interfaces/msg/ParameterEvent', ('recorder',), True)
+      for node in ('plant', 'controller', 'reference')),
+)}

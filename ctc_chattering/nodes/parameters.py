@@ -1,0 +1,163 @@
+"""ROS parameters from the core's declarations: nothing about a parameter is said twice."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterEvent,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from ctc_chattering import wire
+from ctc_chattering.core.parameters import Config, Parameter
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.graph import PARAMETERS
+
+_ROS_TYPES = {
+    'bool': RosParameter.Type.BOOL, 'int': RosParameter.Type.INTEGER,
+    'float': RosParameter.Type.DOUBLE, 'str': RosParameter.Type.STRING,
+    'float[]': RosParameter.Type.DOUBLE_ARRAY, 'str[]': RosParameter.Type.STRING_ARRAY}
+
+
+class NodeParameters:
+    """
+    Declares the parameters of a node and keeps its configurations in step with them.
+
+    A set that is not allowed is refused with the reason and changes nothing; integers are taken
+    where numbers are due.
+
+    Parameters
+    ----------
+    node : Node
+    configs : sequence of Config types
+        Together they hold all parameters of the node.
+    changed : callable
+        Called after every accepted set.
+
+    Raises
+    ------
+    CtcError
+        If an override is not allowed.
+
+    """
+
+    def __init__(self, node: Node, configs: Sequence[type[Config]],
+                 changed: Callable[[], None]) -> None:
+        self._node = node
+        self._changed = changed
+        self._specs = {
+            name: spec for config in configs for name, spec in config.parameters().items()}
+        values = {}
+        for name in self._specs:
+            value = _override(node, name)
+            if value is not None:
+                values[name] = value
+        self.configs = [config.from_mapping(
+            {name: value for name, value in values.items() if name in config.parameters()})
+            for config in configs]
+        for config in self.configs:
+            for name, value in config.as_mapping().items():
+                node.declare_parameter(name, _to_ros(value), descriptor(self._specs[name]),
+                                       ignore_override=True)
+        self._publisher = node.create_publisher(
+            ParameterEvent, f'~/{PARAMETERS}',
+            QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        self._announced: dict[str, Any] = {}
+        self.news = True
+        node.add_pre_set_parameters_callback(self._coerce)
+        node.add_on_set_parameters_callback(self._judge)
+        node.add_post_set_parameters_callback(self._apply)
+
+    def announce(self, t: int) -> None:
+        """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
+        now = {name: value for config in self.configs
+               for name, value in config.as_mapping().items()}
+        message = ParameterEvent(stamp=wire.stamp(t), node=self._node.get_fully_qualified_name())
+        changed = [self._to_parameter(name, value).to_parameter_msg()
+                   for name, value in now.items() if self._announced.get(name) != value]
+        if self._announced:
+            message.changed_parameters = changed
+        else:
+            message.new_parameters = changed
+        self._announced = now
+        self.news = False
+        if changed:
+            self._publisher.publish(message)
+
+    def _to_parameter(self, name: str, value: Any) -> RosParameter:
+        return RosParameter(name, _ROS_TYPES[self._specs[name].kind], _to_ros(value))
+
+    def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        """Turn integers into numbers where numbers are due; leave the rest to `_judge`."""
+        result = []
+        for parameter in parameters:
+            spec = self._specs.get(parameter.name)
+            try:
+                coerced = parameter if spec is None else self._to_parameter(
+                    parameter.name, spec.coerce(parameter.value))
+            except ParameterError:
+                coerced = parameter
+            result.append(coerced)
+        return result
+
+    def _candidates(self, parameters: Sequence[RosParameter]) -> list[Config]:
+        values = {p.name: p.value for p in parameters if p.name in self._specs}
+        return [config.changed({
+            name: value for name, value in values.items() if name in config.parameters()})
+            for config in self.configs]
+
+    def _judge(self, parameters: list[RosParameter]) -> SetParametersResult:
+        try:
+            self._candidates(parameters)
+        except CtcError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, parameters: list[RosParameter]) -> None:
+        new = self._candidates(parameters)
+        if new != self.configs:
+            self.configs = new
+            self.news = True
+            self._changed()
+
+
+def _override(node: Node, name: str) -> Any:
+    """Return the value that the command line or a file gives, of whatever type; None without."""
+    try:
+        value = node.declare_parameter(
+            name, descriptor=ParameterDescriptor(dynamic_typing=True)).value
+        node.undeclare_parameter(name)
+    except ParameterException as error:
+        raise CtcError(' '.join(str(error).split())) from None
+    return value
+
+
+def _to_ros(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def descriptor(spec: Parameter) -> ParameterDescriptor:
+    """Return the descriptor of a parameter; its type is judged by us, for a better message."""
+    unit = f' [{spec.unit}]' if spec.unit else ''
+    result = ParameterDescriptor(
+        name=spec.name, type=_ROS_TYPES[spec.kind].value, description=spec.description + unit,
+        additional_constraints=spec.allowed, read_only=spec.read_only, dynamic_typing=True)
+    limit = sys.float_info.max
+    if spec.shape != 'nn' and (spec.minimum > -limit or spec.maximum < limit):
+        low, high = max(spec.minimum, -limit), min(spec.maximum, limit)
+        if spec.kind in ('float', 'float[]') and not spec.infinite:
+            result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif spec.kind == 'int':
+            result.integer_range = [IntegerRange(
+                from_value=int(low), to_value=int(min(high, 2 ** 62)), step=1)]
+    return result

@@ -1,0 +1,87 @@
+"""The recorder as a node: every message of the graph, as it came over the wire, into a bag."""
+
+from __future__ import annotations
+
+import struct
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.graph import CLOCK, JOINT_STATES, TOPICS, Topic
+from ctc_chattering.nodes.parameters import NodeParameters
+from ctc_chattering.nodes.runtime import Shell, qos, run
+from ctc_chattering.recording import Recording, offered_qos
+from ctc_chattering.settings import RecorderSettings
+from ctc_chattering.wire import message_type
+
+#: Messages that DDS keeps for us while we sleep, or the disk does.
+_DEPTH = 100_000
+#: Between two looks at the queue [s]: woken for every message, we would slow the loop down.
+_NAP = 0.02
+
+
+class RecorderNode(Shell):
+    """
+    Records all topics of `graph.TOPICS`.
+
+    The log time is the simulated time of the last state received where somebody publishes
+    ``clock``, so that a lockstep run plays back with its own timing, and the node clock's time
+    of reception otherwise.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('recorder')
+        parameters = NodeParameters(self, (RecorderSettings,), lambda: None)
+        settings, = parameters.configs
+        assert isinstance(settings, RecorderSettings)
+        self._recording = Recording(Path(settings.bag))
+        self._received = 0
+        self._time = 0
+        self._simulated: bool | None = None
+        for topic in TOPICS.values():
+            self.create_subscription(
+                message_type(topic.kind), topic.name, self._callback(topic),
+                qos(_DEPTH, topic.latched), raw=True)
+
+    def _callback(self, topic: Topic) -> Callable[[bytes], None]:
+        name = self.resolve_topic_name(topic.name)
+        offered = offered_qos(100 if topic.latched else 1000, topic.latched)
+        write, stamp = self._recording.write, struct.Struct('<iI').unpack_from
+        is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
+
+        def on_message(data: bytes) -> None:
+            self._received += 1
+            if self._simulated is None:
+                self._simulated = self.count_publishers(CLOCK) > 0
+            if is_state or is_clock:
+                sec, nanosec = stamp(data, 4)
+                self._time = sec * NANOSECONDS + nanosec
+            t = self._time if self._simulated else self.get_clock().now().nanoseconds
+            write(name, topic.kind, t, data, offered)
+
+        return on_message
+
+    def spin(self, executor: Any) -> None:
+        """Take what has come, then sleep: in batches a message costs half as much."""
+        before = self._received
+        executor.spin_until_future_complete(self.done, 0.002)
+        if self._received == before:
+            time.sleep(_NAP)
+
+    def finish(self) -> None:
+        """Close the bag."""
+        self._recording.close()
+        total = sum(self._recording.counts.values())
+        self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics')
+
+
+def main() -> int:
+    """Run the node."""
+    return run(RecorderNode, 'recorder')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

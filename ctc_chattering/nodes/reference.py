@@ -1,0 +1,115 @@
+"""The reference as a node: the desired motion, published ahead of time on the control grid."""
+
+from __future__ import annotations
+
+import sys
+from array import array
+
+from builtin_interfaces.msg import Duration
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ctc_chattering import wire
+from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
+from ctc_chattering.graph import CLOCK, JOINT_STATES, REFERENCE
+from ctc_chattering.nodes.parameters import NodeParameters
+from ctc_chattering.nodes.runtime import Shell, qos, run
+from ctc_chattering.settings import ReferenceSettings
+
+
+class ReferenceNode(Shell):
+    """
+    Publishes pieces of the motion, each before it is needed.
+
+    Where somebody publishes ``clock``, the motion is a function of that time; otherwise of the
+    node clock's time since the first joint state seen.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('reference')
+        self._parameters = NodeParameters(
+            self, (ReferenceConfig, ReferenceSettings), lambda: None)
+        config, self._settings = self._parameters.configs
+        assert isinstance(config, ReferenceConfig)
+        assert isinstance(self._settings, ReferenceSettings)
+        self._names = list(config.joint_names)
+        self._motion = Sinusoid(config)
+        self._period = period_ns(config.control_period)
+        horizon = round(self._settings.horizon * NANOSECONDS)
+        self._ahead = max(4, horizon // self._period)
+        self._piece = self._ahead // 4
+        self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
+        self._simulated = False
+        self._start: int | None = None
+        self._now: int | None = None
+        self._next = 0
+        self._subscribers = 0
+        self.create_subscription(Clock, CLOCK, self._on_clock, qos())
+        self._states = self.create_subscription(
+            JointState, JOINT_STATES, self._on_state, qos(10), raw=True)
+        self._reader = wire.StateReader()
+
+    def idle(self) -> None:
+        """Publish what the node's own clock asks for, and again for a new subscriber."""
+        if self._states is not None and self._start is not None:
+            self.destroy_subscription(self._states)
+            self._states = None
+        if self._start is not None and not self._simulated:
+            self._now = self.get_clock().now().nanoseconds - self._start
+        count = self._publisher.get_subscription_count()
+        if count > self._subscribers and self._now is not None:
+            self._next = self._now // self._period
+        self._subscribers = count
+        self._extend()
+
+    def _on_clock(self, message: Clock) -> None:
+        self._simulated, self._start = True, 0
+        now = wire.nanoseconds_of(message.clock)
+        if self._now is not None and now < self._now:
+            self._next = now // self._period
+        self._now = now
+        self._extend()
+
+    def _on_state(self, data: bytes) -> None:
+        if self._start is None and not self.count_publishers(CLOCK):
+            self._start = self._reader.read(data).t
+
+    def _extend(self) -> None:
+        """Publish pieces until the motion is known far enough ahead."""
+        if self._now is None or not self._subscribers:
+            return
+        if self._parameters.news:
+            if not self.heard((self._publisher,), self._settings.wait_for):
+                return
+            self._parameters.announce(self._start or 0)
+        first = self._now // self._period
+        self._next = max(self._next, first)
+        while self._next < first + self._ahead:
+            self._publish(self._next, self._piece)
+            self._next += self._piece
+
+    def _publish(self, first: int, count: int) -> None:
+        """Publish `count` points from grid index `first` on."""
+        message = JointTrajectory(joint_names=self._names)
+        message.header.stamp = wire.stamp((self._start or 0) + first * self._period)
+        points = []
+        for k in range(count):
+            q_d, dq_d, ddq_d = self._motion.at(seconds((first + k) * self._period))
+            sec, nanosec = divmod(k * self._period, NANOSECONDS)
+            points.append(JointTrajectoryPoint(
+                positions=array('d', q_d), velocities=array('d', dq_d),
+                accelerations=array('d', ddq_d),
+                time_from_start=Duration(sec=sec, nanosec=nanosec)))
+        message.points = points
+        self._publisher.publish(message)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(ReferenceNode, 'reference')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,256 @@
+"""Parameter files in the syntax of ROS 2, read and checked as a whole without ROS."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.core.grid import period_ns
+from ctc_chattering.core.parameters import Config
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.reference import ReferenceConfig
+from ctc_chattering.core.simulation import Event
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.settings import NODES, BringupSettings, PlantSettings, parameters_of
+
+Values = dict[str, Any]
+#: Section whose parameters go to every node that knows them.
+EVERY_NODE = '/**'
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML with numbers as ROS reads them: 1e-3 is one."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float',
+    re.compile(r'^[-+]?(\d[\d_]*\.?\d*([eE][-+]?\d+)|\d[\d_]*\.\d*([eE][-+]?\d+)?|'
+               r'\.\d+([eE][-+]?\d+)?|\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'),
+    list('-+0123456789.'))
+
+
+@dataclasses.dataclass(frozen=True)
+class Setup:
+    """
+    Everything one parameter file says, checked.
+
+    Attributes
+    ----------
+    plant, controller, reference
+        Configurations of the core.
+    settings : PlantSettings
+        Of the plant node.
+    events : tuple of Event
+        Parameters that change during the run, in the order of time.
+
+    """
+
+    plant: PlantConfig
+    controller: ControllerConfig
+    reference: ReferenceConfig
+    settings: PlantSettings
+    events: tuple[Event, ...]
+
+
+def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> Setup:
+    """
+    Read a parameter file for the whole graph.
+
+    Parameters
+    ----------
+    path : Path or None
+        None for the defaults: the paper's first experiment.
+    overrides : mapping, optional
+        Values by node and parameter that stand above the file's; node ``/**`` for all nodes.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be read, names a node or a parameter that does not exist, holds a
+        value that is not allowed, or values that contradict each other.
+
+    """
+    sections = read(path) if path is not None else {}
+    for name in sections:
+        if name not in (*NODES, EVERY_NODE):
+            raise CtcError(f'{path}: no node is called {name}; allowed: '
+                           + ', '.join((*NODES, EVERY_NODE)))
+    values = {node: node_values(sections, node, str(path)) for node in NODES}
+    for node in NODES:
+        known = parameters_of(node)
+        for section in (EVERY_NODE, node):
+            for key, value in (overrides or {}).get(section, {}).items():
+                if key in known or section == node:
+                    values[node][key] = value
+    configs = {node: [_build(config, values[node], node) for config in NODES[node]]
+               for node in NODES}
+    plant, settings = configs['plant']
+    controller, reference = configs['controller'][0], configs['reference'][0]
+    bringup = configs['bringup'][0]
+    assert isinstance(plant, PlantConfig) and isinstance(settings, PlantSettings)
+    assert isinstance(controller, ControllerConfig) and isinstance(reference, ReferenceConfig)
+    assert isinstance(bringup, BringupSettings)
+    _check_agreement(plant, controller, reference)
+    events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
+    return Setup(plant, controller, reference, settings, events)
+
+
+def read(path: Path) -> dict[str, Values]:
+    """
+    Return the sections of a parameter file: node name to flat parameter values.
+
+    A node's namespace is left out; ``/**`` stays as it is.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be read or is no parameter file.
+
+    """
+    try:
+        with path.open(encoding='utf-8') as stream:
+            tree = yaml.load(stream, _Loader)
+    except OSError as error:
+        raise CtcError(f'{path}: {error.strerror or error}') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        text = ' '.join(str(error).split())
+        raise CtcError(f'{path}: not a YAML file: {text}') from None
+    if not isinstance(tree, dict):
+        raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
+    sections: dict[str, Values] = {}
+    for name, values in _sections(tree, '', path):
+        sections.setdefault(name, {}).update(values)
+    return sections
+
+
+def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Values]]:
+    for key, below in tree.items():
+        name = f'{prefix}/{key}'.replace('//', '/')
+        if not isinstance(below, dict):
+            raise CtcError(f'{path}: {name}: ros__parameters is missing')
+        if 'ros__parameters' in below:
+            last = name.rsplit('/', 1)[1]
+            values = below['ros__parameters'] or {}
+            if not isinstance(values, dict):
+                raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
+            yield (EVERY_NODE if last in ('**', '*') else last), dict(_flat(values, ''))
+        else:
+            yield from _sections(below, name, path)
+
+
+def _flat(values: Mapping[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
+def node_values(sections: Mapping[str, Values], node: str, source: str) -> Values:
+    """
+    Return the values that `node` takes from the sections of a file.
+
+    Raises
+    ------
+    CtcError
+        For a parameter that the node, or under ``/**`` any node, does not have.
+
+    """
+    known = parameters_of(node)
+    values = {}
+    everyone = {name for other in NODES for name in parameters_of(other)}
+    for section, allowed in ((EVERY_NODE, everyone), (node, set(known))):
+        for name, value in sections.get(section, {}).items():
+            if name in ('use_sim_time', 'start_type_description_service'):
+                continue
+            if name not in allowed:
+                raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
+                               + ', '.join(sorted(allowed)))
+            if name in known:
+                values[name] = value
+    return values
+
+
+def _build(config: type[Config], values: Values, node: str) -> Config:
+    names = config.parameters()
+    mine = {name: value for name, value in values.items() if name in names}
+    for name, value in mine.items():
+        if value is None:
+            raise ParameterError(f'{node}: {name}', value, names[name].allowed)
+    try:
+        return config.from_mapping(mine)
+    except ParameterError as error:
+        raise ParameterError(f'{node}: {error.name}', error.value, error.allowed) from None
+
+
+def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
+                     reference: ReferenceConfig) -> None:
+    """Raise `CtcError` where the nodes' values contradict each other."""
+    for name in ('joint_names', 'model', 'gravity'):
+        ours, theirs = getattr(controller, name), getattr(plant, name)
+        if ours != theirs:
+            raise _contradiction(name, 'controller', ours, 'plant', theirs)
+    for node, config in (('controller', controller), ('reference', reference)):
+        if period_ns(config.control_period) != period_ns(plant.control_period):
+            raise _contradiction('control_period', node, config.control_period, 'plant',
+                                 plant.control_period)
+    if not set(controller.joint_names) <= set(reference.joint_names):
+        raise _contradiction('joint_names', 'reference', reference.joint_names, 'controller',
+                             controller.joint_names)
+
+
+def _contradiction(name: str, node: str, value: object, other: str, expected: object) -> CtcError:
+    def shown(x: object) -> object:
+        return list(x) if isinstance(x, tuple) else x
+    return CtcError(f'{name}: {shown(value)} of {node} contradicts {shown(expected)} of {other}; '
+                    'put what nodes share under /**')
+
+
+def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[Event, ...]:
+    """
+    Return the events that `lines` describe, each "time node parameter value".
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The value is YAML; empty lines are passed over.
+    configs : mapping
+        Configuration of each node that can have events, at the start of the run.
+
+    Raises
+    ------
+    CtcError
+        For a line that is not of this form, a parameter that cannot change while the node runs,
+        or a value that is not allowed.
+
+    """
+    events = []
+    for line in filter(None, lines):
+        words = line.split(None, 3)
+        try:
+            time, (node, name, value) = float(words[0]), words[1:]
+            config = configs[node]
+        except (ValueError, IndexError, KeyError):
+            raise ParameterError(
+                'events', line, '"time node parameter value", node ' + ' | '.join(configs)
+            ) from None
+        if not 0.0 <= time < float('inf'):
+            raise ParameterError('events', line, 'a time >= 0')
+        events.append((time, node, name, yaml.load(value, _Loader), config))
+    events.sort(key=lambda event: event[0])
+    current = dict(configs)
+    result = []
+    for time, node, name, value, _ in events:
+        spec = current[node].parameters().get(name)
+        if spec is not None and spec.read_only:
+            raise ParameterError('events', name, 'a parameter that can change during the run')
+        current[node] = current[node].changed({name: value})
+        result.append(Event(time, node, {name: getattr(current[node], spec.field)}
+                            if spec else {}))
+    return tuple(result)

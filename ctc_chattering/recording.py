@@ -1,0 +1,88 @@
+"""Writing a rosbag2 bag: MCAP, compressed, with message definitions and QoS in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.errors import WriterError
+from rosbags.typesys import Stores, get_typestore
+
+from ctc_chattering.errors import CtcError
+
+_FOREVER = QosTime(9223372036, 854775807)
+
+
+def offered_qos(depth: int, latched: bool) -> Qos:
+    """Return the profile of a reliable publisher as a bag stores it."""
+    return Qos(
+        QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+
+
+class Recording:
+    """
+    A bag being written.
+
+    Parameters
+    ----------
+    path : Path
+        Directory to create.
+
+    Raises
+    ------
+    CtcError
+        If it exists or cannot be made.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, Any] = {}
+        self.counts: dict[str, int] = {}
+        try:
+            self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            self._writer.open()
+        except WriterError:
+            raise CtcError(f'{path}: exists already, not overwritten') from None
+        except OSError as error:
+            raise CtcError(f'{path}: {error.strerror or error}') from None
+
+    def write(self, topic: str, kind: str, t: int, data: bytes, qos: Qos) -> None:
+        """
+        Add a message.
+
+        Parameters
+        ----------
+        topic, kind : str
+            Full name and message type.
+        t : int
+            Log time [ns].
+        data : bytes
+            Serialized message.
+        qos : Qos
+            What the publisher offers; used for the first message of a topic.
+
+        """
+        connection = self._connections.get(topic)
+        if connection is None:
+            connection = self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._typestore, offered_qos_profiles=[qos])
+            self.counts[topic] = 0
+        self._writer.write(connection, t, data)
+        self.counts[topic] += 1
+
+    def close(self) -> None:
+        """Write index and metadata; without them, tools cannot open the bag."""
+        self._writer.close()

@@ -1,0 +1,102 @@
+"""
+What the processes need besides the core's configurations.
+
+One class per executable; together with the core's configuration of the same name it makes up the
+parameters of that node.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.core.parameters import Config, Parameter, parameter
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.reference import ReferenceConfig
+
+
+def _wait_for() -> Any:
+    return parameter(
+        'wait_for', 'str[]', ('',),
+        'Nodes that must have subscribed before the first message is sent (set by bringup).',
+        shape='any', read_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class PlantSettings(Config):
+    """Parameters of the plant node that are none of the plant's physics."""
+
+    title: ClassVar[str] = 'plant'
+
+    hold_at: float = parameter(
+        'hold_at', 'float', 0.0,
+        'Lockstep: simulated time is held before the first state at or after this time, until the '
+        'value is set anew; 0 for never.', unit='s', minimum=0.0)
+    clock_period: float = parameter(
+        'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
+        unit='s', minimum=0.0, exclusive=True, read_only=True)
+    wait_for: tuple[str, ...] = _wait_for()
+
+
+@dataclasses.dataclass(frozen=True)
+class ControllerSettings(Config):
+    """Parameters of the controller node that are none of the law's."""
+
+    title: ClassVar[str] = 'controller'
+
+    state_decimation: int = parameter(
+        'state_decimation', 'int', 10,
+        'The topics under ~/ carry every so many-th sample; all are recomputed from a bag.',
+        minimum=1, maximum=1_000_000)
+    wait_for: tuple[str, ...] = _wait_for()
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceSettings(Config):
+    """Parameters of the reference node that are none of the motion's."""
+
+    title: ClassVar[str] = 'reference'
+
+    horizon: float = parameter(
+        'horizon', 'float', 0.5, 'How far ahead of time the motion is published.', unit='s',
+        minimum=0.01, maximum=60.0, read_only=True)
+    wait_for: tuple[str, ...] = _wait_for()
+
+
+@dataclasses.dataclass(frozen=True)
+class RecorderSettings(Config):
+    """Parameters of the recorder node."""
+
+    title: ClassVar[str] = 'recorder'
+
+    bag: str = parameter(
+        'bag', 'str', 'bag', 'Directory to create for the bag.', read_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class BringupSettings(Config):
+    """Parameters of bringup."""
+
+    title: ClassVar[str] = 'bringup'
+
+    events: tuple[str, ...] = parameter(
+        'events', 'str[]', ('',),
+        'Parameters to set during the run, each "time node parameter value", time in s.',
+        shape='any', read_only=True)
+
+
+#: The configurations that make up the parameters of each executable.
+NODES: dict[str, Sequence[type[Config]]] = {
+    'plant': (PlantConfig, PlantSettings),
+    'controller': (ControllerConfig, ControllerSettings),
+    'reference': (ReferenceConfig, ReferenceSettings),
+    'recorder': (RecorderSettings,),
+    'bringup': (BringupSettings,),
+}
+
+
+def parameters_of(node: str) -> dict[str, Parameter]:
+    """Return all parameters of the executable `node` by name."""
+    return {name: spec for config in NODES[node] for name, spec in config.parameters().items()}

@@ -1,0 +1,255 @@
+"""
+Fast passage between arrays and serialized messages whose names do not change.
+
+Converting a message field by field between Python and C costs more than everything the controller
+computes. A writer has ROS serialize one message and afterwards replaces only the numbers in it.
+A reader has ROS deserialize the first message and learns from it where the numbers stand; on every
+later message it checks that all bytes between the numbers are those it has learned, and leaves any
+other message to ROS. Nothing is judged here: lengths and values may be anything.
+"""
+
+from __future__ import annotations
+
+import importlib
+import struct
+from array import array
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from builtin_interfaces.msg import Duration, Time
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from trajectory_msgs.msg import JointTrajectory
+
+from ctc_chattering.core.grid import NANOSECONDS
+
+#: Encapsulation of little-endian CDR.
+_LITTLE = b'\x00\x01\x00\x00'
+#: Where a header's stamp stands, and the first byte behind it.
+_STAMP, _BEHIND = 4, 12
+
+
+def message_type(kind: str) -> Any:
+    """Return the message class called `kind`, for example ``std_msgs/msg/String``."""
+    package, _, name = kind.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name)
+
+
+def stamp(nanoseconds: int) -> Time:
+    """Return `nanoseconds` as a message."""
+    sec, nanosec = divmod(nanoseconds, NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def nanoseconds_of(time: Time | Duration) -> int:
+    """Return a time message in nanoseconds."""
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+
+
+class State(NamedTuple):
+    """A `JointState`: stamp [ns], joint names, and what it says of them."""
+
+    t: int
+    names: tuple[str, ...]
+    position: Sequence[float]
+    velocity: Sequence[float]
+    effort: Sequence[float]
+
+
+class Efforts(NamedTuple):
+    """A `Float64MultiArray` of torques: labels of its layout (none, maybe) and values."""
+
+    names: tuple[str, ...]
+    values: Sequence[float]
+
+
+#: Position, velocity and acceleration.
+Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
+
+
+class Piece(NamedTuple):
+    """A `JointTrajectory`: joint names, instants [ns], and (position, velocity, acceleration)."""
+
+    names: tuple[str, ...]
+    times: list[int]
+    points: list[Point]
+
+
+class _Writer:
+    """Serializes messages that differ only in rows of `n` numbers."""
+
+    def __init__(self, message: Any, n: int, rows: int) -> None:
+        """Take a message whose i-th row holds the number i + 1, `n` times."""
+        self._buffer = bytearray(serialize_message(message))
+        self._pack = struct.Struct(f'<{n}d').pack_into
+        self._offsets = [self._buffer.index(struct.pack('<d', float(i + 1)) * n)
+                         for i in range(rows)]
+
+    def _fill(self, rows: Sequence[Sequence[float]]) -> bytes:
+        for offset, row in zip(self._offsets, rows):
+            self._pack(self._buffer, offset, *row)
+        return bytes(self._buffer)
+
+
+class StateWriter(_Writer):
+    """
+    Serializes `JointState` messages.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names in every message.
+    fields : tuple of str
+        The arrays it has, of position, velocity and effort.
+
+    """
+
+    def __init__(self, names: Sequence[str],
+                 fields: Sequence[str] = ('position', 'velocity', 'effort')) -> None:
+        n = len(names)
+        super().__init__(JointState(name=list(names), **{
+            field: array('d', [i + 1.0] * n) for i, field in enumerate(fields)}), n, len(fields))
+        self._stamp = struct.Struct('<iI').pack_into
+
+    def write(self, t: int, *rows: Sequence[float]) -> bytes:
+        """Return the message with stamp `t` [ns] and `rows`, each of shape (n,)."""
+        self._stamp(self._buffer, _STAMP, *divmod(t, NANOSECONDS))
+        return self._fill(rows)
+
+
+class EffortWriter(_Writer):
+    """
+    Serializes `Float64MultiArray` messages with the joint names as labels of the layout.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joint names.
+
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        message = Float64MultiArray(data=array('d', [1.0] * len(names)))
+        message.layout.dim = [MultiArrayDimension(label=x, size=1, stride=1) for x in names]
+        super().__init__(message, len(names), 1)
+
+    def write(self, values: Sequence[float]) -> bytes:
+        """Return the message with `values`, shape (n,)."""
+        return self._fill((values,))
+
+
+class StateReader:
+    """Deserializes `JointState` messages."""
+
+    def __init__(self) -> None:
+        self._length = -1
+
+    def read(self, data: bytes) -> State:
+        """Return what a serialized message says."""
+        if len(data) == self._length and data[:_STAMP] == _LITTLE:
+            x = self._layout.unpack_from(data, _STAMP)
+            n = self._n
+            if x[2] == self._frame and x[3 + n] == n == x[4 + 2 * n]:
+                return State(x[0] * NANOSECONDS + x[1], self._names,
+                             x[3:3 + n], x[4 + n:4 + 2 * n], x[5 + 2 * n:])
+        return self._learn(data)
+
+    def _learn(self, data: bytes) -> State:
+        message = deserialize_message(data, JointState)
+        state = State(nanoseconds_of(message.header.stamp), tuple(message.name),
+                      tuple(message.position), tuple(message.velocity), tuple(message.effort))
+        self._length = -1
+        n = len(state.position)
+        if n and n == len(state.velocity) == len(state.effort) and data[:_STAMP] == _LITTLE:
+            frame = len(data) - 24 * n - 16 - _BEHIND
+            layout = struct.Struct(f'<iI{frame}s{n}dI4x{n}dI4x{n}d')
+            x = layout.unpack_from(data, _STAMP)
+            if (x[3:3 + n], x[4 + n:4 + 2 * n], x[5 + 2 * n:]) == state[2:]:
+                self._length, self._layout, self._n = len(data), layout, n
+                self._names, self._frame = state.names, x[2]
+        return state
+
+
+class EffortReader:
+    """Deserializes `Float64MultiArray` messages."""
+
+    def __init__(self) -> None:
+        self._length = -1
+        self._frame = b''
+        self._names: tuple[str, ...] = ()
+        self._unpack = struct.Struct('').unpack_from
+
+    def read(self, data: bytes) -> Efforts:
+        """Return what a serialized message says."""
+        if len(data) == self._length and data.startswith(self._frame):
+            return Efforts(self._names, self._unpack(data, len(self._frame)))
+        message = deserialize_message(data, Float64MultiArray)
+        efforts = Efforts(tuple(x.label for x in message.layout.dim), tuple(message.data))
+        n = len(efforts.values)
+        unpack = struct.Struct(f'<{n}d').unpack_from
+        self._length = -1
+        if n and data[:_STAMP] == _LITTLE and unpack(data, len(data) - 8 * n) == efforts.values:
+            self._length, self._unpack = len(data), unpack
+            self._frame, self._names = data[:len(data) - 8 * n], efforts.names
+        return efforts
+
+
+class TrajectoryReader:
+    """Deserializes `JointTrajectory` messages."""
+
+    def __init__(self) -> None:
+        self._start = -1
+        self._frame = b''
+
+    def read(self, data: bytes) -> Piece:
+        """
+        Return what a serialized message says.
+
+        Missing velocities and accelerations are empty rows.
+        """
+        start = self._start
+        if start >= 0 and data[:_STAMP] == _LITTLE and data[_BEHIND:start - 4] == self._frame:
+            sec, nanosec = struct.unpack_from('<iI', data, _STAMP)
+            piece = self._points(data, start, sec * NANOSECONDS + nanosec)
+            if piece is not None:
+                return piece
+        return self._learn(data)
+
+    def _points(self, data: bytes, start: int, t: int) -> Piece | None:
+        """Return the piece from `t` [ns] on whose points begin at byte `start`; None if unlike."""
+        n, size = self._n, self._point.size
+        body = data[start:]
+        if start % 8 == 4:  # The doubles of the first point, only, want padding before them.
+            body = body[:4] + body[8:]
+        end = int.from_bytes(data[start - 4:start], 'little') * size
+        if len(body) < end:
+            return None
+        times: list[int] = []
+        points: list[Point] = []
+        for x in self._point.iter_unpack(body[:end]):
+            if not x[0] == x[n + 1] == x[2 * n + 2] == n or x[-3]:
+                return None
+            points.append((x[1:n + 1], x[n + 2:2 * n + 2], x[2 * n + 3:3 * n + 3]))
+            times.append(t + x[-2] * NANOSECONDS + x[-1])
+        return Piece(self._names, times, points)
+
+    def _learn(self, data: bytes) -> Piece:
+        message = deserialize_message(data, JointTrajectory)
+        start = nanoseconds_of(message.header.stamp)
+        piece = Piece(
+            tuple(message.joint_names),
+            [start + nanoseconds_of(p.time_from_start) for p in message.points],
+            [(tuple(p.positions), tuple(p.velocities), tuple(p.accelerations))
+             for p in message.points])
+        self._start = -1
+        n = len(piece.names)
+        if n and piece.points and data[:_STAMP] == _LITTLE:
+            self._n, self._names = n, piece.names
+            self._point = struct.Struct(f'<I{n}dI4x{n}dI4x{n}dIiI')
+            count = len(piece.points).to_bytes(4, 'little')
+            for first in range(_BEHIND, len(data), 4):
+                if data[first - 4:first] == count and self._points(data, first, start) == piece:
+                    self._start, self._frame = first, data[_BEHIND:first - 4]
+                    break
+        return piece
