@@ -38,9 +38,9 @@ class ControllerNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('controller')
-        self._parameters = NodeParameters(
+        self._tuning = NodeParameters(
             self, (ControllerConfig, ControllerSettings), self._on_change)
-        config, self._settings = self._parameters.configs
+        config, self._settings = self._tuning.configs
         assert isinstance(config, ControllerConfig)
         assert isinstance(self._settings, ControllerSettings)
         self._controller = Controller(config)
@@ -73,7 +73,7 @@ class ControllerNode(Shell):
             self._answer(*self._waiting)
 
     def _on_change(self) -> None:
-        config, settings = self._parameters.configs
+        config, settings = self._tuning.configs
         assert isinstance(config, ControllerConfig) and isinstance(settings, ControllerSettings)
         self._settings = settings
         self._controller.configure(config)
@@ -116,7 +116,7 @@ class ControllerNode(Shell):
         self._trajectory.clear()
         self._last = -1
         self._count = 0
-        self._parameters.news = True
+        self._tuning.news = True
 
     def _answer(self, t: int, q: Vector, dq: Vector) -> None:
         point = self._trajectory.at(t)
@@ -135,8 +135,8 @@ class ControllerNode(Shell):
             self._publish_terms(t, q, sample, point)
             self._trajectory.forget(t)
         self._count += 1
-        if self._parameters.news:
-            self._parameters.announce(t)
+        if self._tuning.news:
+            self._tuning.announce(t)
 
     def _must_wait(self, t: int) -> bool:
         """Return whether the reference lags behind, and time, being simulated, can wait."""

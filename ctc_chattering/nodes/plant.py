@@ -34,8 +34,8 @@ class PlantNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('plant')
-        self._parameters = NodeParameters(self, (PlantConfig, PlantSettings), self._on_change)
-        config, self._settings = self._parameters.configs
+        self._tuning = NodeParameters(self, (PlantConfig, PlantSettings), self._on_change)
+        config, self._settings = self._tuning.configs
         assert isinstance(config, PlantConfig) and isinstance(self._settings, PlantSettings)
         self._plant = Plant(config)
         self._period = period_ns(config.control_period)
@@ -52,22 +52,22 @@ class PlantNode(Shell):
         self._subscribers = [0, 0]
         self._start = 0
         if config.pacing == 'lockstep':
-            self._clock = self.create_publisher(Clock, CLOCK, qos())
+            self._ticker = self.create_publisher(Clock, CLOCK, qos())
             self.create_subscription(
                 Float64MultiArray, COMMANDS, self._on_answer, qos(), raw=True)
         else:
-            self._clock = None
+            self._ticker = None
             self.create_subscription(
                 Float64MultiArray, COMMANDS, self._on_command, qos(), raw=True)
             self.create_timer(seconds(self._period), self._on_tick)
 
     def idle(self) -> None:
         """Begin once all are there; repeat the last message for those who came late."""
-        if self._clock is None:
+        if self._ticker is None:
             return
-        counts = [p.get_subscription_count() for p in (self._states, self._clock)]
+        counts = [p.get_subscription_count() for p in (self._states, self._ticker)]
         if not self._begun:
-            if counts[0] and self.heard((self._states, self._clock), self._settings.wait_for):
+            if counts[0] and self.heard((self._states, self._ticker), self._settings.wait_for):
                 self._begun = True
                 self._publish_sample()
         else:
@@ -78,7 +78,7 @@ class PlantNode(Shell):
         self._subscribers = counts
 
     def _on_change(self) -> None:
-        config, settings = self._parameters.configs
+        config, settings = self._tuning.configs
         assert isinstance(config, PlantConfig) and isinstance(settings, PlantSettings)
         self._settings = settings
         self._plant.configure(config)
@@ -108,12 +108,12 @@ class PlantNode(Shell):
         self._publish_state()
         if self._plant.k % self._clock_every == 0 or self._plant.k == self._last:
             self._publish_clock()
-        if self._parameters.news:
-            self._parameters.announce(self._plant.k * self._period)
+        if self._tuning.news:
+            self._tuning.announce(self._plant.k * self._period)
 
     def _publish_clock(self) -> None:
-        assert self._clock is not None
-        self._clock.publish(Clock(clock=wire.stamp(self._plant.k * self._period)))
+        assert self._ticker is not None
+        self._ticker.publish(Clock(clock=wire.stamp(self._plant.k * self._period)))
 
     # Real time.
 
@@ -124,7 +124,7 @@ class PlantNode(Shell):
         if not self._begun:
             self._begun = True
             self._start = self.get_clock().now().nanoseconds
-            self._parameters.announce(self._start)
+            self._tuning.announce(self._start)
         self._applied = tau
 
     def _on_tick(self) -> None:
@@ -140,8 +140,8 @@ class PlantNode(Shell):
                 self._plant.step(self._applied)
             if due > _CATCH_UP:
                 self._start = now - self._plant.k * self._period
-            if self._parameters.news:
-                self._parameters.announce(self._start + self._plant.k * self._period)
+            if self._tuning.news:
+                self._tuning.announce(self._start + self._plant.k * self._period)
             if due < 1:
                 return
         self._publish_state()

@@ -29,9 +29,9 @@ class ReferenceNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('reference')
-        self._parameters = NodeParameters(
+        self._tuning = NodeParameters(
             self, (ReferenceConfig, ReferenceSettings), lambda: None)
-        config, self._settings = self._parameters.configs
+        config, self._settings = self._tuning.configs
         assert isinstance(config, ReferenceConfig)
         assert isinstance(self._settings, ReferenceSettings)
         self._names = list(config.joint_names)
@@ -80,10 +80,10 @@ class ReferenceNode(Shell):
         """Publish pieces until the motion is known far enough ahead."""
         if self._now is None or not self._subscribers:
             return
-        if self._parameters.news:
+        if self._tuning.news:
             if not self.heard((self._publisher,), self._settings.wait_for):
                 return
-            self._parameters.announce(self._start or 0)
+            self._tuning.announce(self._start or 0)
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:

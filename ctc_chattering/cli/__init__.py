@@ -1,0 +1,1 @@
+"""Command lines: `bringup`, and `ctc` with its subcommands."""

@@ -1,0 +1,51 @@
+"""Arguments that several commands share, and how a command ends."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.core.controller import LAWS
+from ctc_chattering.core.switching import SWITCHINGS
+from ctc_chattering.errors import CtcError
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that choose a run: the file and what stands above it."""
+    parser.add_argument(
+        '--params-file', type=Path, metavar='F',
+        help='parameter file; the paper\'s first experiment by default')
+    parser.add_argument('--law', choices=LAWS, help='in place of the file\'s law')
+    parser.add_argument(
+        '--switching', choices=SWITCHINGS, help='in place of the file\'s switching')
+    parser.add_argument(
+        '--control-period', type=float, metavar='S', help='in place of the file\'s [s]')
+
+
+def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Return what `add_run_options` read, as `params.load` takes it."""
+    law = {name: getattr(options, name) for name in ('law', 'switching')
+           if getattr(options, name) is not None}
+    result: dict[str, dict[str, Any]] = {'controller': law} if law else {}
+    if options.control_period is not None:
+        result['/**'] = {'control_period': options.control_period}
+    return result
+
+
+def guarded(name: str, command: Callable[[], int]) -> int:
+    """Run a command; an error of ours becomes one line and status 1."""
+    try:
+        return command()
+    except CtcError as error:
+        print(f'{name}: {error}', file=sys.stderr, flush=True)
+        return 1
+    except KeyboardInterrupt:
+        print(f'{name}: stopped', file=sys.stderr, flush=True)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1

@@ -1,0 +1,56 @@
+"""A ROS domain of one's own, so that runs side by side do not hear each other."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import random
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ctc_chattering.errors import CtcError
+
+#: Domains whose ports are below those that Linux hands out to clients.
+DOMAINS = range(1, 102)
+
+
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """
+    Hold a domain that no other holder on this host has, confined to this host.
+
+    ``ROS_DOMAIN_ID`` and ``ROS_AUTOMATIC_DISCOVERY_RANGE`` are set meanwhile.
+
+    Raises
+    ------
+    CtcError
+        If all of them are held.
+
+    """
+    names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
+    before = {name: os.environ.get(name) for name in names}
+    for domain in random.sample(DOMAINS, len(DOMAINS)):
+        path = Path(tempfile.gettempdir()) / f'ctc_chattering_domain_{domain}.lock'
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:  # Another user's.
+            continue
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(descriptor)
+            continue
+        try:
+            os.environ.update(dict(zip(names, (str(domain), 'LOCALHOST'))))
+            yield domain
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    os.environ.pop(name, None)
+                else:
+                    os.environ[name] = value
+            os.close(descriptor)
+        return
+    raise CtcError('every ROS domain from 1 to 101 is in use on this host')

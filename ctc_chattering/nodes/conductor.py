@@ -1,0 +1,140 @@
+"""What bringup does on the graph: follow the time, and set parameters when their time comes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import SetParameters
+from rclpy.client import Client
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
+
+from ctc_chattering import wire
+from ctc_chattering.core.grid import NANOSECONDS, seconds
+from ctc_chattering.core.simulation import Event
+from ctc_chattering.errors import CtcError
+from ctc_chattering.graph import CLOCK, PARAMETERS
+from ctc_chattering.nodes.runtime import Executor, Shell, qos
+
+
+class Conductor(Shell):
+    """
+    Follows a run and carries out its events through the parameter services.
+
+    In lockstep the plant holds simulated time before an event's first sample, until the
+    conductor moves its parameter ``hold_at`` on.
+
+    Parameters
+    ----------
+    events : sequence of Event
+        In the order of time.
+    lockstep : bool
+
+    """
+
+    def __init__(self, events: Sequence[Event], lockstep: bool) -> None:
+        super().__init__('bringup')
+        self._events = list(events)
+        self._lockstep = lockstep
+        self._clients_of: dict[str, Client] = {}
+        self._pending: Future | None = None
+        self._start: int | None = None
+        self.time = 0.0
+        self.error: str | None = None
+        if lockstep:
+            self.create_subscription(Clock, CLOCK, self._on_clock, qos())
+        else:
+            self.create_subscription(
+                ParameterEvent, f'plant/{PARAMETERS}', self._on_start, qos(100, latched=True))
+
+    def _on_clock(self, message: Clock) -> None:
+        self.time = seconds(wire.nanoseconds_of(message.clock))
+
+    def _on_start(self, message: ParameterEvent) -> None:
+        if self._start is None:
+            self._start = wire.nanoseconds_of(message.stamp)
+
+    def idle(self) -> None:
+        """Carry out the next event if it is due, one request at a time."""
+        if self._start is not None:
+            self.time = (self.get_clock().now().nanoseconds - self._start) / NANOSECONDS
+        if self._pending is not None:
+            if not self._pending.done():
+                return
+            self._finish(self._pending)
+            self._pending = None
+        if self.error is None and self._events and self.time >= self._events[0].time:
+            event = self._events[0]
+            self._pending = self._set(event.node, event.values)
+
+    def _finish(self, future: Future) -> None:
+        """Look at the answer to the last request and go on."""
+        for result in future.result().results:
+            if not result.successful:
+                self.error = f'an event was refused: {result.reason}'
+                return
+        event = self._events.pop(0)
+        if 'hold_at' in event.values or not self._lockstep:
+            return
+        if not self._events or self._events[0].time > self.time:
+            following = self._events[0].time if self._events else 0.0
+            self._events.insert(0, Event(self.time, 'plant', {'hold_at': following}))
+
+    def _set(self, node: str, values: Any) -> Future | None:
+        client = self._clients_of.get(node)
+        if client is None:
+            client = self._clients_of[node] = self.create_client(
+                SetParameters, f'{node}/set_parameters')
+        if not client.service_is_ready():
+            return None
+        request = SetParameters.Request(parameters=[
+            RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
+            .to_parameter_msg() for name, value in values.items()])
+        return client.call_async(request)
+
+
+class Observer:
+    """
+    A `Conductor` in this process, spun between other work.
+
+    Parameters
+    ----------
+    events, lockstep
+        As `Conductor` takes them.
+    ros_args : sequence of str
+        Arguments for ROS, such as a namespace.
+
+    """
+
+    def __init__(self, events: Sequence[Event], lockstep: bool, ros_args: Sequence[str]) -> None:
+        rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Conductor(events, lockstep)
+        self._executor = Executor()
+        self._executor.add_node(self._node)
+
+    def look(self, seconds_: float) -> float:
+        """
+        Serve the graph for about `seconds_` [s] and return the time of the run [s].
+
+        Raises
+        ------
+        CtcError
+            If an event was refused.
+
+        """
+        self._executor.spin_until_future_complete(self._node.done, seconds_)
+        self._node.idle()
+        if self._node.error:
+            raise CtcError(self._node.error)
+        return self._node.time
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.remove_node(self._node)
+        self._node.destroy_node()
+        rclpy.try_shutdown()

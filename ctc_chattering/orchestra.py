@@ -1,0 +1,141 @@
+"""Running the whole graph once: start the processes, watch them, stop them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from ctc_chattering import params, supervisor
+from ctc_chattering.errors import CtcError
+from ctc_chattering.settings import parameters_of
+
+Overrides = Mapping[str, Mapping[str, Any]]
+#: Nodes of the control loop; the recorder joins them if asked.
+LOOP = ('controller', 'reference', 'plant')
+
+
+class Stopped(CtcError):
+    """The run was stopped by SIGINT or SIGTERM."""
+
+
+def perform(path: Path | None, overrides: Overrides | None = None, record: Path | None = None,
+            ros_args: Sequence[str] = (), progress: Callable[[float], None] | None = None,
+            show: Callable[[str], None] = print) -> None:
+    """
+    Run the graph until the plant ends the experiment, and leave no process behind.
+
+    Parameters
+    ----------
+    path : Path or None
+        Parameter file for all nodes.
+    overrides : mapping, optional
+        As `params.load` takes them.
+    record : Path, optional
+        Directory to create for a bag.
+    ros_args : sequence of str
+        More arguments for every node, each list beginning with ``--ros-args``.
+    progress : callable, optional
+        Called now and then with the time of the run [s].
+    show : callable
+        Called with every line that a process prints.
+
+    Raises
+    ------
+    CtcError
+        If a parameter is not allowed, a process dies, or an event is refused.
+    Stopped
+        After SIGINT or SIGTERM.
+
+    """
+    setup = params.load(path, overrides)
+    if record is not None and record.exists():
+        raise CtcError(f'{record}: exists already, not overwritten')
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    observer_class = _observer()
+    lockstep = setup.plant.pacing == 'lockstep'
+    names = (*(('recorder',) if record else ()), *LOOP)
+    with _signals() as caught:
+        children: dict[str, supervisor.Child] = {}
+        observer = None
+        try:
+            for name in names:
+                extra = dict((overrides or {}).get(name, {}))
+                extra.update({key: value for key, value in (overrides or {}).get(
+                    params.EVERY_NODE, {}).items() if key in parameters_of(name)})
+                if name == 'recorder':
+                    extra['bag'] = str(record)
+                else:
+                    extra['wait_for'] = ['bringup', *names]
+                if name == 'plant' and lockstep and setup.events:
+                    extra['hold_at'] = setup.events[0].time
+                children[name] = supervisor.Child(name, _argv(name, path, extra, ros_args), show)
+            observer = observer_class(setup.events, lockstep, ros_args)
+            _watch(children, observer, caught, setup.plant.duration > 0.0, progress)
+        finally:
+            if observer is not None:
+                observer.close()
+            supervisor.stop([children[x] for x in LOOP if x in children])
+            if 'recorder' in children:
+                supervisor.stop([children['recorder']], patience=20.0)
+    for child in children.values():
+        if child.status:
+            raise CtcError(child.obituary())
+
+
+def _watch(children: Mapping[str, supervisor.Child], observer: Any, caught: Sequence[int],
+           ends: bool, progress: Callable[[float], None] | None) -> None:
+    """Return when the plant has ended the experiment."""
+    while True:
+        if caught:
+            raise Stopped(f'stopped by {signal.Signals(caught[0]).name}')
+        for name, child in children.items():
+            if child.status is not None:
+                if name == 'plant' and child.status == 0 and ends:
+                    return
+                raise CtcError(child.obituary())
+        time = observer.look(0.02)
+        if progress is not None:
+            progress(time)
+
+
+def _argv(name: str, path: Path | None, values: Mapping[str, Any],
+          ros_args: Sequence[str]) -> list[str]:
+    argv = [sys.executable, '-m', f'ctc_chattering.nodes.{name}', *ros_args, '--ros-args']
+    if path is not None:
+        argv += ['--params-file', str(path)]
+    for key, value in values.items():
+        text = '[' + ', '.join(value) + ']' if isinstance(value, list) else value
+        argv += ['-p', f'{key}:={text}']
+    return argv
+
+
+@contextmanager
+def _signals() -> Any:
+    """Collect SIGINT and SIGTERM in the list that is yielded."""
+    caught: list[int] = []
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        caught.append(number)
+
+    before = {number: signal.signal(number, on_signal)
+              for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _observer() -> Any:
+    try:
+        from ctc_chattering.nodes.conductor import Observer
+    except ImportError as error:
+        raise CtcError(f'ROS 2 is missing ({error.name}): source its setup file, or install the '
+                       "wheels with pip install 'ctc_chattering[ros]'") from None
+    return Observer

@@ -1,0 +1,103 @@
+"""Processes that live and die together."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+
+#: Lines of a process's output that are kept for the report of its death.
+_TAIL = 20
+_PR_SET_PDEATHSIG = 1
+
+
+class Child:
+    """
+    A process whose output is read as it comes.
+
+    Parameters
+    ----------
+    name : str
+    argv : sequence of str
+    show : callable
+        Called with every line it prints.
+
+    """
+
+    def __init__(self, name: str, argv: Sequence[str], show: Callable[[str], None]) -> None:
+        self.name = name
+        self.tail: deque[str] = deque(maxlen=_TAIL)
+        self.process = subprocess.Popen(
+            argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True, errors='replace', start_new_session=True, preexec_fn=_die_with_parent(),
+            env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+        self._reader = threading.Thread(target=self._read, args=(show,), daemon=True)
+        self._reader.start()
+
+    def _read(self, show: Callable[[str], None]) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.tail.append(line.rstrip())
+            show(f'[{self.name}] {line.rstrip()}')
+
+    @property
+    def status(self) -> int | None:
+        """Exit status, negative for a signal; None while it runs."""
+        return self.process.poll()
+
+    def obituary(self) -> str:
+        """Return how it ended, with its last output."""
+        self._reader.join(1.0)
+        status = self.status
+        how = f'status {status}'
+        if status is not None and status < 0:
+            how = f'signal {signal.Signals(-status).name}'
+        last = '\n'.join(f'    {line}' for line in self.tail) or '    (it printed nothing)'
+        return f'{self.name} died with {how}; its last output:\n{last}'
+
+    def signal(self, number: int) -> None:
+        """Send a signal if it still runs."""
+        if self.status is None:
+            self.process.send_signal(number)
+
+
+def stop(children: Sequence[Child], patience: float = 5.0) -> None:
+    """
+    End processes: SIGINT, after `patience` [s] SIGTERM, and after as long again SIGKILL.
+
+    Parameters
+    ----------
+    children : sequence of Child
+    patience : float
+        [s].
+
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        for child in children:
+            child.signal(number)
+        deadline = time.monotonic() + patience
+        for child in children:
+            try:
+                child.process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                continue
+        if all(child.status is not None for child in children):
+            return
+
+
+def _die_with_parent() -> Callable[[], None]:
+    """Return what a new process does first: ask for SIGTERM when its parent is gone."""
+    parent = os.getpid()
+    libc = ctypes.CDLL(None, use_errno=True)
+
+    def ask() -> None:
+        libc.prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
+        if os.getppid() != parent:
+            os._exit(1)
+
+    return ask
