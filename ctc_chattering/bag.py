@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.grid import NANOSECONDS, seconds
@@ -110,10 +110,10 @@ class _Topics:
         run = Run(np.array([seconds(t - start) for t in states.t]), states.q, states.dq,
                   q_d, dq_d, ddq_d, self._torques(names, states), np.zeros_like(states.q))
         configs = [(seconds(t - start), config) for t, config in history]
-        recomputed = terms(run, configs)
         plants = self._parameters('plant', PlantConfig)
         experiment = plants[0][1].experiment if plants else self._path.name
-        return Result(experiment, configs, dataclasses.replace(run, v=recomputed.v), recomputed)
+        computed = terms(run, configs)
+        return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed)
 
     def _connections(self, name: str) -> list[Connection]:
         return [x for x in self._reader.connections
@@ -141,7 +141,8 @@ class _Topics:
         return history
 
     def _states(self, names: Sequence[str], since: int) -> _States:
-        times, rows = [], []
+        times: list[int] = []
+        rows = []
         for message in self._messages(JOINT_STATES):
             t = _nanoseconds(message.header.stamp)
             if t < since or (times and t <= times[-1]):

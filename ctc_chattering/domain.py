@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
-import random
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+import fcntl
+import os
 from pathlib import Path
+import random
+import tempfile
 
 from ctc_chattering.errors import CtcError
 

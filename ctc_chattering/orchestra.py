@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
+import os
 from pathlib import Path
+import signal
+import sys
 from types import FrameType
 from typing import Any
 
 from ctc_chattering import params, supervisor
 from ctc_chattering.errors import CtcError
 from ctc_chattering.settings import parameters_of
+from ctc_chattering.share import config_directory
 
 Overrides = Mapping[str, Mapping[str, Any]]
 #: Nodes of the control loop; the recorder joins them if asked.
@@ -57,6 +58,8 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
     if record is not None and record.exists():
         raise CtcError(f'{record}: exists already, not overwritten')
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault(
+        'FASTRTPS_DEFAULT_PROFILES_FILE', str(config_directory() / 'fastdds.xml'))
     observer_class = _observer()
     lockstep = setup.plant.pacing == 'lockstep'
     names = (*(('recorder',) if record else ()), *LOOP)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-import re
 from collections.abc import Iterator, Mapping, Sequence
+import dataclasses
 from pathlib import Path
+import re
 from typing import Any
 
 import yaml
@@ -17,7 +17,7 @@ from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.settings import NODES, BringupSettings, PlantSettings, parameters_of
+from ctc_chattering.settings import BringupSettings, NODES, parameters_of, PlantSettings
 
 Values = dict[str, Any]
 #: Section whose parameters go to every node that knows them.

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 import dataclasses
-from collections.abc import Sequence
+from functools import cached_property
+import json
+import math
+from pathlib import Path
 from typing import Any
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.metrics import metrics
-from ctc_chattering.core.simulation import Run
+from ctc_chattering.core.simulation import Run, simulate
 from ctc_chattering.core.terms import Terms, terms
+from ctc_chattering.errors import CtcError
+from ctc_chattering.params import Setup
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,21 +31,20 @@ class Result:
         The controller's configurations in the order in which they came into force [s].
     run : Run
         The samples.
-    terms : Terms
-        The parts of the torque, v and V.
+    computed : Terms, optional
+        Terms, if they are known already.
 
     """
 
     experiment: str
     configs: Sequence[tuple[float, ControllerConfig]]
     run: Run
-    terms: Terms
+    computed: Terms | None = None
 
-    @classmethod
-    def of(cls, experiment: str, configs: Sequence[tuple[float, ControllerConfig]],
-           run: Run) -> Result:
-        """Return the result of a run, its terms computed."""
-        return cls(experiment, configs, run, terms(run, configs))
+    @cached_property
+    def terms(self) -> Terms:
+        """The parts of the torque, v and V, computed when first asked for."""
+        return self.computed or terms(self.run, self.configs)
 
     @property
     def law(self) -> str:
@@ -78,3 +83,58 @@ class Result:
         return {
             'experiment': self.experiment, 'law': self.law, 'switching': self.switching,
             'control_period_s': self.configs[-1][1].control_period, **metrics(self.run)}
+
+
+def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> Result:
+    """
+    Simulate what a parameter file describes.
+
+    Parameters
+    ----------
+    setup : Setup
+        As `params.load` returns it.
+    progress : callable, optional
+        Called now and then with the simulated time [s].
+
+    """
+    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress)
+    configs = [(0.0, setup.controller)]
+    for event in setup.events:
+        if event.node == 'controller':
+            configs.append((event.time, configs[-1][1].changed(event.values)))
+    return Result(setup.plant.experiment, configs, run)
+
+
+def write_metrics(results: Sequence[Result], path: Path) -> None:
+    """
+    Write ``{"runs": [...]}``, an object per run, as strict JSON.
+
+    A number that is not finite, which JSON cannot say, becomes null.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be written.
+
+    """
+    runs = [finite(result.metrics()) for result in results]
+    text = json.dumps({'runs': runs}, indent=2, allow_nan=False, ensure_ascii=False)
+    write_text(path, text + '\n')
+
+
+def finite(value: Any) -> Any:
+    """Return `value` with None in place of every number that is not finite."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, making its directory; raise `CtcError` if that cannot be done."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise CtcError(f'cannot write {path}: {error.strerror}') from None

@@ -7,8 +7,8 @@ parameters of that node.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+import dataclasses
 from typing import Any, ClassVar
 
 from ctc_chattering.core.controller import ControllerConfig

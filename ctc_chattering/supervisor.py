@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 import ctypes
 import os
 import signal
 import subprocess
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
 
 #: Lines of a process's output that are kept for the report of its death.
 _TAIL = 20
@@ -73,6 +74,7 @@ def stop(children: Sequence[Child], patience: float = 5.0) -> None:
     Parameters
     ----------
     children : sequence of Child
+        Any that have ended already are passed over.
     patience : float
         [s].
 
@@ -82,10 +84,8 @@ def stop(children: Sequence[Child], patience: float = 5.0) -> None:
             child.signal(number)
         deadline = time.monotonic() + patience
         for child in children:
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 child.process.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                continue
         if all(child.status is not None for child in children):
             return
 

@@ -10,10 +10,10 @@ other message to ROS. Nothing is judged here: lengths and values may be anything
 
 from __future__ import annotations
 
-import importlib
-import struct
 from array import array
 from collections.abc import Sequence
+import importlib
+import struct
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
+import sys
 
 from ctc_chattering import params
 from ctc_chattering.cli.options import add_run_options, guarded, overrides
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.core.plant import PACINGS
-from ctc_chattering.orchestra import Stopped, perform
+from ctc_chattering.orchestra import perform, Stopped
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -23,9 +23,9 @@ def make_parser() -> argparse.ArgumentParser:
         epilog='Arguments from --ros-args on go to every node, such as -r __ns:=/robot1. '
                'The graph is confined to this host unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
     add_run_options(parser)
-    parser.add_argument('--pacing', choices=PACINGS, help='in place of the file\'s pacing')
+    parser.add_argument('--pacing', choices=PACINGS, help="in place of the file's pacing")
     parser.add_argument('--duration', type=float, metavar='S',
-                        help='in place of the file\'s [s]; 0 runs for ever')
+                        help="in place of the file's [s]; 0 runs for ever")
     parser.add_argument('--record', type=Path, metavar='BAG', help='directory to create')
     return parser
 

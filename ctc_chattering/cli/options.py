@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from collections.abc import Callable
+import os
 from pathlib import Path
+import sys
 from typing import Any
 
 from ctc_chattering.core.controller import LAWS
@@ -18,12 +18,12 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that choose a run: the file and what stands above it."""
     parser.add_argument(
         '--params-file', type=Path, metavar='F',
-        help='parameter file; the paper\'s first experiment by default')
-    parser.add_argument('--law', choices=LAWS, help='in place of the file\'s law')
+        help="parameter file; the paper's first experiment by default")
+    parser.add_argument('--law', choices=LAWS, help="in place of the file's law")
     parser.add_argument(
-        '--switching', choices=SWITCHINGS, help='in place of the file\'s switching')
+        '--switching', choices=SWITCHINGS, help="in place of the file's switching")
     parser.add_argument(
-        '--control-period', type=float, metavar='S', help='in place of the file\'s [s]')
+        '--control-period', type=float, metavar='S', help="in place of the file's [s]")
 
 
 def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:

@@ -22,7 +22,7 @@ class Progress:
 
     def __init__(self, title: str, total: float) -> None:
         form = '{desc} {bar} {n:.1f}/{total:.1f} s [{elapsed}]' if total else '{desc} {n:.1f} s'
-        self._bar = tqdm(total=total or None, desc=title, bar_format=form, 
+        self._bar = tqdm(total=total or None, desc=title, bar_format=form,
                          mininterval=0.2 if sys.stderr.isatty() else 2.0)
 
     def __enter__(self) -> Progress:

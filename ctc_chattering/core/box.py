@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ctc_chattering.core.model import Rows, Vector, dot, solve
+from ctc_chattering.core.model import dot, Rows, solve, Vector
 
 
 def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
@@ -30,6 +30,7 @@ def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
     a : sequence of rows, shape (n, n)
         Symmetric positive definite.
     b : sequence of float, shape (n,)
+        Any values.
     bound : sequence of float, shape (n,)
         Not negative.
 

@@ -7,10 +7,10 @@ from typing import ClassVar, NamedTuple
 
 from ctc_chattering.core.filter import ErrorFilter
 from ctc_chattering.core.grid import period_ns, seconds
-from ctc_chattering.core.model import Model, Vector, dot, times
-from ctc_chattering.core.models import MODELS, check_model, make_model
+from ctc_chattering.core.model import dot, Model, times, Vector
+from ctc_chattering.core.models import check_model, make_model, MODELS
 from ctc_chattering.core.parameters import Config, matrix, parameter
-from ctc_chattering.core.switching import SWITCHINGS, sign
+from ctc_chattering.core.switching import sign, SWITCHINGS
 
 #: Values of the parameter ``law``: equation (2), equation (6).
 LAWS = ('compensation', 'chattering')
@@ -92,6 +92,7 @@ class Controller:
     Parameters
     ----------
     config : ControllerConfig
+        Law and gains.
     model : Model, optional
         In place of the one that the configuration names.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ctc_chattering.core.box import solve_box
-from ctc_chattering.core.model import Model, Vector, solve
+from ctc_chattering.core.model import Model, solve, Vector
 
 Modes = tuple[int, ...]
 
@@ -23,6 +23,7 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Mode
     Parameters
     ----------
     model : Model
+        Of the plant.
     q, dq, u : sequence of float, shape (n,)
         Position [rad], velocity [rad/s], torque without friction [N·m].
     level : sequence of float, shape (n,)
@@ -63,6 +64,7 @@ def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,
     Parameters
     ----------
     model : Model
+        Of the plant.
     q, dq : sequence of float, shape (n,)
         Position [rad] and velocity [rad/s].
     load : sequence of float, shape (n,)

@@ -21,6 +21,7 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND) 
     Parameters
     ----------
     run : Run
+        Any length.
     window : (float, float)
         First and last instant of the samples judged [s].
     band : float

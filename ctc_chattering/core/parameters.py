@@ -7,9 +7,9 @@ The YAML file, the ROS nodes, `ctc` and the README's tables are all served from 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -70,7 +70,7 @@ class Parameter:
 
     @property
     def field(self) -> str:
-        """Name of the dataclass field (``lambda`` is a keyword, a dot is no identifier)."""
+        """Name in the dataclass: ``lambda`` is a keyword, and a dot is no identifier."""
         return 'lambda_' if self.name == 'lambda' else self.name.replace('.', '_')
 
     @property

@@ -17,7 +17,7 @@ from ctc_chattering.core.disturbance import disturbance
 from ctc_chattering.core.friction import excess, locked, modes
 from ctc_chattering.core.grid import period_ns, samples, seconds
 from ctc_chattering.core.model import Model, Vector
-from ctc_chattering.core.models import MODELS, check_model, make_model
+from ctc_chattering.core.models import check_model, make_model, MODELS
 from ctc_chattering.core.parameters import Config, parameter
 from ctc_chattering.core.root import first_negative
 from ctc_chattering.errors import CtcError
@@ -90,6 +90,7 @@ class Plant:
     Parameters
     ----------
     config : PlantConfig
+        Physics and start.
     model : Model, optional
         In place of the one that the configuration names.
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from array import array
 from collections.abc import Sequence
+import dataclasses
 
 import numpy as np
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import rclpy
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters
+import rclpy
 from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.signals import SignalHandlerOptions
@@ -19,7 +19,7 @@ from ctc_chattering.core.grid import NANOSECONDS, seconds
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, PARAMETERS
-from ctc_chattering.nodes.runtime import Executor, Shell, qos
+from ctc_chattering.nodes.runtime import Executor, qos, Shell
 
 
 class Conductor(Shell):

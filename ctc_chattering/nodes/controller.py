@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from math import isfinite
+import sys
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -24,7 +24,7 @@ from ctc_chattering.graph import (
 )
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import Shell, qos, run
+from ctc_chattering.nodes.runtime import qos, run, Shell
 from ctc_chattering.settings import ControllerSettings
 
 
@@ -40,9 +40,8 @@ class ControllerNode(Shell):
         super().__init__('controller')
         self._tuning = NodeParameters(
             self, (ControllerConfig, ControllerSettings), self._on_change)
-        config, self._settings = self._tuning.configs
-        assert isinstance(config, ControllerConfig)
-        assert isinstance(self._settings, ControllerSettings)
+        config = self._tuning.get(ControllerConfig)
+        self._settings = self._tuning.get(ControllerSettings)
         self._controller = Controller(config)
         names = config.joint_names
         self._trajectory = Trajectory()
@@ -73,10 +72,8 @@ class ControllerNode(Shell):
             self._answer(*self._waiting)
 
     def _on_change(self) -> None:
-        config, settings = self._tuning.configs
-        assert isinstance(config, ControllerConfig) and isinstance(settings, ControllerSettings)
-        self._settings = settings
-        self._controller.configure(config)
+        self._settings = self._tuning.get(ControllerSettings)
+        self._controller.configure(self._tuning.get(ControllerConfig))
 
     def _on_reference(self, data: bytes) -> None:
         piece = self._reference_reader.read(data)

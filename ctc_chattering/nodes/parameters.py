@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+import sys
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -23,6 +23,8 @@ from ctc_chattering.core.parameters import Config, Parameter
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.graph import PARAMETERS
 
+C = TypeVar('C', bound=Config)
+
 _ROS_TYPES = {
     'bool': RosParameter.Type.BOOL, 'int': RosParameter.Type.INTEGER,
     'float': RosParameter.Type.DOUBLE, 'str': RosParameter.Type.STRING,
@@ -39,6 +41,7 @@ class NodeParameters:
     Parameters
     ----------
     node : Node
+        Where they are declared.
     configs : sequence of Config types
         Together they hold all parameters of the node.
     changed : callable
@@ -62,10 +65,10 @@ class NodeParameters:
             value = _override(node, name)
             if value is not None:
                 values[name] = value
-        self.configs = [config.from_mapping(
+        self._configs = [config.from_mapping(
             {name: value for name, value in values.items() if name in config.parameters()})
             for config in configs]
-        for config in self.configs:
+        for config in self._configs:
             for name, value in config.as_mapping().items():
                 node.declare_parameter(name, _to_ros(value), descriptor(self._specs[name]),
                                        ignore_override=True)
@@ -78,9 +81,16 @@ class NodeParameters:
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._apply)
 
+    def get(self, kind: type[C]) -> C:
+        """Return the present configuration of type `kind`."""
+        for config in self._configs:
+            if isinstance(config, kind):
+                return config
+        raise TypeError(kind)
+
     def announce(self, t: int) -> None:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
-        now = {name: value for config in self.configs
+        now = {name: value for config in self._configs
                for name, value in config.as_mapping().items()}
         message = ParameterEvent(stamp=wire.stamp(t), node=self._node.get_fully_qualified_name())
         changed = [self._to_parameter(name, value).to_parameter_msg()
@@ -114,7 +124,7 @@ class NodeParameters:
         values = {p.name: p.value for p in parameters if p.name in self._specs}
         return [config.changed({
             name: value for name, value in values.items() if name in config.parameters()})
-            for config in self.configs]
+            for config in self._configs]
 
     def _judge(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -125,8 +135,8 @@ class NodeParameters:
 
     def _apply(self, parameters: list[RosParameter]) -> None:
         new = self._candidates(parameters)
-        if new != self.configs:
-            self.configs = new
+        if new != self._configs:
+            self._configs = new
             self.news = True
             self._changed()
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from math import isfinite
+import sys
 
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -16,7 +16,7 @@ from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import Shell, qos, run
+from ctc_chattering.nodes.runtime import qos, run, Shell
 from ctc_chattering.settings import PlantSettings
 
 #: Periods that one tick of the real-time clock makes good at the most.
@@ -35,8 +35,7 @@ class PlantNode(Shell):
     def __init__(self) -> None:
         super().__init__('plant')
         self._tuning = NodeParameters(self, (PlantConfig, PlantSettings), self._on_change)
-        config, self._settings = self._tuning.configs
-        assert isinstance(config, PlantConfig) and isinstance(self._settings, PlantSettings)
+        config, self._settings = self._tuning.get(PlantConfig), self._tuning.get(PlantSettings)
         self._plant = Plant(config)
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
@@ -78,10 +77,8 @@ class PlantNode(Shell):
         self._subscribers = counts
 
     def _on_change(self) -> None:
-        config, settings = self._tuning.configs
-        assert isinstance(config, PlantConfig) and isinstance(settings, PlantSettings)
-        self._settings = settings
-        self._plant.configure(config)
+        self._settings = self._tuning.get(PlantSettings)
+        self._plant.configure(self._tuning.get(PlantConfig))
         if self._held:
             self._held = False
             self._publish_sample()

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 import struct
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from ctc_chattering.core.grid import NANOSECONDS
-from ctc_chattering.graph import CLOCK, JOINT_STATES, TOPICS, Topic
+from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import Shell, qos, run
-from ctc_chattering.recording import Recording, offered_qos
+from ctc_chattering.nodes.runtime import qos, run, Shell
+from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.settings import RecorderSettings
 from ctc_chattering.wire import message_type
 
@@ -34,10 +34,8 @@ class RecorderNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('recorder')
-        parameters = NodeParameters(self, (RecorderSettings,), lambda: None)
-        settings, = parameters.configs
-        assert isinstance(settings, RecorderSettings)
-        self._recording = Recording(Path(settings.bag))
+        tuning = NodeParameters(self, (RecorderSettings,), lambda: None)
+        self._recording = Recording(Path(tuning.get(RecorderSettings).bag))
         self._received = 0
         self._time = 0
         self._simulated: bool | None = None

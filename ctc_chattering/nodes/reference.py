@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from array import array
+import sys
 
 from builtin_interfaces.msg import Duration
 from rosgraph_msgs.msg import Clock
@@ -15,7 +15,7 @@ from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.graph import CLOCK, JOINT_STATES, REFERENCE
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import Shell, qos, run
+from ctc_chattering.nodes.runtime import qos, run, Shell
 from ctc_chattering.settings import ReferenceSettings
 
 
@@ -31,9 +31,8 @@ class ReferenceNode(Shell):
         super().__init__('reference')
         self._tuning = NodeParameters(
             self, (ReferenceConfig, ReferenceSettings), lambda: None)
-        config, self._settings = self._tuning.configs
-        assert isinstance(config, ReferenceConfig)
-        assert isinstance(self._settings, ReferenceSettings)
+        config = self._tuning.get(ReferenceConfig)
+        self._settings = self._tuning.get(ReferenceSettings)
         self._names = list(config.joint_names)
         self._motion = Sinusoid(config)
         self._period = period_ns(config.control_period)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+import itertools
+from pathlib import Path
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -24,7 +25,9 @@ from ctc_chattering.graph import TOPICS
 try:
     from rclpy.experimental.events_executor import EventsExecutor as Executor
 except ImportError:  # An rclpy from before it was there: slower, but the same.
-    from rclpy.executors import SingleThreadedExecutor as Executor  # type: ignore[assignment]
+    from rclpy.executors import SingleThreadedExecutor as Executor
+
+__all__ = ['TICK', 'Executor', 'Shell', 'qos', 'run']
 
 #: Longest time between two looks at signals and at `Shell.idle` [s]. It must be finite: see
 #: docs/design.md.
@@ -69,6 +72,7 @@ class Shell(Node):
         Parameters
         ----------
         publishers : sequence of Publisher
+            Those about to send.
         wait_for : sequence of str
             Names of nodes that have been started; those of them that read a topic, by
             `graph.TOPICS`, must have matched with its publisher.
@@ -94,6 +98,7 @@ def run(make_node: Callable[[], Shell], name: str,
     Parameters
     ----------
     make_node : callable
+        Called after ROS is up.
     name : str
         The executable, for messages and for its section of the parameter files.
     argv : sequence of str, optional
@@ -146,4 +151,5 @@ def run(make_node: Callable[[], Shell], name: str,
 
 
 def _params_files(arguments: Sequence[str]) -> list[Path]:
-    return [Path(value) for flag, value in zip(arguments, arguments[1:]) if flag == '--params-file']
+    pairs = itertools.pairwise(arguments)
+    return [Path(value) for flag, value in pairs if flag == '--params-file']

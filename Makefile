@@ -1,0 +1,38 @@
+# Two commands: `make demo` runs the paper, `make test` runs the tests.
+# Both make .venv first, with everything they need from PyPI.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: demo test slow lint benchmark clean
+
+demo: $(READY)
+	$(BIN)/ctc reproduce --out results --overwrite
+
+test: $(READY) lint
+	$(BIN)/python -m pytest
+
+# Studies that take a minute or more each.
+slow: $(READY)
+	$(BIN)/python -m pytest -m slow
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/flake8 .
+	$(BIN)/pydocstyle --config=setup.cfg ctc_chattering
+	$(BIN)/mypy ctc_chattering test
+
+benchmark: $(READY)
+	$(BIN)/ctc benchmark
+
+# setup.cfg sends the scripts to lib/ctc_chattering, for colcon; PIP_... keeps pip out of it.
+$(READY): setup.py setup.cfg package.xml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test,lint]'
+	touch $(READY)
+
+clean:
+	rm -rf $(VENV) results build install log *.egg-info

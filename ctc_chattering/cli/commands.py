@@ -1,0 +1,138 @@
+"""What the subcommands of `ctc` do; each imports what it needs when it is called."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering import params
+from ctc_chattering.cli.options import overrides
+from ctc_chattering.cli.progress import Progress
+from ctc_chattering.core.simulation import Run
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.output import prepare
+from ctc_chattering.result import Result, simulated, write_metrics
+
+#: What is written next to each other.
+_FIGURES, _METRICS, _PAGE, _BAGS = 'figures', 'metrics.json', 'index.html', 'bags'
+
+
+def simulate(options: argparse.Namespace) -> int:
+    """Run `ctc simulate`."""
+    setup = params.load(options.params_file, overrides(options))
+    if options.out is not None:
+        prepare(options.out, (_METRICS, 'trajectory.npz'), options.overwrite)
+    with Progress(setup.plant.experiment, setup.plant.duration) as progress:
+        result = simulated(setup, progress)
+        progress.complete()
+    if options.out is not None:
+        write_metrics([result], options.out / _METRICS)
+        _write_trajectory(result.run, options.out / 'trajectory.npz')
+    _print_table([result])
+    return 0
+
+
+def reproduce(options: argparse.Namespace) -> int:
+    """Run `ctc reproduce`."""
+    from ctc_chattering.domain import own_domain
+    from ctc_chattering.experiments import EXPERIMENTS
+    from ctc_chattering.orchestra import perform
+
+    out = prepare(options.out, (_BAGS, _FIGURES, _METRICS, _PAGE), options.overwrite)
+    bags = []
+    with own_domain():
+        for experiment in EXPERIMENTS:
+            setup = params.load(experiment.path, experiment.overrides)
+            bag = out / _BAGS / experiment.name
+            with Progress(f'{experiment.name:24}', setup.plant.duration) as progress:
+                perform(experiment.path, experiment.overrides, bag, progress=progress,
+                        show=lambda _: None)
+                progress.complete()
+            bags.append(bag)
+    return _present(bags, out)
+
+
+def plot(options: argparse.Namespace) -> int:
+    """Run `ctc plot`."""
+    for bag in options.bags:
+        if not bag.exists():
+            raise CtcError(f'{bag}: no such bag')
+    out = prepare(options.out, (_FIGURES, _METRICS, _PAGE), options.overwrite)
+    return _present(options.bags, out)
+
+
+def _present(bags: Sequence[Path], out: Path) -> int:
+    """Read bags and write figures, metrics and page into `out`."""
+    import os
+
+    from ctc_chattering.bag import read_bag
+    from ctc_chattering.plots import save_figures
+    from ctc_chattering.report import write_page
+
+    results = [read_bag(bag) for bag in bags]
+    print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
+    figures = save_figures(results, out / _FIGURES)
+    write_metrics(results, out / _METRICS)
+    write_page(results, figures, out / _PAGE, [os.path.relpath(bag, out) for bag in bags])
+    _print_table(results)
+    print(f'{len(figures)} figures: open {out / _PAGE}')
+    return 0
+
+
+def replay(options: argparse.Namespace) -> int:
+    """Run `ctc replay`."""
+    if not 0.0 < options.rate < float('inf'):
+        raise ParameterError('--rate', options.rate, 'a finite number > 0')
+    if not 0.0 <= options.delay < float('inf'):
+        raise ParameterError('--delay', options.delay, 'a finite number >= 0')
+    from ctc_chattering.bag import open_bag
+    with open_bag(options.bag) as reader:
+        try:
+            from ctc_chattering.nodes.player import play
+        except ImportError as error:
+            raise CtcError(f'ROS 2 is missing: {error}') from None
+        count = play(reader, options.rate, options.delay)
+    print(f'{count} messages')
+    return 0
+
+
+def benchmark(options: argparse.Namespace) -> int:
+    """Run `ctc benchmark`."""
+    from ctc_chattering.benchmark import measure
+    if options.rounds < 1:
+        raise ParameterError('--rounds', options.rounds, 'an integer >= 1')
+    return measure(options.rounds)
+
+
+def _write_trajectory(run: Run, path: Path) -> None:
+    names = ('t', 'q', 'dq', 'q_d', 'dq_d', 'tau', 'v')
+    try:
+        np.savez(path, **{name: getattr(run, name) for name in names})
+    except OSError as error:
+        raise CtcError(f'{path}: {error.strerror or error}') from None
+
+
+def _print_table(results: Sequence[Result]) -> None:
+    """Print the runs' numbers in a table."""
+    rows: list[Sequence[str]] = [(
+        'experiment', 'law', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]',
+        'v reached [s]')]
+    for result in results:
+        m = result.metrics()
+        rows.append((m['experiment'], m['law'], _numbers(m['rms_error_rad']),
+                     _numbers(m['max_error_norm1_rad']),
+                     _numbers(m['torque_variation_nm_per_s']), _numbers(m['reaching_time_s'])))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for row in rows:
+        print('  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip())
+
+
+def _numbers(value: Any) -> str:
+    if value is None:
+        return '-'
+    items = value if isinstance(value, list) else [value]
+    return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)

@@ -1,0 +1,78 @@
+"""`ctc`: simulate, reproduce the paper, plot and replay bags, measure."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+import sys
+
+from ctc_chattering import __version__
+from ctc_chattering.cli.options import add_run_options, guarded
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog='ctc', description='Computed torque plus compensation plus chattering.')
+    parser.add_argument('--version', action='version', version=__version__)
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+
+    simulate = commands.add_parser(
+        'simulate', help='run an experiment without ROS',
+        description='Run the closed loop of a parameter file without ROS; write metrics.json and '
+                    'trajectory.npz (t, q, dq, q_d, dq_d, tau, v).')
+    add_run_options(simulate)
+    _add_output(simulate, None)
+
+    reproduce = commands.add_parser(
+        'reproduce', help="run the paper's experiments over ROS and draw its figures",
+        description="Run the paper's experiments over ROS with recording; write bags, figures, "
+                    'metrics.json and index.html.')
+    _add_output(reproduce, 'results')
+
+    plot = commands.add_parser(
+        'plot', help='draw the figures of bags',
+        description='Draw the figures from bags alone; write them with metrics.json and '
+                    'index.html. Several bags are compared.')
+    plot.add_argument('bags', nargs='+', type=Path, metavar='BAG')
+    _add_output(plot, 'plots')
+
+    replay = commands.add_parser(
+        'replay', help='publish a bag on its topics again',
+        description='Publish a bag on its topics with its own timing, and /clock.')
+    replay.add_argument('bag', type=Path, metavar='BAG')
+    replay.add_argument('--rate', type=float, default=1.0, metavar='R',
+                        help='speed, 1 by default; 2 is twice as fast')
+    replay.add_argument('--delay', type=float, default=1.0, metavar='S',
+                        help='wait so long for subscribers first, 1 by default [s]')
+
+    benchmark = commands.add_parser(
+        'benchmark', help='measure the loop over ROS against a bare ping-pong',
+        description='Measure lockstep over ROS, recording included, against a bare rclpy '
+                    'ping-pong with the same executor, and the simulation; print the ratios.')
+    benchmark.add_argument('--rounds', type=int, default=3, metavar='N',
+                           help='repetitions of everything, 3 by default; medians are printed')
+    return parser
+
+
+def _add_output(parser: argparse.ArgumentParser, default: str | None) -> None:
+    parser.add_argument(
+        '--out', type=Path, metavar='DIR', default=default and Path(default),
+        help=f'directory to write into, {default} by default' if default
+        else 'directory to write into; without it the numbers are only printed')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace what an earlier run of this command wrote there')
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command."""
+    options = make_parser().parse_args(argv)
+    # Imported only now: each needs libraries that take time to load, or may not be there.
+    from ctc_chattering.cli import commands
+    command = getattr(commands, options.command)
+    return guarded(f'ctc {options.command}', lambda: command(options))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

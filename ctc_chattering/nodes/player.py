@@ -1,0 +1,105 @@
+"""Publishing a bag on its topics again, each message at its time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import signal
+import time
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection, QosDurability, QosReliability
+from rosgraph_msgs.msg import Clock
+
+from ctc_chattering import wire
+from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.graph import CLOCK
+
+#: Period of ``/clock`` where the bag holds none [ns].
+_CLOCK_PERIOD = 10_000_000
+#: Longest sleep between two looks at signals [s].
+_NAP = 0.05
+
+
+def play(reader: AnyReader, rate: float, delay: float) -> int:
+    """
+    Publish all messages of an open bag, and the clock.
+
+    Parameters
+    ----------
+    reader : AnyReader
+        Open.
+    rate : float
+        Seconds of the bag per second.
+    delay : float
+        Time for subscribers to find the publishers [s].
+
+    Returns
+    -------
+    int
+        Number of messages published, those of a clock of our own not counted. SIGINT and SIGTERM
+        end it early.
+
+    """
+    stop: list[int] = []
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        stop.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_signal)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node('player')
+    count = 0
+    try:
+        publishers = {
+            connection.topic: node.create_publisher(
+                wire.message_type(connection.msgtype), connection.topic, _qos(connection))
+            for connection in reader.connections}
+        has_clock = any(topic.endswith('/' + CLOCK) for topic in publishers)
+        clock = None if has_clock else node.create_publisher(Clock, '/clock', 10)
+        begin = time.monotonic() + delay
+        for t, topic, data in _messages(reader, clock is not None):
+            due = begin + (t - reader.start_time) / NANOSECONDS / rate
+            while not stop and (left := due - time.monotonic()) > 0.0:
+                time.sleep(min(left, _NAP))
+            if stop:
+                break
+            if topic:
+                publishers[topic].publish(bytes(data))
+                count += 1
+            elif clock is not None:
+                clock.publish(data)
+        for publisher in publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=0.5))
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return count
+
+
+def _messages(reader: AnyReader, with_clock: bool) -> Iterator[tuple[int, str, Any]]:
+    """Return log time [ns], topic and data in turn; the topic is empty for our clock."""
+    tick = reader.start_time
+    for connection, t, data in reader.messages():
+        while with_clock and tick <= t:
+            yield tick, '', serialize_message(Clock(clock=wire.stamp(tick)))
+            tick += _CLOCK_PERIOD
+        yield t, connection.topic, data
+
+
+def _qos(connection: Connection) -> QoSProfile:
+    """Return the profile that the recorded publisher offered, as far as it matters here."""
+    offered = getattr(connection.ext, 'offered_qos_profiles', None) or ()
+    latched = any(x.durability == QosDurability.TRANSIENT_LOCAL for x in offered)
+    lossy = any(x.reliability == QosReliability.BEST_EFFORT for x in offered)
+    return QoSProfile(
+        depth=1000,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+        reliability=ReliabilityPolicy.BEST_EFFORT if lossy else ReliabilityPolicy.RELIABLE)

@@ -1,0 +1,31 @@
+"""Where the installed configuration files are, however the package was installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import sys
+
+from ctc_chattering.errors import CtcError
+
+
+def config_directory() -> Path:
+    """
+    Return the directory of the experiments' parameter files.
+
+    It is `config/` beside the package in a checkout, and `share/ctc_chattering/config` under the
+    prefix that pip or colcon has installed to.
+
+    Raises
+    ------
+    CtcError
+        If there is none.
+
+    """
+    here = Path(__file__).resolve().parent
+    candidates = [here.parent / 'config'] if (here.parent / 'package.xml').exists() else []
+    candidates += [prefix / 'share' / 'ctc_chattering' / 'config'
+                   for prefix in (*here.parents, Path(sys.prefix))]
+    for candidate in candidates:
+        if (candidate / 'friction.yaml').exists():
+            return candidate
+    raise CtcError('the configuration files of ctc_chattering are not installed')

@@ -1,0 +1,45 @@
+"""Package for colcon (`ament_python`) and pip alike."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'ctc_chattering'
+CONFIG = sorted(str(path) for path in Path('config').iterdir())
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', CONFIG),
+    ],
+    python_requires='>=3.10',
+    install_requires=[
+        'setuptools', 'matplotlib', 'numpy', 'PyYAML', 'rosbags', 'tqdm'],
+    extras_require={
+        # An apt installation of ROS 2 has these without distributions of these names.
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'test': ['hypothesis', 'mcap', 'pytest', 'scipy'],
+        'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
+    },
+    zip_safe=True,
+    maintainer='ctc_chattering maintainers',
+    maintainer_email='maintainers@users.noreply.github.com',
+    description='Computed torque plus compensation plus chattering for robot arms with friction',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'plant = ctc_chattering.nodes.plant:main',
+            'controller = ctc_chattering.nodes.controller:main',
+            'reference = ctc_chattering.nodes.reference:main',
+            'recorder = ctc_chattering.nodes.recorder:main',
+            'bringup = ctc_chattering.cli.bringup:main',
+            'ctc = ctc_chattering.cli.ctc:main',
+        ],
+    },
+)

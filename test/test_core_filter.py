@@ -1,0 +1,116 @@
+"""The filter (3): exact for its pole, without acceleration, bumpless."""
+
+import numpy as np
+import pytest
+from oracles import Array, random_spd
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+
+from ctc_chattering.core.filter import ErrorFilter
+
+
+def _filter(n: int, lambda_: float, b: float, h: float) -> ErrorFilter:
+    made = ErrorFilter(n)
+    made.configure(lambda_, b, h)
+    return made
+
+
+@pytest.mark.parametrize('h', [1e-4, 1e-2, 0.5, 3.0])
+@pytest.mark.parametrize(('lambda_', 'b'), [(10.0, 1.0), (0.3, 2.5), (200.0, 0.1)])
+def test_step_response_is_the_closed_form(h: float, lambda_: float, b: float) -> None:
+    """Check ξ(t) = b (λ de - f)(1 - exp(-λ t)) / λ for any h, even far above 1/λ."""
+    de, feedback = [0.7, -1.3], [5.0, 2.0]
+    made = _filter(2, lambda_, b, h)
+    for k in range(50):
+        xi = b * (lambda_ * np.array(de) - feedback) * (1 - np.exp(-lambda_ * k * h)) / lambda_
+        assert made.output(de) == pytest.approx((xi - b * np.array(de)).tolist(), abs=1e-12)
+        made.update(de, feedback)
+
+
+def test_free_response_decays_with_the_pole() -> None:
+    """Check ξ(t) = ξ(0) exp(-λ t) once the errors are 0."""
+    made = _filter(1, 4.0, 1.0, 0.01)
+    made.update([3.0], [0.0])
+    start = made.output([0.0])[0]
+    for k in range(300):
+        assert made.output([0.0])[0] == pytest.approx(start * np.exp(-4.0 * 0.01 * k), rel=1e-12)
+        made.update([0.0], [0.0])
+
+
+def _signals(t: float) -> tuple[Array, Array, Array]:
+    """Return e and its two derivatives for three joints."""
+    w = np.array([2.0, 5.0, 9.0])
+    phase = np.array([0.3, 1.0, -2.0])
+    x = w * t + phase
+    return np.sin(x) / w, np.cos(x), -w * np.sin(x)
+
+
+@pytest.mark.parametrize('b', [1.0, 0.4])
+def test_three_joints_with_full_gains_against_the_continuous_equation(b: float) -> None:
+    """
+    Check v against p/(p+λ) with the acceleration, which the filter itself never sees.
+
+    dv/dt + λ v = -b [dde + Kv de + Kp e] is equation (4) times b. The hold makes an error of the
+    order of h: it must be small and halve with h.
+    """
+    rng = np.random.default_rng(1)
+    kv, kp, lambda_ = random_spd(rng, 3) * 5.0, random_spd(rng, 3) * 10.0, 3.0
+
+    def field(t: float, v: Array) -> Array:
+        e, de, dde = _signals(t)
+        return -lambda_ * v - b * (dde + kv @ de + kp @ e)
+
+    exact = solve_ivp(field, (0.0, 2.0), -b * _signals(0.0)[1], method='DOP853', rtol=1e-11,
+                      atol=1e-12).y[:, -1]
+    errors = []
+    for h in (2e-3, 1e-3):
+        made = _filter(3, lambda_, b, h)
+        for k in range(round(2.0 / h)):
+            e, de, _ = _signals(k * h)
+            made.update(de.tolist(), (kv @ de + kp @ e).tolist())
+        errors.append(np.abs(np.array(made.output(_signals(2.0)[1].tolist())) - exact).max())
+    assert errors[0] < 0.05 * np.abs(exact).max()
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
+
+
+def test_recursion_by_hand() -> None:
+    """Check the sampled solution for random inputs against numpy's full-matrix form."""
+    rng = np.random.default_rng(7)
+    kv, kp = random_spd(rng, 3), random_spd(rng, 3)
+    lambda_, b, h = 7.0, 1.3, 0.02
+    made, xi = _filter(3, lambda_, b, h), np.zeros(3)
+    for _ in range(200):
+        e, de = rng.normal(size=3), rng.normal(size=3)
+        np.testing.assert_allclose(made.output(de.tolist()), xi - b * de, atol=1e-12)
+        made.update(de.tolist(), (kv @ de + kp @ e).tolist())
+        bracket = b * ((lambda_ * np.eye(3) - kv) @ de - kp @ e)
+        xi = np.exp(-lambda_ * h) * xi + (1 - np.exp(-lambda_ * h)) / lambda_ * bracket
+
+
+def test_slow_pole_keeps_its_digits() -> None:
+    """Check (1 - exp(-λ h)) / λ where λ h is far below the float spacing at 1: it is h."""
+    made = _filter(1, 1e-12, 1.0, 1e-6)
+    made.update([0.0], [1.0])
+    assert made.output([0.0])[0] == pytest.approx(-1e-6, rel=1e-12)
+
+
+def test_state_lives_on() -> None:
+    """Check that new gains give no step in v, take effect afterwards, and reset gives zero."""
+    made = _filter(2, 10.0, 1.0, 0.01)
+    for _ in range(20):
+        made.update([1.0, -2.0], [30.0, 4.0])
+    before = made.output([0.5, 0.5])
+    made.configure(2.0, 1.0, 0.02)
+    assert made.output([0.5, 0.5]) == before
+    xi = np.array(made.output([0.0, 0.0]))
+    made.update([0.0, 0.0], [0.0, 0.0])
+    assert made.output([0.0, 0.0]) == pytest.approx((xi * np.exp(-0.04)).tolist())
+    made.configure(2.0, 3.0, 0.02)
+    xi = np.array(made.output([0.0, 0.0]))
+    assert made.output([1.0, 0.0]) == pytest.approx((xi - [3.0, 0.0]).tolist())
+    made.reset()
+    assert list(made.output([0.0, 0.0])) == [0.0, 0.0]
+
+
+def test_starts_at_rest() -> None:
+    """Check ξ(0) = 0, so that v(0) = -b de(0)."""
+    assert list(_filter(3, 5.0, 2.0, 1e-3).output([1.0, -2.0, 0.0])) == [-2.0, 4.0, 0.0]

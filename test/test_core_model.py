@@ -1,0 +1,103 @@
+"""The base class of models, its small linear algebra, and the models by name."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from oracles import Array, Generic, Masses, paper_c, paper_g, paper_m, random_spd, states
+
+from ctc_chattering.core.model import Model, dot, solve, times
+from ctc_chattering.core.models import MODELS, check_model, make_model
+from ctc_chattering.core.two_link import TwoLink
+from ctc_chattering.errors import CtcError, ParameterError
+
+
+@given(st.integers(1, 6), st.integers(0, 2 ** 32 - 1), st.floats(0.0, 6.0))
+def test_solve_is_a_solution(n: int, seed: int, decades: float) -> None:
+    """Check random positive definite systems, well and badly conditioned, against numpy."""
+    rng = np.random.default_rng(seed)
+    a, b = random_spd(rng, n, decades), rng.normal(size=n)
+    x = np.array(solve(a.tolist(), b.tolist()))
+    residual = np.abs(a @ x - b).max()
+    assert residual <= 1e-13 * (1.0 + np.abs(a).max() * np.abs(x).max())
+    np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=1e-7, atol=1e-10)
+
+
+def test_solve_leaves_its_arguments_alone() -> None:
+    """Check that nothing is done in place."""
+    a, b = [[4.0, 1.0], [1.0, 3.0]], [1.0, 2.0]
+    assert solve(a, b) == pytest.approx([1 / 11, 7 / 11])
+    assert (a, b) == ([[4.0, 1.0], [1.0, 3.0]], [1.0, 2.0])
+    assert solve([], []) == []
+
+
+def test_products_against_numpy() -> None:
+    """Check dot and a matrix that is not square."""
+    rng = np.random.default_rng(0)
+    a, x = rng.normal(size=(3, 5)), rng.normal(size=5)
+    assert times(a.tolist(), x.tolist()) == pytest.approx((a @ x).tolist())
+    assert dot(x.tolist(), a[0].tolist()) == pytest.approx(float(a[0] @ x))
+
+
+@pytest.mark.parametrize('locked', range(8))
+def test_every_lock_mask_of_three_joints(locked: int) -> None:
+    """Check M ddq = u on free joints and ddq = 0 on locked ones, by reduced numpy systems."""
+    rng = np.random.default_rng(locked)
+    free = [i for i in range(3) if not locked >> i & 1]
+    for _ in range(20):
+        mass, u = random_spd(rng, 3, 2.0), rng.normal(size=3)
+        expected = np.zeros(3)
+        if free:
+            expected[free] = np.linalg.solve(mass[np.ix_(free, free)], u[free])
+        ddq = Masses(mass.tolist()).forward_dynamics([0.0] * 3, [0.0] * 3, u.tolist(), locked)
+        np.testing.assert_allclose(ddq, expected, rtol=1e-10, atol=1e-13)
+        assert [ddq[i] for i in range(3) if i not in free] == [0.0] * (3 - len(free))
+
+
+@pytest.mark.parametrize('model', [Generic(), TwoLink()])
+def test_inverse_dynamics_is_equation_1(model: Model) -> None:
+    """Check M a + C dq + G against the paper's matrices, and that forward dynamics undoes it."""
+    rng = np.random.default_rng(1)
+    for q, dq in states(50):
+        a = rng.normal(size=2) * 5.0
+        u = model.inverse_dynamics(q, dq, a.tolist())
+        expected: Array = paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q)
+        np.testing.assert_allclose(u, expected, atol=1e-12)
+        np.testing.assert_allclose(model.forward_dynamics(q, dq, u), a, atol=1e-11)
+
+
+def _energy(model: Model, q: Array, dq: Array) -> float:
+    return (model.kinetic_energy(q.tolist(), dq.tolist())
+            + model.potential_energy(q.tolist()))
+
+
+def test_power_balance() -> None:
+    """Check dE/dt = dqᵀ u along the dynamics by differences: M, C, G and the energies agree."""
+    model, h = Generic(), 1e-5
+    rng = np.random.default_rng(8)
+    for q, dq in states(50, seed=3):
+        u = rng.uniform(-50.0, 50.0, 2)
+        a = np.array(model.forward_dynamics(q, dq, u.tolist()))
+        after, before = (_energy(model, q + t * np.array(dq) + 0.5 * t * t * a, dq + t * a)
+                         for t in (h, -h))
+        assert (after - before) / (2 * h) == pytest.approx(u @ dq, abs=1e-4)
+
+
+def test_models_by_name() -> None:
+    """Check that the gravity is passed on, and that unknown names and counts are refused."""
+    assert MODELS == ('two_link',)
+    model = make_model('two_link', 3.0)
+    assert isinstance(model, TwoLink)
+    np.testing.assert_allclose(model.gravity_torque([1.0, 0.5]), paper_g([1.0, 0.5], 3.0))
+    with pytest.raises(ParameterError, match="model: 'puma' is not allowed; allowed: two_link"):
+        make_model('puma', 9.81)
+    check_model('two_link', ('a', 'b'))
+    for names in ((), ('a',), ('a', 'b', 'c')):
+        with pytest.raises(CtcError, match='2 names'):
+            check_model('two_link', names)
+
+
+def test_base_class_is_abstract() -> None:
+    """Check that a model without M, C, G cannot be made."""
+    with pytest.raises(TypeError):
+        Model()  # type: ignore[abstract]

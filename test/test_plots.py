@@ -1,0 +1,272 @@
+"""What the figures show, read back from their axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ctc_chattering import plots
+from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.reference import ReferenceConfig
+from ctc_chattering.core.simulation import Event, Run, simulate
+from ctc_chattering.core.terms import Terms
+from ctc_chattering.errors import CtcError
+from ctc_chattering.result import Result
+
+pytestmark = pytest.mark.filterwarnings('error')
+LAWS = {law: ControllerConfig(law=law) for law in ('compensation', 'chattering')}
+DRAWN = (plots.tracking, plots.torques, plots.internals)
+
+
+def simulated(law: str, duration: float, experiment: str = 'friction') -> Result:
+    run = simulate(PlantConfig(duration=duration), LAWS[law], ReferenceConfig())
+    return Result(experiment, [(0.0, LAWS[law])], run)
+
+
+def made_up(n: int, samples: int = 300, **values: Any) -> Result:
+    """Return a result for `n` joints that no model here has."""
+    t = np.array([i * 1e-3 for i in range(samples)])
+    x = np.sin(np.outer(t, 20.0 + np.arange(n)))
+    config = SimpleNamespace(**{
+        'law': 'chattering', 'switching': 'sign', 'model': 'other', 'control_period': 1e-3,
+        'joint_names': tuple(f'axis{i}' for i in range(n)), **values})
+    run = Run(t, x, x, x + 0.1, x, x, 5.0 * x, 0.1 * x)
+    terms = Terms(run.tau, run.tau, x, 10.0 * np.sign(x), run.v, 1e-6 + np.square(x).sum(axis=1))
+    return Result('friction', [(0.0, config)], run, terms)  # type: ignore[list-item]
+
+
+@pytest.fixture(scope='module')
+def chattering() -> Result:
+    return simulated('chattering', 6.0)
+
+
+@pytest.fixture(scope='module')
+def compensation() -> Result:
+    return simulated('compensation', 6.0)
+
+
+@pytest.fixture(scope='module')
+def switch() -> Result:
+    change = Event(0.6, 'controller', {'law': 'chattering'})
+    run = simulate(PlantConfig(duration=2.0), LAWS['compensation'], ReferenceConfig(), [change])
+    return Result('switch', [(0.0, LAWS['compensation']), (0.6, LAWS['chattering'])], run)
+
+
+def panel(figure: Figure, unit: str, index: int = 0, enlarged: bool = False) -> Axes:
+    """Return one of the axes whose y label ends in `unit`."""
+    return [ax for ax in figure.axes if ax.get_ylabel().endswith(f'[{unit}]')
+            and ax.get_title('left').startswith('enlarged') == enlarged][index]
+
+
+def drawn(ax: Axes, line: int = 0) -> Any:
+    return np.asarray(ax.lines[line].get_ydata())
+
+
+def texts(ax: Axes) -> str:
+    return ' | '.join(text.get_text() for text in ax.texts)
+
+
+def test_tracking_draws_positions_reference_and_error(chattering: Result) -> None:
+    run, figure = chattering.run, plots.tracking(chattering)
+    for i in range(2):
+        ax = panel(figure, 'rad', i)
+        assert np.array_equal(drawn(ax), run.q[:, i])
+        assert np.array_equal(drawn(ax, 1), run.q_d[:, i])
+        assert np.array_equal(ax.lines[0].get_xdata(), run.t)
+        assert ax.get_title('left') == f'joint{i + 1}'
+    ax = panel(figure, 'rad', 2)
+    assert ax.get_ylabel() == '|e₁| + |e₂| [rad]'
+    assert np.array_equal(drawn(ax), np.abs(run.q_d - run.q).sum(axis=1))
+    assert ax.get_yscale() == 'log'
+    assert ax.get_ylim()[1] > drawn(ax).max()
+
+
+def test_torques_show_the_steady_part_and_say_what_is_cut(chattering: Result) -> None:
+    run, figure = chattering.run, plots.torques(chattering)
+    for i in range(2):
+        ax = panel(figure, 'N·m', i)
+        assert np.array_equal(drawn(ax), run.tau[:, i])
+        low, high = ax.get_ylim()
+        steady = run.tau[run.t >= 1.0, i]
+        assert low < steady.min()
+        assert steady.max() < high < 2.0 * steady.max()
+        assert f'axis cut: {run.tau[0, i]:.4g} N·m at t = 0 s' in texts(ax)
+
+
+def test_nothing_is_cut_where_there_is_no_peak() -> None:
+    ax = panel(plots.torques(made_up(2)), 'N·m')
+    low, high = ax.get_ylim()
+    assert low < drawn(ax).min() and drawn(ax).max() < high
+    assert not texts(ax)
+
+
+def test_internals_draw_v_lyapunov_and_chattering(chattering: Result) -> None:
+    terms, figure = chattering.terms, plots.internals(chattering)
+    ax = panel(figure, 'J')
+    assert np.array_equal(drawn(ax), terms.lyapunov)
+    assert ax.get_yscale() == 'log'
+    for i in range(2):
+        assert np.array_equal(drawn(panel(figure, 'rad/s', i)), terms.v[:, i])
+        ax = panel(figure, 'N·m', i)
+        assert np.array_equal(drawn(ax), terms.chattering[:, i])
+        assert ax.get_ylim() == (-12.5, 12.5)
+
+
+def test_a_missing_chattering_term_is_named(compensation: Result) -> None:
+    ax = panel(plots.internals(compensation), 'N·m')
+    assert not drawn(ax).any()
+    assert 'not part of this law' in texts(ax)
+
+
+def test_a_slice_is_enlarged(chattering: Result) -> None:
+    ax = panel(plots.torques(chattering), 'N·m', enlarged=True)
+    last = chattering.run.t >= 5.8 - 1e-9
+    assert np.array_equal(drawn(ax), chattering.run.tau[last, 0])
+    assert ax.lines[0].get_drawstyle() == 'steps-post'
+    assert ax.get_xlim() == pytest.approx((5.8, 6.0))
+
+
+@pytest.mark.parametrize('draw', DRAWN)
+def test_every_axis_has_a_unit(chattering: Result, draw: Any) -> None:
+    for ax in draw(chattering).axes:
+        assert ax.get_xlabel() == 't [s]'
+        assert ax.get_ylabel().endswith(']')
+
+
+@pytest.mark.parametrize('draw', DRAWN)
+def test_a_change_of_law_is_marked(switch: Result, draw: Any) -> None:
+    figure = draw(switch)
+    for ax in figure.axes:
+        assert [0.6, 0.6] in [np.asarray(line.get_xdata()).tolist() for line in ax.lines]
+    assert '→ chattering' in texts(figure.axes[0])
+    first, last = next(ax for ax in figure.axes
+                       if ax.get_title('left').startswith('enlarged')).get_xlim()
+    assert first < 0.6 < last
+
+
+def test_a_run_under_one_law_has_no_mark(chattering: Result) -> None:
+    assert all(len(ax.lines) == 1 for ax in plots.torques(chattering).axes)
+
+
+@pytest.mark.parametrize(('experiment', 'law', 'numbers'), [
+    ('friction', 'compensation', (2, 4)), ('friction', 'chattering', (3, 5)),
+    ('disturbance', 'compensation', (6, 8)), ('disturbance', 'chattering', (7, 9))])
+def test_titles_name_the_figures_of_the_paper(
+        experiment: str, law: str, numbers: tuple[int, int]) -> None:
+    result = simulated(law, 0.1, experiment)
+    for draw, number in zip((plots.tracking, plots.torques), numbers):
+        assert f'figure {number} of the paper' in draw(result).get_suptitle()
+
+
+def test_other_runs_name_no_figure_of_the_paper(switch: Result) -> None:
+    for result in (switch, simulated('chattering', 0.1, 'mine'), made_up(2)):
+        assert 'paper' not in plots.tracking(result).get_suptitle()
+
+
+@pytest.mark.parametrize('n', [1, 7])
+def test_any_number_of_joints(n: int, tmp_path: Path) -> None:
+    result = made_up(n)
+    run, figure = result.run, plots.tracking(result)
+    for i in range(n):
+        assert np.array_equal(drawn(panel(figure, 'rad', i)), run.q[:, i])
+    assert np.allclose(drawn(panel(figure, 'rad', n)), 0.1 * n)
+    assert len(plots.torques(result).axes) == 2 * n
+    assert len(plots.internals(result).axes) == 1 + 3 * n
+    assert len(plots.save_figures([result], tmp_path)) == 3
+
+
+@pytest.mark.parametrize('samples', [1, 2, 5])
+def test_very_short_runs(samples: int, tmp_path: Path) -> None:
+    assert len(plots.save_figures([made_up(1, samples)], tmp_path)) == 3
+
+
+def test_an_error_of_zero_and_names_with_dollars(tmp_path: Path) -> None:
+    result = made_up(2, joint_names=('$\\bad$', '_hidden'))
+    run = Run(**{**vars(result.run), 'q_d': result.run.q})
+    still = Result('$\\frac$', result.configs, run, result.terms)
+    assert len(plots.save_figures([still, still], tmp_path)) == 8
+
+
+def test_an_empty_run_is_refused_before_anything_is_written(
+        chattering: Result, tmp_path: Path) -> None:
+    empty = made_up(2, 0)
+    for draw in DRAWN:
+        with pytest.raises(CtcError, match=r'^friction: chattering: the run has no samples.*$'):
+            draw(empty)
+    with pytest.raises(CtcError, match='no samples'):
+        plots.save_figures([chattering, empty], tmp_path / 'new')
+    assert not (tmp_path / 'new').exists()
+
+
+def test_comparison_puts_the_laws_of_an_experiment_together(
+        compensation: Result, chattering: Result, switch: Result) -> None:
+    figure = plots.error_comparison([compensation, chattering, switch])
+    friction, changed = figure.axes
+    assert [friction.get_title('left'), changed.get_title('left')] == ['friction', 'switch']
+    for line, result in enumerate((compensation, chattering)):
+        error = np.abs(result.run.q_d - result.run.q).sum(axis=1)
+        assert np.array_equal(drawn(friction, line), error)
+        assert friction.lines[line].get_color() == plots.LAW_COLOURS[result.law]
+        largest = result.metrics()['max_error_norm1_rad']
+        assert friction.lines[line].get_label() == f'{result.law}: at most {largest:.2g} rad'
+    assert '→ chattering' in texts(changed)
+    assert all(ax.get_yscale() == 'log' for ax in figure.axes)
+    assert friction.get_ylim() == changed.get_ylim()
+
+
+def test_scores_are_the_metrics(compensation: Result, chattering: Result, switch: Result) -> None:
+    results = [compensation, chattering, switch]
+    figure = plots.score_comparison(results)
+    for ax, key, unit in zip(figure.axes, ('rms_error_rad', 'torque_variation_nm_per_s'),
+                             ('[rad]', '[N·m/s]')):
+        assert ax.get_xlabel().endswith(unit)
+        for y, result in enumerate(results[:2]):
+            assert np.asarray(ax.lines[y].get_xdata()).tolist() == result.metrics()[key]
+            assert drawn(ax, y).tolist() == [y, y]
+        assert 'no sample in this time' in texts(ax)
+    assert figure.axes[0].get_yticklabels()[2].get_text() == 'switch: compensation → chattering'
+
+
+def test_equal_scores_have_an_axis_of_whole_decades() -> None:
+    results = [made_up(7, 5200)] * 2
+    for ax in plots.score_comparison(results).axes:
+        low, high = np.log10(ax.get_xlim())
+        assert (low, high) == pytest.approx((round(low), round(high)))
+        assert low < high
+        shown = np.asarray(ax.lines[0].get_xdata())
+        assert len(shown) == 7
+        assert 10.0 ** low < shown.min() and shown.max() < 10.0 ** high
+
+
+def test_the_names_of_the_switchings_tell_runs_apart(tmp_path: Path) -> None:
+    results = [made_up(1), made_up(1, switching='smooth'), made_up(1, switching='smooth')]
+    ax = plots.error_comparison(results).axes[0]
+    assert [line.get_label() for line in ax.lines] == [
+        'chattering (sign)', 'chattering (smooth)', 'chattering (smooth)']
+    assert len({line.get_linestyle() for line in ax.lines}) == 3
+    files = plots.save_figures(results, tmp_path)
+    assert len({file.path for file in files}) == len(files) == 11
+
+
+def test_files_are_png_with_title_and_caption(chattering: Result, tmp_path: Path) -> None:
+    directory = tmp_path / 'a' / 'b'
+    files = plots.save_figures([chattering], directory)
+    assert [file.path.name for file in files] == [
+        f'friction_chattering_{kind}.png' for kind in ('tracking', 'torques', 'internals')]
+    for file in files:
+        assert file.path.parent == directory
+        assert file.path.read_bytes().startswith(b'\x89PNG')
+        assert file.title and file.caption.endswith('.')
+
+
+def test_a_directory_that_cannot_be_made(chattering: Result, tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(CtcError, match=r'^cannot write figures to .*file'):
+        plots.save_figures([chattering], tmp_path / 'file')
