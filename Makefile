@@ -27,7 +27,7 @@ lint: $(READY)
 benchmark: $(READY)
 	$(BIN)/ctc benchmark
 
-# setup.cfg sends the scripts to lib/ctc_chattering, for colcon; PIP_... keeps pip out of it.
+# Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip

@@ -8,19 +8,16 @@ import os
 from pathlib import Path
 import signal
 import sys
+import tempfile
 from types import FrameType
 from typing import Any
 
 from ctc_chattering import params, supervisor
 from ctc_chattering.errors import CtcError
-from ctc_chattering.settings import parameters_of
+from ctc_chattering.settings import LOOP
 from ctc_chattering.share import config_directory
 
 Overrides = Mapping[str, Mapping[str, Any]]
-#: Nodes of the control loop; the recorder joins them if asked.
-LOOP = ('controller', 'reference', 'plant')
-
-
 class Stopped(CtcError):
     """The run was stopped by SIGINT or SIGTERM."""
 
@@ -63,21 +60,23 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
     observer_class = _observer()
     lockstep = setup.plant.pacing == 'lockstep'
     names = (*(('recorder',) if record else ()), *LOOP)
-    with _signals() as caught:
+    values = {name: dict(setup.values[name]) for name in names}
+    for name in LOOP:
+        values[name]['wait_for'] = ['bringup', *names]
+    if lockstep and setup.events:
+        values['plant']['hold_at'] = setup.events[0].time
+    if record is not None:
+        values['recorder']['bag'] = str(record)
+    with _signals() as caught, tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
+        resolved = Path(scratch) / 'params.yaml'
+        params.dump(values, _namespace(ros_args), resolved)
         children: dict[str, supervisor.Child] = {}
         observer = None
         try:
             for name in names:
-                extra = dict((overrides or {}).get(name, {}))
-                extra.update({key: value for key, value in (overrides or {}).get(
-                    params.EVERY_NODE, {}).items() if key in parameters_of(name)})
-                if name == 'recorder':
-                    extra['bag'] = str(record)
-                else:
-                    extra['wait_for'] = ['bringup', *names]
-                if name == 'plant' and lockstep and setup.events:
-                    extra['hold_at'] = setup.events[0].time
-                children[name] = supervisor.Child(name, _argv(name, path, extra, ros_args), show)
+                argv = [sys.executable, '-m', f'ctc_chattering.nodes.{name}', *ros_args,
+                        '--ros-args', '--params-file', str(resolved)]
+                children[name] = supervisor.Child(name, argv, show)
             observer = observer_class(setup.events, lockstep, ros_args)
             _watch(children, observer, caught, setup.plant.duration > 0.0, progress)
         finally:
@@ -107,15 +106,12 @@ def _watch(children: Mapping[str, supervisor.Child], observer: Any, caught: Sequ
             progress(time)
 
 
-def _argv(name: str, path: Path | None, values: Mapping[str, Any],
-          ros_args: Sequence[str]) -> list[str]:
-    argv = [sys.executable, '-m', f'ctc_chattering.nodes.{name}', *ros_args, '--ros-args']
-    if path is not None:
-        argv += ['--params-file', str(path)]
-    for key, value in values.items():
-        text = '[' + ', '.join(value) + ']' if isinstance(value, list) else value
-        argv += ['-p', f'{key}:={text}']
-    return argv
+def _namespace(ros_args: Sequence[str]) -> str:
+    """Return the namespace that the arguments for ROS give all nodes."""
+    for word in reversed(ros_args):
+        if word.startswith('__ns:='):
+            return word.removeprefix('__ns:=')
+    return '/'
 
 
 @contextmanager

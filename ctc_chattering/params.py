@@ -17,7 +17,7 @@ from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.settings import BringupSettings, NODES, parameters_of, PlantSettings
+from ctc_chattering.settings import BringupSettings, LOOP, NODES, parameters_of
 
 Values = dict[str, Any]
 #: Section whose parameters go to every node that knows them.
@@ -44,18 +44,18 @@ class Setup:
     ----------
     plant, controller, reference
         Configurations of the core.
-    settings : PlantSettings
-        Of the plant node.
     events : tuple of Event
         Parameters that change during the run, in the order of time.
+    values : mapping
+        Every parameter's value, by executable and parameter.
 
     """
 
     plant: PlantConfig
     controller: ControllerConfig
     reference: ReferenceConfig
-    settings: PlantSettings
     events: tuple[Event, ...]
+    values: Mapping[str, Values]
 
 
 def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> Setup:
@@ -90,15 +90,35 @@ def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = 
                     values[node][key] = value
     configs = {node: [_build(config, values[node], node) for config in NODES[node]]
                for node in NODES}
-    plant, settings = configs['plant']
-    controller, reference = configs['controller'][0], configs['reference'][0]
+    plant, controller, reference = (configs[node][0] for node in LOOP)
     bringup = configs['bringup'][0]
-    assert isinstance(plant, PlantConfig) and isinstance(settings, PlantSettings)
-    assert isinstance(controller, ControllerConfig) and isinstance(reference, ReferenceConfig)
-    assert isinstance(bringup, BringupSettings)
+    assert isinstance(plant, PlantConfig) and isinstance(controller, ControllerConfig)
+    assert isinstance(reference, ReferenceConfig) and isinstance(bringup, BringupSettings)
     _check_agreement(plant, controller, reference)
     events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
-    return Setup(plant, controller, reference, settings, events)
+    resolved = {node: {name: value for config in configs[node]
+                       for name, value in config.as_mapping().items()} for node in NODES}
+    return Setup(plant, controller, reference, events, resolved)
+
+
+def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
+    """
+    Write a parameter file that says everything, for nodes in `namespace`.
+
+    Parameters
+    ----------
+    values : mapping
+        Values by node and parameter.
+    namespace : str
+        For example ``/robot1``; ROS takes no wildcard in front of a node's name.
+    path : Path
+        File to write.
+
+    """
+    tree = {f'{namespace.rstrip("/")}/{node}': {'ros__parameters': {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in mine.items()}} for node, mine in values.items()}
+    path.write_text(yaml.safe_dump(tree, default_flow_style=None), encoding='utf-8')
 
 
 def read(path: Path) -> dict[str, Values]:

@@ -97,6 +97,10 @@ NODES: dict[str, Sequence[type[Config]]] = {
 }
 
 
+#: The nodes of the control loop.
+LOOP = ('plant', 'controller', 'reference')
+
+
 def parameters_of(node: str) -> dict[str, Parameter]:
     """Return all parameters of the executable `node` by name."""
     return {name: spec for config in NODES[node] for name, spec in config.parameters().items()}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator
+import itertools
 
 import numpy as np
 import numpy.typing as npt

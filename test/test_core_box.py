@@ -1,10 +1,10 @@
 """The box-constrained problem against enumeration, scipy, and its optimality conditions."""
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
 from oracles import Array, box_by_enumeration, random_spd
+import pytest
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
 
 from ctc_chattering.core.box import solve_box

@@ -5,10 +5,10 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
 from oracles import Array, Generic, paper_c, paper_g, paper_m
+import pytest
 
-from ctc_chattering.core.controller import LAWS, Controller, ControllerConfig, Sample
+from ctc_chattering.core.controller import Controller, ControllerConfig, LAWS, Sample
 from ctc_chattering.core.two_link import TwoLink
 from ctc_chattering.errors import ParameterError
 

@@ -1,8 +1,8 @@
 """The filter (3): exact for its pole, without acceleration, bumpless."""
 
 import numpy as np
-import pytest
 from oracles import Array, random_spd
+import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 from ctc_chattering.core.filter import ErrorFilter

@@ -1,10 +1,10 @@
 """Which joints stick and which slide, against enumeration of Coulomb's law."""
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import Masses, friction_by_enumeration, paper_c, paper_g, paper_m, random_spd
+import numpy as np
+from oracles import friction_by_enumeration, Masses, paper_c, paper_g, paper_m, random_spd
+import pytest
 
 from ctc_chattering.core.friction import excess, locked, modes
 from ctc_chattering.core.two_link import TwoLink
@@ -56,6 +56,8 @@ def test_a_moving_joint_slides_the_way_it_moves(
         dq: list[float], level: list[float], expected: tuple[int, ...]) -> None:
     """Check the direction whatever the load, and joints without friction."""
     assert modes(ARM, [0.0, 0.0], dq, [0.0, 0.0], level) == expected
+    if 0.0 in level:  # no load makes a joint without friction slide or stick
+        assert modes(ARM, [1.0, 2.0], dq, [90.0, 3.0], level) == expected
     if 0.0 not in dq:
         assert modes(ARM, [1.0, 2.0], dq, [1e3, -1e3], level) == expected
 

@@ -1,7 +1,7 @@
 """The control grid in whole nanoseconds."""
 
-import math
 from fractions import Fraction
+import math
 
 import pytest
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from ctc_chattering.core.metrics import BAND, WINDOW, metrics, reaching_time, rms
+from ctc_chattering.core.metrics import BAND, metrics, reaching_time, rms, WINDOW
 from ctc_chattering.core.simulation import Run
 
 

@@ -1,13 +1,13 @@
 """The base class of models, its small linear algebra, and the models by name."""
 
-import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+import numpy as np
 from oracles import Array, Generic, Masses, paper_c, paper_g, paper_m, random_spd, states
+import pytest
 
-from ctc_chattering.core.model import Model, dot, solve, times
-from ctc_chattering.core.models import MODELS, check_model, make_model
+from ctc_chattering.core.model import dot, Model, solve, times
+from ctc_chattering.core.models import check_model, make_model, MODELS
 from ctc_chattering.core.two_link import TwoLink
 from ctc_chattering.errors import CtcError, ParameterError
 

@@ -4,10 +4,10 @@ import dataclasses
 import math
 from typing import Any, ClassVar
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.parameters import Config, matrix, parameter

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from oracles import Array, Counting, Masses, paper_field
+import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 from ctc_chattering.core.plant import Plant, PlantConfig
@@ -26,12 +26,14 @@ def _energy(plant: Plant) -> float:
             + plant.model.potential_energy(plant.q))
 
 
-def test_smooth_motion_with_disturbance_against_scipy() -> None:
+@pytest.mark.parametrize(('period', 'step'), [(1e-3, 1e-3), (5e-3, 1e-3)])
+def test_smooth_motion_with_disturbance_against_scipy(period: float, step: float) -> None:
     """Check 2 s of free motion under a held torque and d(t) against an 8th-order method."""
     amplitude, frequency, tau = [5.0, -3.0], [3.0, 7.0], [20.0, -5.0]
     plant = _plant(coulomb_friction=[0, 0], initial_position=[0.5, -1.0],
-                   initial_velocity=[1.0, -2.0], amplitude=amplitude, frequency=frequency)
-    for _ in range(2000):
+                   initial_velocity=[1.0, -2.0], amplitude=amplitude, frequency=frequency,
+                   control_period=period, integration_step=step)
+    for _ in range(round(2.0 / period)):
         plant.step(tau)
     assert plant.t == 2.0
 

@@ -1,7 +1,7 @@
 """The first instant at which a function turns negative."""
 
-import math
 from collections.abc import Callable
+import math
 
 import pytest
 from scipy.optimize import brentq  # type: ignore[import-untyped]

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from oracles import Array, Counting, paper_c, paper_field, paper_g, paper_m
+import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 from ctc_chattering.core.controller import Controller, ControllerConfig

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ctc_chattering.core.switching import SWITCHINGS, sign
+from ctc_chattering.core.switching import sign, SWITCHINGS
 
 
 @pytest.mark.parametrize(('v', 'expected'), [

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from oracles import paper_c, paper_g, paper_m
+import pytest
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.plant import PlantConfig

@@ -1,9 +1,9 @@
 """A desired motion in pieces."""
 
-import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 from ctc_chattering.core.trajectory import Point, Trajectory
 

@@ -1,8 +1,8 @@
 """The paper's arm: its matrices, their structure, and the closed forms of the products."""
 
 import numpy as np
-import pytest
 from oracles import Generic, paper_c, paper_g, paper_m, states
+import pytest
 
 from ctc_chattering.core.two_link import TwoLink
 

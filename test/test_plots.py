@@ -6,10 +6,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
-import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+import numpy as np
+import pytest
 
 from ctc_chattering import plots
 from ctc_chattering.core.controller import ControllerConfig

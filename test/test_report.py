@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from html.parser import HTMLParser
+import json
 from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote
@@ -17,8 +17,8 @@ from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event, Run, simulate
 from ctc_chattering.errors import CtcError
 from ctc_chattering.plots import FigureFile
-from ctc_chattering.report import write_metrics, write_page
-from ctc_chattering.result import Result
+from ctc_chattering.report import write_page
+from ctc_chattering.result import Result, write_metrics
 
 VOID = {'meta', 'img', 'br'}
 LAWS = {law: ControllerConfig(law=law) for law in ('compensation', 'chattering')}
