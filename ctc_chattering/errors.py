@@ -25,4 +25,5 @@ class ParameterError(CtcError, ValueError):
         self.value = value
         self.allowed = allowed
         shown = list(value) if isinstance(value, tuple) else value
-        super().__init__(f'{name}: {shown!r} is not allowed; allowed: {allowed}')
+        text = ' '.join(repr(shown).split())
+        super().__init__(f'{name}: {text} is not allowed; allowed: {allowed}')

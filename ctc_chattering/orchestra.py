@@ -101,7 +101,7 @@ def _watch(children: Mapping[str, supervisor.Child], observer: Any, caught: Sequ
                 if name == 'plant' and child.status == 0 and ends:
                     return
                 raise CtcError(child.obituary())
-        time = observer.look(0.02)
+        time = observer.look()
         if progress is not None:
             progress(time)
 

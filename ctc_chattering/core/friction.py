@@ -14,6 +14,8 @@ from ctc_chattering.core.box import solve_box
 from ctc_chattering.core.model import Model, solve, Vector
 
 Modes = tuple[int, ...]
+#: A load that rounding alone lifts above Kf breaks no joint away.
+_HOLD = 1.0 + 1e-12
 
 
 def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Modes:
@@ -77,7 +79,7 @@ def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,
     """
     a = model.forward_dynamics(q, dq, load, locked(stuck))
     need = model.inverse_dynamics(q, dq, a)
-    return [abs(load[i] - need[i]) - level[i] for i in stuck]
+    return [abs(load[i] - need[i]) - _HOLD * level[i] for i in stuck]
 
 
 def locked(joints: Sequence[int]) -> int:

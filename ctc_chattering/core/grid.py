@@ -17,7 +17,7 @@ def period_ns(control_period: float) -> int:
         If it is not a whole, positive number of nanoseconds (to one part in 1e9).
 
     """
-    ns = round(control_period * NANOSECONDS)
+    ns = round(control_period * NANOSECONDS) if 0.0 < control_period < 1e9 else 0
     if ns < 1 or abs(control_period * NANOSECONDS - ns) > 1e-9 * ns:
         raise ParameterError(
             'control_period', control_period, 'a positive whole number of nanoseconds')

@@ -63,7 +63,7 @@ def reaching_time(t: Array, v: Array, band: float = BAND) -> float | None:
 
     None if the last sample is outside, or there is none.
     """
-    outside = np.flatnonzero((np.abs(v) > band).any(axis=1))
+    outside = np.flatnonzero(~(np.abs(v) <= band).all(axis=1))
     if not len(t) or (len(outside) and outside[-1] == len(t) - 1):
         return None
     return float(t[outside[-1] + 1] if len(outside) else t[0])

@@ -7,6 +7,7 @@ The YAML file, the ROS nodes, `ctc` and the README's tables are all served from 
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping
 import dataclasses
 import math
@@ -110,15 +111,20 @@ class Parameter:
         """
         scalar = self.kind.removesuffix('[]')
         if self.kind.endswith('[]'):
-            if isinstance(value, str) or not hasattr(value, '__iter__'):
+            if not (isinstance(value, (list, tuple, array))
+                    or (isinstance(value, np.ndarray) and value.ndim == 1)):
                 raise ParameterError(self.name, value, self.allowed)
             return tuple(self._scalar(scalar, item, value) for item in value)
         return self._scalar(scalar, value, value)
 
     def _scalar(self, kind: str, item: object, whole: object) -> Any:
-        number = isinstance(item, (int, float, np.number)) and not isinstance(item, bool)
+        number = (isinstance(item, (int, float, np.integer, np.floating))
+                  and not isinstance(item, bool))
         if kind == 'float' and number:
-            return float(item)  # type: ignore[arg-type]
+            try:
+                return float(item)  # type: ignore[arg-type]
+            except OverflowError:
+                raise ParameterError(self.name, whole, self.allowed) from None
         if ((kind == 'int' and number and not isinstance(item, (float, np.floating)))
                 or (kind == 'bool' and isinstance(item, bool))
                 or (kind == 'str' and isinstance(item, str))):
@@ -137,7 +143,8 @@ class Parameter:
         if self.kind in ('float', 'float[]', 'int'):
             matrix = self.shape == 'nn' and len(items) != n
             for item in items:
-                finite = math.isfinite(item) or (self.infinite and not math.isnan(item))
+                finite = isinstance(item, int) or math.isfinite(item) or (
+                    self.infinite and not math.isnan(item))
                 low = item <= self.minimum if self.exclusive else item < self.minimum
                 if not finite or (not matrix and (low or item > self.maximum)):
                     raise ParameterError(self.name, value, self.allowed)
@@ -185,7 +192,8 @@ class Config:
         names = getattr(self, 'joint_names', ())
         if names is None:
             names = self.parameters()['joint_names'].default
-        n = len(names) if not isinstance(names, str) else 0
+        joints = self.parameters().get('joint_names')
+        n = len(joints.coerce(names)) if joints else 0
         for spec in self.parameters().values():
             value = getattr(self, spec.field)
             value = spec.default_for(n) if value is None else spec.coerce(value)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from math import inf
+from math import inf, isfinite
 from typing import ClassVar
 
 from ctc_chattering.core.disturbance import disturbance
@@ -63,14 +63,14 @@ class PlantConfig(Config):
     integration_step: float = parameter(
         'integration_step', 'float', 1e-3,
         'Largest step of the integrator; at most one control period is taken at once.', unit='s',
-        minimum=0.0, exclusive=True, read_only=True)
+        minimum=1e-9, read_only=True)
     pacing: str = parameter(
         'pacing', 'str', 'real_time',
         'Publish on the node clock, or in simulated time after each answer.', choices=PACINGS,
         read_only=True)
     duration: float = parameter(
         'duration', 'float', 0.0, 'Simulated time after which the run ends; 0 for never.',
-        unit='s', minimum=0.0, read_only=True)
+        unit='s', minimum=0.0, maximum=1e9, read_only=True)
     experiment: str = parameter(
         'experiment', 'str', 'friction', 'Title of the run in metrics and figures.',
         read_only=True)
@@ -141,11 +141,15 @@ class Plant:
 
         """
         t = self.t
+        if not isfinite(sum(tau)):
+            raise CtcError(f'the torque {list(tau)} at t = {t:g} s is not finite')
         if not self._decided or self._stuck or 0.0 in self.dq:
             self._decide(t, tau)
         try:
             for i in range(self._substeps):
                 self._advance(t + i * self._h, self._h, tau)
+            if not isfinite(sum(self.q) + sum(self.dq)):
+                raise OverflowError
         except (ValueError, OverflowError):  # sin(inf)
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s') from None
         self.k += 1

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-_MAX_STEPS = 60
+#: Enough for 40 bisections, one step in eight.
+_MAX_STEPS = 330
 
 
 def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: float) -> float:

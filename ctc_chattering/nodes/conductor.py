@@ -117,9 +117,9 @@ class Observer:
         self._executor = Executor()
         self._executor.add_node(self._node)
 
-    def look(self, seconds_: float) -> float:
+    def look(self) -> float:
         """
-        Serve the graph for about `seconds_` [s] and return the time of the run [s].
+        Serve the graph for a moment and return the time of the run [s].
 
         Raises
         ------
@@ -127,7 +127,7 @@ class Observer:
             If an event was refused.
 
         """
-        self._executor.spin_until_future_complete(self._node.done, seconds_)
+        self._node.spin_in_batches(self._executor)
         self._node.idle()
         if self._node.error:
             raise CtcError(self._node.error)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 import struct
 import sys
-import time
 from typing import Any
 
 from ctc_chattering.core.grid import NANOSECONDS
@@ -19,8 +18,6 @@ from ctc_chattering.wire import message_type
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
-#: Between two looks at the queue [s]: woken for every message, we would slow the loop down.
-_NAP = 0.02
 
 
 class RecorderNode(Shell):
@@ -63,11 +60,8 @@ class RecorderNode(Shell):
         return on_message
 
     def spin(self, executor: Any) -> None:
-        """Take what has come, then sleep: in batches a message costs half as much."""
-        before = self._received
-        executor.spin_until_future_complete(self.done, 0.002)
-        if self._received == before:
-            time.sleep(_NAP)
+        """Take what has come, in batches."""
+        self.spin_in_batches(executor)
 
     def finish(self) -> None:
         """Close the bag."""

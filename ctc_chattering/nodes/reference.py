@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 import sys
+from typing import Any
 
 from builtin_interfaces.msg import Duration
 from rosgraph_msgs.msg import Clock
@@ -49,6 +50,10 @@ class ReferenceNode(Shell):
         self._states = self.create_subscription(
             JointState, JOINT_STATES, self._on_state, qos(10), raw=True)
         self._reader = wire.StateReader()
+
+    def spin(self, executor: Any) -> None:
+        """Take what has come, in batches: the horizon is long enough."""
+        self.spin_in_batches(executor)
 
     def idle(self) -> None:
         """Publish what the node's own clock asks for, and again for a new subscriber."""
