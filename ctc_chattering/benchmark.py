@@ -15,7 +15,7 @@ from ctc_chattering.core.simulation import simulate
 from ctc_chattering.domain import own_domain
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiments import EXPERIMENTS
-from ctc_chattering.orchestra import perform
+from ctc_chattering.orchestra import one_processor, perform
 
 #: Round trips of one measurement of the ping-pong.
 _TRIPS = 10_000
@@ -23,29 +23,39 @@ _TRIPS = 10_000
 
 def measure(rounds: int) -> int:
     """Measure everything `rounds` times in turn, and print medians and ratios."""
-    bare, recorded, alone = [], [], []
+    rates: dict[str, list[float]] = {title: [] for title in (
+        'bare ping-pong', 'the same on one processor', 'lockstep with recording', 'lockstep')}
     with own_domain(), tempfile.TemporaryDirectory() as scratch:
         for i in range(rounds):
-            bare.append(ping_pong_rate())
-            recorded.append(lockstep_rate(Path(scratch) / f'bag{i}'))
-            alone.append(lockstep_rate(None))
-            print(f'round {i + 1} of {rounds}: ping-pong {bare[-1]:.0f}/s, lockstep recorded '
-                  f'{recorded[-1]:.0f}/s, not recorded {alone[-1]:.0f}/s', flush=True)
-    base = statistics.median(bare)
-    print(f'bare ping-pong                 {base:7.0f}/s  100 %')
-    for title, rates in (('lockstep with recording', recorded), ('lockstep', alone)):
-        rate = statistics.median(rates)
-        print(f'{title:30} {rate:7.0f}/s  {rate / base:.0%}')
+            measured = (ping_pong_rate(None), ping_pong_rate(one_processor()),
+                        lockstep_rate(Path(scratch) / f'bag{i}'), lockstep_rate(None))
+            for series, value in zip(rates.values(), measured):
+                series.append(value)
+            print(f'round {i + 1} of {rounds}: ' + ', '.join(
+                f'{title} {value:.0f}/s' for title, value in zip(rates, measured)), flush=True)
+    base = statistics.median(rates['bare ping-pong'])
+    for title, series in rates.items():
+        rate = statistics.median(series)
+        print(f'{title:30} {rate:7.0f}/s  {rate / base:4.0%}')
     seconds, step = simulation_time()
     print(f'simulation of 10 s at 1 kHz    {seconds:7.3f} s of computing')
     print(f'one control step               {1e6 * step:7.2f} us')
     return 0
 
 
-def ping_pong_rate() -> float:
-    """Return round trips per second between two processes that do nothing else."""
-    argv = [sys.executable, '-m', 'ctc_chattering.nodes.pingpong']
-    with subprocess.Popen([*argv, 'pong'], stdin=subprocess.PIPE) as pong:
+def ping_pong_rate(processors: set[int] | None) -> float:
+    """
+    Return round trips per second between two processes that do nothing else.
+
+    Parameters
+    ----------
+    processors : set of int or None
+        Those they may use; None for all.
+
+    """
+    argv = [sys.executable, '-m', 'ctc_chattering.nodes.pingpong',
+            ','.join(map(str, processors or ()))]
+    with subprocess.Popen([*argv, 'pong']) as pong:
         try:
             done = subprocess.run([*argv, 'ping', str(_TRIPS)], check=True, text=True,
                                   stdout=subprocess.PIPE, timeout=60.0)

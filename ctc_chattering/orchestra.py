@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
+import random
 import signal
 import sys
 import tempfile
@@ -67,6 +68,9 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
         values['plant']['hold_at'] = setup.events[0].time
     if record is not None:
         values['recorder']['bag'] = str(record)
+    turns = None
+    if lockstep and setup.values['bringup']['one_processor']:
+        turns = one_processor()
     with _signals() as caught, tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
         resolved = Path(scratch) / 'params.yaml'
         params.dump(values, _namespace(ros_args), resolved)
@@ -76,7 +80,8 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
             for name in names:
                 argv = [sys.executable, '-m', f'ctc_chattering.nodes.{name}', *ros_args,
                         '--ros-args', '--params-file', str(resolved)]
-                children[name] = supervisor.Child(name, argv, show)
+                children[name] = supervisor.Child(
+                    name, argv, show, turns if name in ('plant', 'controller') else None)
             observer = observer_class(setup.events, lockstep, ros_args)
             _watch(children, observer, caught, setup.plant.duration > 0.0, progress)
         finally:
@@ -104,6 +109,13 @@ def _watch(children: Mapping[str, supervisor.Child], observer: Any, caught: Sequ
         time = observer.look()
         if progress is not None:
             progress(time)
+
+
+def one_processor() -> set[int] | None:
+    """Return one of the processors that we may use, any; None where one cannot choose."""
+    if not hasattr(os, 'sched_getaffinity'):
+        return None
+    return {random.choice(sorted(os.sched_getaffinity(0)))}
 
 
 def _namespace(ros_args: Sequence[str]) -> str:

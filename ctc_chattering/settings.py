@@ -85,6 +85,10 @@ class BringupSettings(Config):
         'events', 'str[]', ('',),
         'Parameters to set during the run, each "time node parameter value", time in s.',
         shape='any', read_only=True)
+    one_processor: bool = parameter(
+        'one_processor', 'bool', True,
+        'Lockstep: keep plant and controller, which take turns, on one processor; waking each '
+        'other across two costs more than it saves.', read_only=True)
 
 
 #: The configurations that make up the parameters of each executable.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from contextlib import suppress
 import ctypes
 import os
@@ -27,15 +27,19 @@ class Child:
     argv : sequence of str
     show : callable
         Called with every line it prints.
+    processors : set of int, optional
+        The only ones it may run on, where the system can do that.
 
     """
 
-    def __init__(self, name: str, argv: Sequence[str], show: Callable[[str], None]) -> None:
+    def __init__(self, name: str, argv: Sequence[str], show: Callable[[str], None],
+                 processors: Set[int] | None = None) -> None:
         self.name = name
         self.tail: deque[str] = deque(maxlen=_TAIL)
         self.process = subprocess.Popen(
             argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True, errors='replace', start_new_session=True, preexec_fn=_die_with_parent(),
+            text=True, errors='replace', start_new_session=True,
+            preexec_fn=_prepare(processors),
             env={**os.environ, 'PYTHONUNBUFFERED': '1'})
         self._reader = threading.Thread(target=self._read, args=(show,), daemon=True)
         self._reader.start()
@@ -90,7 +94,7 @@ def stop(children: Sequence[Child], patience: float = 5.0) -> None:
             return
 
 
-def _die_with_parent() -> Callable[[], None]:
+def _prepare(processors: Set[int] | None) -> Callable[[], None]:
     """Return what a new process does first: ask for SIGTERM when its parent is gone."""
     parent = os.getpid()
     libc = ctypes.CDLL(None, use_errno=True)
@@ -99,5 +103,7 @@ def _die_with_parent() -> Callable[[], None]:
         libc.prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
         if os.getppid() != parent:
             os._exit(1)
+        if processors and hasattr(os, 'sched_setaffinity'):
+            os.sched_setaffinity(0, processors)
 
     return ask

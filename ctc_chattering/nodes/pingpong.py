@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+import os
 import sys
 import time
 
@@ -66,8 +67,10 @@ def pong() -> None:
 
 
 if __name__ == '__main__':
+    if sys.argv[1]:
+        os.sched_setaffinity(0, map(int, sys.argv[1].split(',')))
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    if sys.argv[1] == 'ping':
-        print(ping(int(sys.argv[2])))
+    if sys.argv[2] == 'ping':
+        print(ping(int(sys.argv[3])))
     else:
         pong()

@@ -6,18 +6,23 @@ from collections.abc import Callable
 from pathlib import Path
 import struct
 import sys
+import time
 from typing import Any
 
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell
+from ctc_chattering.nodes.runtime import NAP, qos, run, Shell
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.settings import RecorderSettings
 from ctc_chattering.wire import message_type
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
+
+
+#: How long one look at the queue lasts [s].
+_SLICE = 0.001
 
 
 class RecorderNode(Shell):
@@ -60,8 +65,12 @@ class RecorderNode(Shell):
         return on_message
 
     def spin(self, executor: Any) -> None:
-        """Take what has come, in batches."""
-        self.spin_in_batches(executor)
+        """Take all that has come, in batches."""
+        before = -1
+        while before < self._received:
+            before = self._received
+            executor.spin_until_future_complete(self.done, _SLICE)
+        time.sleep(NAP)
 
     def finish(self) -> None:
         """Close the bag."""

@@ -28,13 +28,13 @@ try:
 except ImportError:  # An rclpy from before it was there: slower, but the same.
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ['TICK', 'Executor', 'Shell', 'qos', 'run']
+__all__ = ['NAP', 'TICK', 'Executor', 'Shell', 'qos', 'run']
 
 #: Longest time between two looks at signals and at `Shell.idle` [s]. It must be finite: see
 #: docs/design.md.
 TICK = 0.05
 #: Sleep between two batches [s].
-_NAP = 0.02
+NAP = 0.02
 
 
 def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
@@ -73,7 +73,7 @@ class Shell(Node):
         in batches a message costs half as much.
         """
         executor.spin_until_future_complete(self.done, 0.002)
-        time.sleep(_NAP)
+        time.sleep(NAP)
 
     def finish(self) -> None:
         """Do what must be done before the node goes."""
