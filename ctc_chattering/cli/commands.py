@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,7 @@ def replay(options: argparse.Namespace) -> int:
     if not 0.0 <= options.delay < float('inf'):
         raise ParameterError('--delay', options.delay, 'a finite number >= 0')
     from ctc_chattering.bag import open_bag
-    with open_bag(options.bag) as reader:
+    with closing(open_bag(options.bag)) as reader:
         try:
             from ctc_chattering.nodes.player import play
         except ImportError as error:

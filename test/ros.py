@@ -1,0 +1,170 @@
+"""Help for tests that start real ROS 2 processes, each test in a domain of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import GetParameters, SetParameters
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile
+
+from ctc_chattering import supervisor
+from ctc_chattering.domain import own_domain
+
+CONFIG = Path(__file__).resolve().parent.parent / 'config'
+#: Deadline of everything that is waited for [s]; the machine may be slow.
+PATIENCE = 30.0
+
+
+class Probe:
+    """A node of the test's own, and the processes under test."""
+
+    def __init__(self) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node('probe', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.children: list[supervisor.Child] = []
+        self.lines: list[str] = []
+
+    def start(self, name: str, *ros_args: str) -> supervisor.Child:
+        """Start one of the nodes."""
+        child = supervisor.Child(
+            name, [sys.executable, '-m', f'ctc_chattering.nodes.{name}',
+                   *(('--ros-args', *ros_args) if ros_args else ())], self.lines.append)
+        self.children.append(child)
+        return child
+
+    def until(self, done: Callable[[], Any], what: str = '') -> None:
+        """Spin until `done` says so."""
+        deadline = time.monotonic() + PATIENCE
+        while not done():
+            assert time.monotonic() < deadline, f'waited in vain for {what}: {self.lines}'
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def listen(self, kind: Any, topic: str, qos: QoSProfile | int = 1000) -> list[Any]:
+        """Return a list that fills with the messages on a topic."""
+        received: list[Any] = []
+        self.node.create_subscription(kind, topic, received.append, qos)
+        return received
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service and return the response."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, f'service {name}')
+        future = client.call_async(request)
+        self.until(future.done, f'answer of {name}')
+        return future.result()
+
+    def set(self, node: str, name: str, value: Any) -> SetParametersResult:
+        """Set a parameter as `ros2 param set` does."""
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return self.call(SetParameters, f'/{node}/set_parameters', request).results[0]
+
+    def get(self, node: str, name: str) -> Any:
+        """Get a parameter as `ros2 param get` does."""
+        request = GetParameters.Request(names=[name])
+        response = self.call(GetParameters, f'/{node}/get_parameters', request)
+        value = parameter_value_to_python(response.values[0])
+        return list(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
+
+    def close(self) -> None:
+        """Stop everything."""
+        supervisor.stop(self.children)
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@contextmanager
+def probe() -> Iterator[Probe]:
+    """Yield a `Probe` in a domain of its own."""
+    with own_domain():
+        it = Probe()
+        try:
+            yield it
+        finally:
+            it.close()
+
+
+@contextmanager
+def bringup(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Start bringup in a domain of its own; at the end nothing of it may be left."""
+    with own_domain():
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'ctc_chattering.cli.bringup', *arguments], text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+
+
+def perform(*arguments: str) -> tuple[int, str]:
+    """Run bringup to its end; return its status and output."""
+    with bringup(*arguments) as process:
+        output, _ = process.communicate(timeout=2 * PATIENCE)
+        return process.returncode, output
+
+
+def descendants(pid: int) -> dict[int, str]:
+    """Return the command lines of all processes below `pid`, by process."""
+    parents = {}
+    for path in Path('/proc').glob('[0-9]*'):
+        try:
+            stat = (path / 'stat').read_text().rsplit(')', 1)[1].split()
+            command = (path / 'cmdline').read_text().replace('\0', ' ')
+        except OSError:
+            continue
+        if stat[0] != 'Z':
+            parents[int(path.name)] = (int(stat[1]), command)
+    found: dict[int, str] = {}
+    ring = [pid]
+    while ring:
+        ring = [child for child, (parent, _) in parents.items() if parent in ring]
+        found.update({child: parents[child][1] for child in ring})
+    return found
+
+
+def wait_for(done: Callable[[], Any], what: str, patience: float = PATIENCE) -> None:
+    """Poll until `done` says so."""
+    deadline = time.monotonic() + patience
+    while not done():
+        assert time.monotonic() < deadline, f'waited in vain for {what}'
+        time.sleep(0.02)
+
+
+def alive(pids: Sequence[int]) -> list[int]:
+    """Return those of `pids` that still run."""
+    result = []
+    for pid in pids:
+        try:
+            os.kill(pid, 0)
+            if Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z':
+                result.append(pid)
+        except OSError:
+            continue
+    return result
+
+
+def interrupt(child: supervisor.Child, number: int = signal.SIGINT) -> float:
+    """Send a signal, wait for the end, and return how long it took [s]."""
+    begin = time.monotonic()
+    child.signal(number)
+    child.process.wait(PATIENCE)
+    return time.monotonic() - begin

@@ -1,0 +1,233 @@
+"""Bags read back: the run to the last bit, and one line for anything that is no bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from pathlib import Path
+import random
+
+from bags import command, entries, Entry, nanoseconds, parameters, same, write_bag
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
+from ctc_chattering import params
+from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.errors import CtcError
+from ctc_chattering.result import Result, simulated
+
+SETUP = params.load(None, {
+    'plant': {'duration': 0.2, 'experiment': 'trial', 'initial_position': [0.3, -0.2]},
+    'controller': {'law': 'compensation', 'kp': [90.0, 5.0, 5.0, 80.0], 'lambda': 7.0},
+    'bringup': {'events': ['0.1 controller law chattering', '0.15 controller ka [8, 9]']}})
+RESULT = simulated(SETUP)
+NOT_STORED = ('ddq_d',) if RESULT.run.ddq_d is None else ()
+
+
+def messages(**how: object) -> list[Entry]:
+    return entries(RESULT, SETUP.plant, **how)  # type: ignore[arg-type]
+
+
+def read(path: Path, found: list[Entry], namespace: str = '') -> Result:
+    write_bag(path / 'bag', found, namespace)
+    return read_bag(path / 'bag')
+
+
+def check(result: Result) -> None:
+    """Assert that a result is the simulated one, to the last bit."""
+    same(result.run, RESULT.run, NOT_STORED)
+    assert result.configs == RESULT.configs
+    assert (result.experiment, result.label) == ('trial', 'trial: compensation → chattering')
+    assert result.metrics() == RESULT.metrics()
+    assert result.terms.tau.tobytes() == RESULT.run.tau.tobytes()
+    assert result.terms.v.tobytes() == RESULT.run.v.tobytes()
+
+
+@pytest.mark.parametrize('how', [
+    {}, {'order': (1, 0)}, {'extra': ('gripper', 'wheel')}, {'order': (1, 0), 'extra': ('x',)},
+    {'piece': 1}, {'piece': 1000}])
+def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: dict[str, object]) -> None:
+    check(read(tmp_path, messages(**how)))
+
+
+@pytest.mark.parametrize('namespace', ['/robot1', '/a/b/c'])
+def test_namespaces(tmp_path: Path, namespace: str) -> None:
+    check(read(tmp_path, messages(), namespace))
+
+
+def test_time_of_the_first_reference_is_zero(tmp_path: Path) -> None:
+    """Check a run on the wall clock: times from its start, to the last bit."""
+    check(read(tmp_path, messages(start=1_700_000_000_123_456_789)))
+
+
+def test_repeated_stamps(tmp_path: Path) -> None:
+    """Check that a state that is sent again, as for a late subscriber, counts once."""
+    found: list[Entry] = []
+    for entry in messages():
+        found += [entry] * (3 if entry.topic == '/joint_states' else 1)
+    check(read(tmp_path, found))
+
+
+def test_states_before_the_controller_s_start(tmp_path: Path) -> None:
+    """Check that states which nobody has answered yet are no part of the run."""
+    start = 10 ** 9
+    early = [entry for entry in messages(start=0) if entry.topic == '/joint_states'][:50]
+    assert early[-1].t < start
+    check(read(tmp_path, [*early, *messages(start=start)]))
+
+
+@pytest.mark.parametrize('keep', [0, 1, 150, 200])
+def test_missing_commands(tmp_path: Path, keep: int) -> None:
+    """Check that the torque is then the effort which the next state reports."""
+    found = messages()
+    answers = [entry for entry in found if entry.topic.endswith('commands')][:keep]
+    found = [x for x in found if not x.topic.endswith('commands')] + answers
+    result = read(tmp_path, found)
+    same(result.run, RESULT.run, ('tau', *NOT_STORED))
+    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
+    last = RESULT.run.tau[keep - 1 if keep else -2]
+    assert result.run.tau[-1].tolist() == last.tolist()
+
+
+def test_commands_without_labels_and_states_without_effort(tmp_path: Path) -> None:
+    """Check messages of another robot's nodes."""
+    found = []
+    for entry in messages():
+        if entry.topic == '/joint_states':
+            entry.message.effort = []
+        elif entry.topic.endswith('commands'):
+            entry.message.layout.dim = []
+        found.append(entry)
+    check(read(tmp_path, found))
+
+
+def test_a_joint_state_of_other_joints(tmp_path: Path) -> None:
+    """Check that a gripper's own messages on the topic are passed over, as the controller does."""
+    found = []
+    for entry in messages():
+        found.append(entry)
+        if entry.topic == '/joint_states' and entry.t % 7_000_000 == 0:
+            other = messages(extra=('finger',))[10]
+            other.message.name = ['finger', 'thumb', 'palm']
+            other.message.header.stamp = entry.message.header.stamp
+            found.append(other)
+    check(read(tmp_path, found))
+
+
+def test_without_the_plant(tmp_path: Path) -> None:
+    """Check that a bag of another robot takes its name from the directory."""
+    found = [x for x in messages() if not x.topic.startswith('/plant')]
+    result = read(tmp_path, found)
+    assert result.experiment == 'bag'
+    same(result.run, RESULT.run, NOT_STORED)
+
+
+def test_parameters_of_others_do_not_matter(tmp_path: Path) -> None:
+    """Check parameters that the law does not have, and news of which none concerns it."""
+    news = {'use_sim_time': True, 'state_decimation': 3, 'wait_for': ['a']}
+    check(read(tmp_path, [*messages(), parameters('controller', 10 ** 8, news, False)]))
+
+
+def without(topic: str) -> Callable[[Entry], bool]:
+    return lambda entry: not entry.topic.endswith(topic)
+
+
+@pytest.mark.parametrize('topic', [
+    'joint_states', 'reference', 'controller/parameters', ''])
+def test_what_a_run_needs(tmp_path: Path, topic: str) -> None:
+    """Check that a missing topic is named."""
+    write_bag(tmp_path / 'bag', filter(without(topic), messages()))
+    refused(tmp_path / 'bag', topic)
+
+
+def test_foreign_bag(tmp_path: Path) -> None:
+    data = serialize_message(String(data='hello'))
+    write_bag(tmp_path / 'bag', [Entry('/chatter', 'std_msgs/msg/String', 5, data)])
+    refused(tmp_path / 'bag', 'not a bag of this package')
+
+
+def test_damaged_messages(tmp_path: Path) -> None:
+    """Check a message cut off, and one of the wrong length, in an otherwise good bag."""
+    found = messages()
+    for i, bad in enumerate((
+            found[-5]._replace(message=serialize_message(found[-5].message)[:40]),
+            command(nanoseconds(0.2), ['joint1'], np.array([1.0])))):
+        write_bag(tmp_path / str(i), [*found, bad])
+        if bad.topic.endswith('commands') or i == 0:
+            refused(tmp_path / str(i), 'damaged')
+
+
+def refused(path: Path, *words: str) -> None:
+    """Assert that one line says why there is no run at `path`."""
+    with pytest.raises(CtcError) as error:
+        read_bag(path)
+    text = str(error.value)
+    assert len(text.splitlines()) == 1
+    assert str(path) in text
+    assert all(word in text for word in words)
+
+
+def test_no_bag(tmp_path: Path) -> None:
+    """Check what is not there, what is no directory, and what is another directory."""
+    (tmp_path / 'file').write_text('x')
+    (tmp_path / 'file.mcap').write_text('x')
+    (tmp_path / 'file.db3').write_bytes(bytes(100))
+    (tmp_path / 'file.bag').write_text('x')
+    (tmp_path / 'empty').mkdir()
+    refused(tmp_path / 'none', 'no such bag')
+    for name in ('file', 'file.mcap', 'file.db3', 'file.bag', 'empty', 'file/below'):
+        refused(tmp_path / name)
+
+
+@pytest.mark.parametrize('file', ['bag.mcap', 'metadata.yaml'])
+def test_truncated_files(tmp_path: Path, file: str) -> None:
+    """Cut a bag off, everywhere in the metadata and at 100 places of the messages."""
+    write_bag(tmp_path / 'bag', messages())
+    path = tmp_path / 'bag' / file
+    whole = path.read_bytes()
+    last = len(whole) - 3  # without the last line break YAML is whole
+    for end in (0, *range(1, last, max(1, last // 100)), last):
+        path.write_bytes(whole[:end])
+        refused(tmp_path / 'bag')
+    path.unlink()
+    refused(tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('junk', [
+    b'\xff\xfe\0', b'- a', b'hello', b'a: [', b'rosbag2_bagfile_information: 5', b'\0', b'a: !x 1',
+    b'2024-99-99'])
+def test_junk_in_the_metadata(tmp_path: Path, junk: bytes) -> None:
+    write_bag(tmp_path / 'bag', messages())
+    (tmp_path / 'bag' / 'metadata.yaml').write_bytes(junk)
+    refused(tmp_path / 'bag')
+
+
+def test_flipped_bytes(tmp_path: Path) -> None:
+    """Check that a bag with wrong bytes outside the messages is read or refused, nothing else."""
+    write_bag(tmp_path / 'bag', messages()[:40])
+    path = tmp_path / 'bag' / 'bag.mcap'
+    whole, dice = path.read_bytes(), random.Random(1)
+    outside = [*range(60), *range(whole.index(b'ros2msg') - 100, whole.index(b'ros2msg')),
+               *range(len(whole) - 1500, len(whole))]
+    for at in dice.sample(outside, 150):
+        wrong = bytes([dice.choice([0, 255, whole[at] ^ 1, whole[at] ^ 128])])
+        path.write_bytes(whole[:at] + wrong + whole[at + 1:])
+        try:
+            read_bag(tmp_path / 'bag')
+        except CtcError as error:
+            assert len(str(error).splitlines()) == 1
+
+
+def test_open_bag_gives_a_reader(tmp_path: Path) -> None:
+    counts = write_bag(tmp_path / 'bag', messages())
+    with open_bag(tmp_path / 'bag') as reader:
+        assert reader.message_count == sum(counts.values())
+
+
+def test_setup_is_worth_reading() -> None:
+    """Check that the run of these tests has what is checked: friction, both laws, 201 samples."""
+    assert RESULT.run.t.shape == (201,)
+    assert [t for t, _ in RESULT.configs] == [0.0, 0.1, 0.15]
+    assert dataclasses.asdict(RESULT.configs[2][1])['ka'] == (8.0, 9.0)

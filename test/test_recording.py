@@ -1,0 +1,125 @@
+"""Bags as other tools see them: the mcap library, and the metadata in YAML."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from bags import entries, Entry, write_bag
+from mcap.reader import make_reader
+import pytest
+from rclpy.serialization import serialize_message
+import yaml
+
+from ctc_chattering import params
+from ctc_chattering.errors import CtcError
+from ctc_chattering.recording import offered_qos, Recording
+from ctc_chattering.result import simulated
+
+SETUP = params.load(None, {'plant': {'duration': 0.2}, 'bringup': {
+    'events': ['0.1 controller law compensation']}})
+COUNTS = {'/joint_states': 201, '/effort_controller/commands': 201, '/reference': 9,
+          '/plant/parameters': 1, '/controller/parameters': 2}
+SEQUENCES = {'/joint_states': 'sensor_msgs/msg/JointState', '/reference':
+             'trajectory_msgs/msg/JointTrajectory'}
+
+
+@pytest.fixture(scope='module')
+def messages() -> list[Entry]:
+    """Return the messages of a run, serialized."""
+    return [entry._replace(message=serialize_message(entry.message))
+            for entry in entries(simulated(SETUP), SETUP.plant)]
+
+
+@pytest.fixture(scope='module')
+def bag(messages: list[Entry], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('bags') / 'below' / 'run'
+    assert write_bag(path, messages) == COUNTS
+    return path
+
+
+def metadata(bag: Path) -> dict[str, Any]:
+    text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
+    result: dict[str, Any] = yaml.safe_load(text)['rosbag2_bagfile_information']
+    return result
+
+
+def test_mcap_reads_every_message(bag: Path, messages: list[Entry]) -> None:
+    """Check topics, counts, log times and bytes, in the order in which they were written."""
+    (file,) = bag.glob('*.mcap')
+    with file.open('rb') as stream:
+        read = [(channel.topic, schema and schema.name, message.log_time, message.data)
+                for schema, channel, message in make_reader(stream).iter_messages(
+                    log_time_order=False)]
+    assert Counter(topic for topic, *_ in read) == COUNTS
+    assert read == [tuple(entry) for entry in messages]
+
+
+def test_schemas_are_in_it(bag: Path) -> None:
+    """Check that each message definition is there, with those it is made of, and zstd."""
+    (file,) = bag.glob('*.mcap')
+    with file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == sum(COUNTS.values())
+    assert summary.statistics.message_end_time == 200_000_000
+    assert {x.compression for x in summary.chunk_indexes} == {'zstd'}
+    schemas = {x.name: x for x in summary.schemas.values()}
+    assert len(schemas) == 4
+    assert {x.encoding for x in schemas.values()} == {'ros2msg'}
+    text = schemas['trajectory_msgs/msg/JointTrajectory'].data.decode()
+    for part in ('JointTrajectoryPoint[] points', 'MSG: std_msgs/Header',
+                 'MSG: builtin_interfaces/Duration', 'float64[] accelerations'):
+        assert part in text
+    assert {x.message_encoding for x in summary.channels.values()} == {'cdr'}
+
+
+def test_metadata(bag: Path) -> None:
+    """Check what `ros2 bag info` and `play` go by: counts, types, duration, QoS."""
+    info = metadata(bag)
+    assert (info['version'], info['storage_identifier']) == (9, 'mcap')
+    assert info['message_count'] == sum(COUNTS.values())
+    assert info['duration']['nanoseconds'] in (200_000_000, 200_000_001)
+    assert info['relative_file_paths'] == [x.name for x in bag.glob('*.mcap')]
+    topics = {x['topic_metadata']['name']: x for x in info['topics_with_message_count']}
+    assert {name: x['message_count'] for name, x in topics.items()} == COUNTS
+    for name, topic in topics.items():
+        (qos,) = topic['topic_metadata']['offered_qos_profiles']
+        assert (qos['reliability'], qos['history'], qos['depth']) == ('reliable', 'keep_last', 100)
+        assert qos['durability'] == (
+            'transient_local' if name.endswith('/parameters') else 'volatile')
+        assert topic['topic_metadata']['serialization_format'] == 'cdr'
+    for name, kind in SEQUENCES.items():
+        assert topics[name]['topic_metadata']['type'] == kind
+
+
+def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
+    Recording(tmp_path / 'bag').close()
+    (file,) = (tmp_path / 'bag').glob('*.mcap')
+    with file.open('rb') as stream:
+        assert list(make_reader(stream).iter_messages()) == []
+    assert metadata(tmp_path / 'bag')['message_count'] == 0
+
+
+@pytest.mark.parametrize('below', ['', 'file', 'file/bag'])
+def test_impossible_place(tmp_path: Path, below: str) -> None:
+    """Check that nothing that is there is written over, and what the error says."""
+    (tmp_path / 'file').write_text('mine')
+    with pytest.raises(CtcError) as error:
+        Recording(tmp_path / below)
+    assert str(tmp_path / below) in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+    assert (tmp_path / 'file').read_text() == 'mine'
+
+
+def test_qos_is_that_of_the_first_message(tmp_path: Path, messages: list[Entry]) -> None:
+    recording = Recording(tmp_path / 'bag')
+    state = next(x for x in messages if x.topic == '/joint_states')
+    for depth in (3, 9):
+        recording.write(state.topic, state.kind, depth, state.message, offered_qos(depth, False))
+    recording.close()
+    assert recording.counts == {'/joint_states': 2}
+    (topic,) = metadata(tmp_path / 'bag')['topics_with_message_count']
+    assert topic['topic_metadata']['offered_qos_profiles'][0]['depth'] == 3

@@ -1,0 +1,93 @@
+"""The life and death of the processes that bringup starts."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import time
+
+import pytest
+from ros import alive, bringup, CONFIG, descendants, PATIENCE, perform, wait_for
+
+pytestmark = pytest.mark.ros
+ENDLESS = ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0')
+NODES = ('plant', 'controller', 'reference', 'recorder')
+
+
+def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
+    """Wait until all nodes run and the recorder has its bag; return their processes by name."""
+    def found() -> dict[str, int]:
+        return {node: pid for pid, line in descendants(process.pid).items()
+                for node in NODES if f'ctc_chattering.nodes.{node} ' in line}
+    wait_for(lambda: len(found()) == len(NODES) and bag.exists(), 'the nodes')
+    return found()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_all_of_them_cleanly(tmp_path: Path, number: int) -> None:
+    bag = tmp_path / 'bag'
+    with bringup(*ENDLESS, '--record', str(bag)) as process:
+        pids = running(process, bag)
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert 'Traceback' not in output
+    assert alive(list(pids.values())) == []
+    assert (bag / 'metadata.yaml').exists()
+
+
+@pytest.mark.parametrize('victim', NODES)
+def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) -> None:
+    bag = tmp_path / 'bag'
+    with bringup(*ENDLESS, '--record', str(bag)) as process:
+        pids = running(process, bag)
+        os.kill(pids[victim], signal.SIGKILL)
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert f'bringup: {victim} died with signal SIGKILL; its last output:' in output
+    assert 'Traceback' not in output
+    assert alive(list(pids.values())) == []
+
+
+def test_no_process_outlives_a_killed_bringup(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    with bringup(*ENDLESS, '--record', str(bag)) as process:
+        pids = running(process, bag)
+        process.kill()
+        process.wait(PATIENCE)
+        wait_for(lambda: not alive(list(pids.values())), 'the end of the nodes')
+    assert (bag / 'metadata.yaml').exists()
+
+
+def test_real_time_takes_its_time_and_ends() -> None:
+    begin = time.monotonic()
+    status, output = perform(
+        '--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
+        '--duration', '1.0')
+    assert status == 0, output
+    assert time.monotonic() - begin > 1.0
+    assert 'the experiment has ended at t = 1 s after 1001 samples' in output
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (('--params-file', 'missing.yaml'), 'missing.yaml: No such file or directory'),
+    (('--duration', 'nan'), 'plant: duration: nan is not allowed'),
+    (('--control-period', '0.0'), 'control_period: 0.0 is not allowed'),
+    (('--record', '/'), '/: exists already, not overwritten'),
+])
+def test_what_is_wrong_is_said_in_one_line_before_anything_starts(
+        arguments: tuple[str, ...], message: str) -> None:
+    status, output = perform(*arguments)
+    assert status == 1
+    assert len(output.splitlines()) == 1
+    assert message in output
+
+
+def test_an_event_that_a_running_node_would_refuse_is_refused_at_once(tmp_path: Path) -> None:
+    file = tmp_path / 'params.yaml'
+    file.write_text("bringup: {ros__parameters: {events: ['1.0 controller ka [-1.0, 0.0]']}}")
+    status, output = perform('--params-file', str(file))
+    assert status == 1
+    assert output.startswith('bringup: ka: [-1.0, 0.0] is not allowed')

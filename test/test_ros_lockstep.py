@@ -1,0 +1,100 @@
+"""The whole graph in lockstep, as real processes: nothing lost, nothing changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mcap.reader import make_reader
+import numpy as np
+import pytest
+from ros import CONFIG, perform
+
+from ctc_chattering import params
+from ctc_chattering.bag import read_bag
+from ctc_chattering.result import Result, simulated
+
+pytestmark = pytest.mark.ros
+FIELDS = ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v')
+
+
+def record(bag: Path, *arguments: str) -> Result:
+    status, output = perform('--record', str(bag), *arguments)
+    assert status == 0, output
+    return read_bag(bag)
+
+
+def assert_equal(one: Result, other: Result) -> None:
+    for field in FIELDS:
+        assert np.array_equal(getattr(one.run, field), getattr(other.run, field)), field
+
+
+def counts(bag: Path) -> dict[str, int]:
+    """Count the messages of each topic with the `mcap` library, which is not ours."""
+    with (bag / f'{bag.name}.mcap').open('rb') as stream:
+        reader = make_reader(stream)
+        result: dict[str, int] = {}
+        for schema, channel, _ in reader.iter_messages():
+            assert schema is not None and schema.data
+            assert channel.metadata['offered_qos_profiles']
+            result[channel.topic] = result.get(channel.topic, 0) + 1
+        return result
+
+
+def test_ten_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
+    file = CONFIG / 'friction.yaml'
+    result = record(tmp_path / 'bag', '--params-file', str(file))
+    assert_equal(result, simulated(params.load(file)))
+    found = counts(tmp_path / 'bag')
+    for topic in ('/joint_states', '/effort_controller/commands'):
+        assert found[topic] == 10_001
+    assert found['/clock'] >= 1001
+    for topic in ('tracking', 'filter', 'torques'):
+        assert found[f'/controller/{topic}'] == 1001
+
+
+def test_the_law_is_switched_at_its_time_and_the_same_every_time(tmp_path: Path) -> None:
+    file = CONFIG / 'switch.yaml'
+    arguments = ('--params-file', str(file), '--duration', '5.5')
+    first = record(tmp_path / 'first', *arguments)
+    second = record(tmp_path / 'second', *arguments)
+    assert first.changes == second.changes == [(5.0, 'chattering')]
+    assert_equal(first, second)
+    assert_equal(first, simulated(params.load(file, {'plant': {'duration': 5.5}})))
+    at = int(np.flatnonzero(first.run.t == 5.0)[0])
+    assert not first.terms.chattering[:at].any()
+    assert np.abs(first.terms.chattering[at]).tolist() == [10.0, 10.0]
+
+
+def test_the_switch_is_bumpless(tmp_path: Path) -> None:
+    """Only the chattering term comes: v and the other terms are those of a run without it."""
+    arguments = ('--params-file', str(CONFIG / 'switch.yaml'), '--duration', '5.1')
+    result = record(tmp_path / 'bag', *arguments)
+    at = int(np.flatnonzero(result.run.t == 5.0)[0])
+    rates = np.abs(np.diff(result.run.v, axis=0))
+    assert (rates[at - 1] <= 2.0 * rates[at - 50:at - 1].max(axis=0)).all()
+    rest = result.run.tau + result.terms.chattering
+    steps = np.abs(np.diff(rest, axis=0))
+    assert (steps[at - 1] <= 2.0 * steps[at - 50:at - 1].max(axis=0)).all()
+
+
+def test_other_period_joint_names_and_namespace(tmp_path: Path) -> None:
+    file = tmp_path / 'params.yaml'
+    file.write_text("""
+/**:
+  ros__parameters: {joint_names: [shoulder, elbow], control_period: 0.002}
+plant:
+  ros__parameters: {pacing: lockstep, duration: 0.5, initial_position: [0.3, -0.2],
+                    coulomb_friction: [3.0, 1.0]}
+controller:
+  ros__parameters: {kp: [120.0, 5.0, 5.0, 90.0], ka: [4.0, 2.0], lambda: 5.0, b: 0.8,
+                    effort_limit: [300.0, .inf]}
+reference:
+  ros__parameters: {joint_names: [elbow, shoulder], center: [1.0, 0.5], phase: [0.1, 0.2],
+                    frequency: [2.0, 0.5], amplitude: [0.1, 0.2]}
+""")
+    result = record(tmp_path / 'bag', '--params-file', str(file), '--ros-args', '-r',
+                    '__ns:=/robot1')
+    assert_equal(result, simulated(params.load(file)))
+    assert result.joint_names == ('shoulder', 'elbow')
+    assert np.abs(result.run.tau[:, 0]).max() == 300.0
+    assert counts(tmp_path / 'bag')['/robot1/joint_states'] == 251

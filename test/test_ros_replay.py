@@ -1,0 +1,64 @@
+"""`ctc replay` on a real graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+import pytest
+from ros import CONFIG, PATIENCE, perform, probe
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from ctc_chattering.bag import read_bag
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('replay') / 'bag'
+    status, output = perform('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '1.0',
+                             '--record', str(path))
+    assert status == 0, output
+    return path
+
+
+@pytest.mark.parametrize('rate', [0.5, 2.0])
+def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> None:
+    run = read_bag(bag).run
+    with probe() as it:
+        states = it.listen(JointState, 'joint_states')
+        commands = it.listen(Float64MultiArray, 'effort_controller/commands')
+        clocks = it.listen(Clock, '/clock')
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', str(bag), '--rate',
+             str(rate)], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        try:
+            it.until(lambda: states or process.poll() is not None, 'the first state')
+            begin = time.monotonic()
+            it.until(lambda: process.poll() is not None
+                     or len(states) == len(commands) == len(run.t), 'all messages')
+            took = time.monotonic() - begin
+            it.until(lambda: clocks and clocks[-1].clock.sec == 1, 'the last of the clock')
+            output, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+        assert process.returncode == 0, output
+        assert took == pytest.approx(1.0 / rate, rel=0.3)
+        assert [list(m.position) for m in states] == run.q.tolist()
+        assert [list(m.data) for m in commands] == run.tau.tolist()
+
+
+def test_bad_arguments_are_refused_in_one_line(bag: Path) -> None:
+    for arguments, message in (((str(bag), '--rate', '0'), '--rate: 0.0 is not allowed'),
+                               ((str(bag / 'nothing'),), 'no such bag')):
+        done = subprocess.run(
+            [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', *arguments], text=True,
+            capture_output=True, timeout=PATIENCE, check=False)
+        assert done.returncode == 1
+        assert len(done.stderr.splitlines()) == 1
+        assert message in done.stderr
