@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
+import math
 from typing import Any, ClassVar
 
 from ctc_chattering.core.controller import ControllerConfig
@@ -108,3 +109,32 @@ LOOP = ('plant', 'controller', 'reference')
 def parameters_of(node: str) -> dict[str, Parameter]:
     """Return all parameters of the executable `node` by name."""
     return {name: spec for config in NODES[node] for name, spec in config.parameters().items()}
+
+
+def parameter_table() -> str:
+    """Return all parameters of all executables as Markdown."""
+    lines = ['| node | parameter | type | default | unit | while running | meaning |',
+             '|---|---|---|---|---|---|---|']
+    for node in NODES:
+        for spec in parameters_of(node).values():
+            shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
+            meaning = spec.description
+            if spec.choices:
+                meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
+            elif spec.minimum > -math.inf:
+                meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
+            lines.append(
+                f'| {node} | `{spec.name}` | {spec.kind}{shape} | `{_shown(spec)}` | '
+                f'{spec.unit.replace("*", "·").replace("^2", "²")} | '
+                f'{"" if spec.read_only else "yes"} | {meaning} |')
+    return '\n'.join(lines)
+
+
+def _shown(spec: Parameter) -> str:
+    """Return a default for the table; one number stands for every joint."""
+    if isinstance(spec.default, tuple):
+        return '[' + ', '.join(
+            f'{x:.6g}' if isinstance(x, float) else x or "''" for x in spec.default) + ']'
+    if isinstance(spec.default, float):
+        return f'{spec.default:g}'.replace('inf', '.inf')
+    return str(spec.default).lower() if isinstance(spec.default, bool) else str(spec.default)

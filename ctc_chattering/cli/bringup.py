@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 
 from ctc_chattering import params
-from ctc_chattering.cli.options import add_run_options, guarded, overrides
+from ctc_chattering.cli.options import add_run_options, guarded, overrides, params_file
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.core.plant import PACINGS
 from ctc_chattering.orchestra import perform, Stopped
@@ -24,8 +24,6 @@ def make_parser() -> argparse.ArgumentParser:
                'The graph is confined to this host unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
     add_run_options(parser)
     parser.add_argument('--pacing', choices=PACINGS, help="in place of the file's pacing")
-    parser.add_argument('--duration', type=float, metavar='S',
-                        help="in place of the file's [s]; 0 runs for ever")
     parser.add_argument('--record', type=Path, metavar='BAG', help='directory to create')
     return parser
 
@@ -41,14 +39,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def bringup(options: argparse.Namespace, ros_args: Sequence[str]) -> int:
     """Run the graph as `options` say."""
     over = overrides(options)
-    plant = {name: getattr(options, name) for name in ('pacing', 'duration')
-             if getattr(options, name) is not None}
-    if plant:
-        over['plant'] = plant
-    setup = params.load(options.params_file, over)
+    if options.pacing is not None:
+        over.setdefault('plant', {})['pacing'] = options.pacing
+    file = params_file(options)
+    setup = params.load(file, over)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         try:
-            perform(options.params_file, over, options.record, ros_args, progress,
+            perform(file, over, options.record, ros_args, progress,
                     progress.write)
             progress.complete()
         except Stopped as stopped:

@@ -6,25 +6,34 @@ import argparse
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
+import sys
 from typing import Any
 
 import numpy as np
 
 from ctc_chattering import params
-from ctc_chattering.cli.options import overrides
+from ctc_chattering.cli.options import overrides, params_file
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.core.simulation import Run
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.output import prepare
 from ctc_chattering.result import Result, simulated, write_metrics
+from ctc_chattering.settings import parameter_table
 
+#: What is simulated of a run without an end [s].
+_DURATION = 10.0
 #: What is written next to each other.
 _FIGURES, _METRICS, _PAGE, _BAGS = 'figures', 'metrics.json', 'index.html', 'bags'
 
 
 def simulate(options: argparse.Namespace) -> int:
     """Run `ctc simulate`."""
-    setup = params.load(options.params_file, overrides(options))
+    over = overrides(options)
+    setup = params.load(params_file(options), over)
+    if setup.plant.duration == 0.0:
+        print(f'duration is 0, for ever: simulating {_DURATION:g} s', file=sys.stderr)
+        over.setdefault('plant', {})['duration'] = _DURATION
+        setup = params.load(params_file(options), over)
     if options.out is not None:
         prepare(options.out, (_METRICS, 'trajectory.npz'), options.overwrite)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
@@ -98,6 +107,12 @@ def replay(options: argparse.Namespace) -> int:
             raise CtcError(f'ROS 2 is missing: {error}') from None
         count = play(reader, options.rate, options.delay)
     print(f'{count} messages')
+    return 0
+
+
+def parameters(_options: argparse.Namespace) -> int:
+    """Run `ctc parameters`."""
+    print(parameter_table())
     return 0
 
 

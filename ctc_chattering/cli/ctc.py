@@ -47,6 +47,10 @@ def make_parser() -> argparse.ArgumentParser:
     replay.add_argument('--delay', type=float, default=1.0, metavar='S',
                         help='wait so long for subscribers first, 1 by default [s]')
 
+    commands.add_parser(
+        'parameters', help='print all parameters of all nodes',
+        description='Print all parameters of all nodes as a Markdown table.')
+
     benchmark = commands.add_parser(
         'benchmark', help='measure the loop over ROS against a bare ping-pong',
         description='Measure lockstep over ROS, recording included, against a bare rclpy '

@@ -12,18 +12,27 @@ from typing import Any
 from ctc_chattering.core.controller import LAWS
 from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
+from ctc_chattering.share import config_directory
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that choose a run: the file and what stands above it."""
     parser.add_argument(
         '--params-file', type=Path, metavar='F',
-        help="parameter file; the paper's first experiment by default")
-    parser.add_argument('--law', choices=LAWS, help="in place of the file's law")
-    parser.add_argument(
-        '--switching', choices=SWITCHINGS, help="in place of the file's switching")
+        help="parameter file; config/friction.yaml, the paper's first experiment, by default")
+    for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
+        parser.add_argument(f'--{name}', metavar='X',
+                            help=f"in place of the file's: {' | '.join(values)}")
     parser.add_argument(
         '--control-period', type=float, metavar='S', help="in place of the file's [s]")
+    parser.add_argument(
+        '--duration', type=float, metavar='S', help="in place of the file's [s]")
+
+
+def params_file(options: argparse.Namespace) -> Path:
+    """Return the parameter file asked for, or that of the first experiment."""
+    given: Path | None = options.params_file
+    return given or config_directory() / 'friction.yaml'
 
 
 def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
@@ -31,6 +40,8 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     law = {name: getattr(options, name) for name in ('law', 'switching')
            if getattr(options, name) is not None}
     result: dict[str, dict[str, Any]] = {'controller': law} if law else {}
+    if options.duration is not None:
+        result['plant'] = {'duration': options.duration}
     if options.control_period is not None:
         result['/**'] = {'control_period': options.control_period}
     return result
