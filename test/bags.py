@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+import bisect
 from collections.abc import Iterable, Sequence
 import dataclasses
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -170,11 +171,27 @@ def entries(result: Result, plant: Config, start: int = 0, order: Sequence[int] 
     return found
 
 
+def serialized(message: Any) -> bytes:
+    """
+    Return a message as it goes over the wire.
+
+    rclpy's `serialize_message` leaves as many bytes of junk at the end as it reckoned too much.
+    """
+    data = bytes(serialize_message(message))
+
+    def whole(end: int) -> bool:
+        try:
+            return bool(deserialize_message(data[:end], type(message)) == message)
+        except RuntimeError:
+            return False
+    return data[:bisect.bisect_left(range(len(data)), True, key=whole)]
+
+
 def write_bag(path: Path, found: Iterable[Entry], namespace: str = '') -> dict[str, int]:
     """Record messages as the recorder does; return how many there are by topic."""
     recording = Recording(path)
     for topic, kind, t, message in found:
-        data = message if isinstance(message, bytes) else serialize_message(message)
+        data = message if isinstance(message, bytes) else serialized(message)
         latched = topic.endswith('/parameters')
         recording.write(namespace + topic, kind, t, data, offered_qos(100, latched))
     recording.close()

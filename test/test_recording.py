@@ -6,10 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from bags import entries, Entry, write_bag
+from bags import entries, Entry, serialized, write_bag
 from mcap.reader import make_reader
 import pytest
-from rclpy.serialization import serialize_message
 import yaml
 
 from ctc_chattering import params
@@ -28,7 +27,7 @@ SEQUENCES = {'/joint_states': 'sensor_msgs/msg/JointState', '/reference':
 @pytest.fixture(scope='module')
 def messages() -> list[Entry]:
     """Return the messages of a run, serialized."""
-    return [entry._replace(message=serialize_message(entry.message))
+    return [entry._replace(message=serialized(entry.message))
             for entry in entries(simulated(SETUP), SETUP.plant)]
 
 

@@ -257,6 +257,18 @@ def test_writers(names: tuple[str, ...]) -> None:
             assert efforts_by_ros(effort_writer.write(rows[0])) == (names, bits(rows[0]))
 
 
+@pytest.mark.parametrize('fields', [
+    ('position', 'velocity', 'effort'), ('position', 'velocity'), ('velocity',), ('effort',)])
+def test_writers_leave_no_junk(fields: tuple[str, ...]) -> None:
+    """Check the lengths: rclpy's `serialize_message` leaves bytes behind some messages."""
+    for names in NAMES:
+        row = [1.5] * len(names)
+        exact = state(names, [row if x in fields else [] for x in (
+            'position', 'velocity', 'effort')])
+        assert len(wire.StateWriter(names, fields).write(0, *[row] * len(fields))) == len(exact)
+        assert len(wire.EffortWriter(names).write(row)) == len(efforts(names, row))
+
+
 def test_writers_take_no_other_number_of_joints() -> None:
     for row in ([], [1.0], [1.0, 2.0, 3.0]):
         with pytest.raises(struct.error):

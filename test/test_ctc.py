@@ -1,0 +1,250 @@
+"""The command line, as real processes."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+from bags import entries, write_bag
+import numpy as np
+import pytest
+
+from ctc_chattering import __version__, params
+from ctc_chattering.core.metrics import metrics
+from ctc_chattering.core.simulation import Run, simulate
+from ctc_chattering.core.switching import SWITCHINGS
+from ctc_chattering.result import simulated
+
+ROOT = Path(__file__).parents[1]
+FRICTION = ROOT / 'config' / 'friction.yaml'
+ARRAYS = ['t', 'q', 'dq', 'q_d', 'dq_d', 'tau', 'v']
+Finished = subprocess.CompletedProcess[str]
+
+
+def python(*arguments: object, cwd: Path = ROOT) -> Finished:
+    return subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, text=True,
+                          capture_output=True, timeout=60, check=False,
+                          env={**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'})
+
+
+def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:
+    return python('-m', 'ctc_chattering.cli.ctc', *arguments, cwd=cwd)
+
+
+def refused(result: Finished, *words: object) -> None:
+    """Assert one line on stderr with all `words`, and a status that says so."""
+    assert result.returncode != 0
+    assert len(result.stderr.splitlines()) == 1
+    assert 'Traceback' not in result.stderr
+    assert [word for word in words if str(word) not in result.stderr] == []
+
+
+def run_of(out: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the only entry of metrics.json, and the arrays."""
+    document = json.loads((out / 'metrics.json').read_text(encoding='utf-8'))
+    assert list(document) == ['runs']
+    (entry,) = document['runs']
+    with np.load(out / 'trajectory.npz') as arrays:
+        return entry, dict(arrays)
+
+
+def same(arrays: dict[str, Any], run: Run) -> None:
+    for name in ARRAYS:
+        assert arrays[name].tobytes() == np.ascontiguousarray(getattr(run, name)).tobytes()
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    """Return a parameter file of 0.1 s."""
+    file = tmp_path / 'short.yaml'
+    file.write_text(FRICTION.read_text().replace('duration: 10.0', 'duration: 0.1'))
+    return file
+
+
+def test_simulate(tmp_path: Path) -> None:
+    """Check the contract's call: both files, shapes, and every number against the core's."""
+    tmp_path.joinpath('out').mkdir()  # an empty directory is none of anybody's output
+    result = ctc('simulate', '--params-file', FRICTION, '--law', 'compensation',
+                 '--out', tmp_path / 'out')
+    assert result.returncode == 0, result.stderr
+    assert {x.name for x in (tmp_path / 'out').iterdir()} == {'metrics.json', 'trajectory.npz'}
+    entry, arrays = run_of(tmp_path / 'out')
+    assert sorted(arrays) == sorted(ARRAYS)
+    assert {x.dtype for x in arrays.values()} == {np.dtype('float64')}
+    assert arrays['t'].shape == (10001,)
+    assert {arrays[name].shape for name in ARRAYS[1:]} == {(10001, 2)}
+    setup = params.load(FRICTION, {'controller': {'law': 'compensation'}})
+    run = simulate(setup.plant, setup.controller, setup.reference)
+    same(arrays, run)
+    assert {key: entry.pop(key) for key in metrics(run)} == metrics(run)
+    assert entry == {'experiment': 'friction', 'law': 'compensation', 'switching': 'sign',
+                     'control_period_s': 0.001}
+    assert 'friction' in result.stdout
+    assert 'compensation' in result.stdout
+
+
+@pytest.mark.parametrize('switching', SWITCHINGS)
+def test_control_period_and_switching(tmp_path: Path, short: Path, switching: str) -> None:
+    """Check options that stand above the file, in a directory that is made."""
+    out = tmp_path / 'a' / 'b'
+    result = ctc('simulate', '--params-file', short, '--control-period', '0.002',
+                 '--switching', switching, '--out', out)
+    assert result.returncode == 0, result.stderr
+    entry, arrays = run_of(out)
+    assert (entry['control_period_s'], entry['switching']) == (0.002, switching)
+    assert entry['law'] == 'chattering'
+    assert arrays['t'].shape == (51,)
+    setup = params.load(short, {'/**': {'control_period': 0.002},
+                                'controller': {'switching': switching}})
+    same(arrays, simulate(setup.plant, setup.controller, setup.reference))
+
+
+def test_without_a_file_it_is_the_paper_s_first_experiment(tmp_path: Path) -> None:
+    """Check what --help promises, from any directory."""
+    result = ctc('simulate', '--control-period', '0.02', '--out', 'out', cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    entry, arrays = run_of(tmp_path / 'out')
+    assert (entry['experiment'], entry['law']) == ('friction', 'chattering')
+    assert arrays['t'][-1] == 10.0
+
+
+def test_without_out_numbers_are_printed(short: Path) -> None:
+    before = set(short.parent.iterdir())
+    result = ctc('simulate', '--params-file', short, cwd=short.parent)
+    assert result.returncode == 0
+    assert 'chattering' in result.stdout
+    assert set(short.parent.iterdir()) == before
+
+
+def test_existing_output(tmp_path: Path, short: Path) -> None:
+    """Check the refusal, that nothing is touched by it, and --overwrite."""
+    out = tmp_path / 'out'
+    out.mkdir()
+    (out / 'notes').write_text('mine')
+    call = ('simulate', '--params-file', short, '--out', out)
+    assert ctc(*call).returncode == 0
+    before = {x.name: x.read_bytes() for x in out.iterdir()}
+    refused(ctc(*call), out, 'metrics.json', '--overwrite')
+    (out / 'metrics.json').unlink()
+    refused(ctc(*call), 'trajectory.npz')
+    assert (out / 'trajectory.npz').read_bytes() == before['trajectory.npz']
+    assert ctc(*call, '--law', 'compensation', '--overwrite').returncode == 0
+    assert run_of(out)[0]['law'] == 'compensation'
+    assert (out / 'notes').read_text() == 'mine'
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    ('controller: {ros__parameters: {mass: 1}}', ['mass', 'controller']),
+    ('controller: {ros__parameters: {lambda: 0}}', ['lambda', '> 0']),
+    ('plant: {ros__parameters: {duration: 0.0}}', ['duration']),
+    ('plant: {ros__parameters: {duration: 1.0, initial_velocity: [1e300, 1e300]}}', []),
+    ('a: [', ['not a YAML file']), ('', ['node names'])])
+def test_bad_file(tmp_path: Path, content: str, words: list[str]) -> None:
+    """Check one line for a file that cannot be run, and no output."""
+    file = tmp_path / 'p.yaml'
+    file.write_text(content)
+    refused(ctc('simulate', '--params-file', file, '--out', tmp_path / 'out'), *words)
+    assert not (tmp_path / 'out' / 'metrics.json').exists()
+
+
+def test_bad_places(tmp_path: Path, short: Path) -> None:
+    """Check a file and directories that are not there or cannot be made."""
+    refused(ctc('simulate', '--params-file', tmp_path / 'none.yaml'), 'none.yaml')
+    refused(ctc('simulate', '--params-file', tmp_path), tmp_path)
+    refused(ctc('simulate', '--params-file', short, '--out', short), short)
+    refused(ctc('simulate', '--params-file', short, '--out', '/proc/self/x'), '/proc/self/x')
+
+
+@pytest.mark.parametrize('period', ['0', '-1', 'nan', 'inf', '1e-10', '1e300'])
+def test_bad_control_period(period: str) -> None:
+    refused(ctc('simulate', '--params-file', FRICTION, f'--control-period={period}'),
+            'control_period', 'allowed')
+
+
+@pytest.mark.parametrize('arguments', [
+    [], ['dance'], ['simulate', '--law', 'pid'], ['simulate', '--control-period', 'x'], ['plot'],
+    ['simulate', '--unknown'], ['replay']])
+def test_wrong_arguments(arguments: list[str]) -> None:
+    """Check argparse's usage and status 2."""
+    result = ctc(*arguments)
+    assert result.returncode == 2
+    assert result.stderr.startswith('usage: ctc')
+    assert 'Traceback' not in result.stderr
+
+
+@pytest.mark.parametrize('command', ['plot', 'replay'])
+def test_no_bag(tmp_path: Path, command: str) -> None:
+    """Check what is not there, a file, an empty directory, another one, and broken metadata."""
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'broken').mkdir()
+    (tmp_path / 'broken' / 'metadata.yaml').write_bytes(b'\xff\xfe\0')
+    for bag in (tmp_path / 'none', FRICTION, tmp_path / 'empty', FRICTION.parent,
+                tmp_path / 'broken'):
+        more = ('--out', tmp_path / 'out') if command == 'plot' else ()
+        refused(ctc(command, bag, *more), bag)
+
+
+@pytest.mark.parametrize('option', [('--rate', '0'), ('--rate', 'nan'), ('--delay', '-1')])
+def test_bad_replay(tmp_path: Path, option: tuple[str, str]) -> None:
+    refused(ctc('replay', tmp_path, '='.join(option)), option[0], 'allowed')
+
+
+def test_plot(tmp_path: Path) -> None:
+    """Check figures, numbers and page of two bags, and that they may be drawn again."""
+    bags = []
+    for law in ('compensation', 'chattering'):
+        setup = params.load(None, {'plant': {'duration': 0.1}, 'controller': {'law': law}})
+        bags.append(tmp_path / law)
+        write_bag(bags[-1], entries(simulated(setup), setup.plant))
+    result = ctc('plot', *bags, '--out', tmp_path / 'out')
+    assert result.returncode == 0, result.stderr
+    assert {x.name for x in (tmp_path / 'out').iterdir()} == {
+        'figures', 'metrics.json', 'index.html'}
+    assert list((tmp_path / 'out' / 'figures').iterdir())
+    runs = json.loads((tmp_path / 'out' / 'metrics.json').read_text())['runs']
+    assert [run['law'] for run in runs] == ['compensation', 'chattering']
+    assert '<html' in (tmp_path / 'out' / 'index.html').read_text(encoding='utf-8')
+    before = (tmp_path / 'out' / 'metrics.json').read_bytes()
+    refused(ctc('plot', bags[0], '--out', tmp_path / 'out'), '--overwrite')
+    bad = ctc('plot', FRICTION.parent, '--out', tmp_path / 'out', '--overwrite')
+    refused(bad, FRICTION.parent)
+    assert (tmp_path / 'out' / 'metrics.json').read_bytes() == before, 'lost to a bad bag'
+
+
+def test_simulate_needs_numpy_only(short: Path) -> None:
+    """Check that neither ROS nor bags nor figures are imported."""
+    code = ('import sys\nfrom ctc_chattering.cli.ctc import main\n'
+            f'assert main(["simulate", "--params-file", {str(short)!r}]) == 0\n'
+            'print(sorted({name.split(".")[0] for name in sys.modules} & {"rclpy", "rosbags", '
+            '"matplotlib", "mcap", "scipy", "sensor_msgs", "builtin_interfaces"}))')
+    result = python('-c', code)
+    assert result.stdout.splitlines()[-1] == '[]', result.stderr
+
+
+@pytest.mark.parametrize('command', ['', 'simulate', 'reproduce', 'plot', 'replay', 'benchmark'])
+def test_help(command: str) -> None:
+    """Check each help, without heavy imports, and that the first names all commands."""
+    result = ctc(*command.split(), '--help')
+    assert (result.returncode, result.stderr) == (0, '')
+    assert result.stdout.startswith(f'usage: ctc {command}'.rstrip())
+    if not command:
+        for name in ('simulate', 'reproduce', 'plot', 'replay', 'benchmark'):
+            assert name in result.stdout
+    else:
+        assert ctc('--version').stdout.strip() == __version__
+
+
+def test_closed_pipe(short: Path) -> None:
+    """Check that `ctc simulate | true` says nothing."""
+    read, write = os.pipe()
+    os.close(read)
+    with open(write, 'wb') as stdout:
+        result = subprocess.run(
+            [sys.executable, '-u', '-m', 'ctc_chattering.cli.ctc', 'simulate', '--params-file',
+             str(short)], cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE, timeout=60, check=False)
+    assert b'Traceback' not in result.stderr
+    assert b'Broken' not in result.stderr
