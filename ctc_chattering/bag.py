@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.typesys import get_typestore, Stores
 
@@ -42,7 +42,7 @@ def open_bag(path: Path) -> AnyReader:
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
-    except (AnyReaderError, OSError) as error:
+    except Exception as error:
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
     return reader
 
@@ -146,6 +146,8 @@ class _Topics:
         for message in self._messages(JOINT_STATES):
             t = _nanoseconds(message.header.stamp)
             if t < since or (times and t <= times[-1]):
+                continue
+            if not set(names) <= set(message.name):
                 continue
             order = [message.name.index(name) for name in names]
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))

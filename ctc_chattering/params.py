@@ -35,6 +35,15 @@ _Loader.add_implicit_resolver(
     list('-+0123456789.'))
 
 
+class _Dumper(yaml.SafeDumper):
+    """YAML that quotes the strings which ROS would read as numbers, such as 1e3."""
+
+
+_Dumper.yaml_implicit_resolvers = {
+    key: [*_Loader.yaml_implicit_resolvers.get(key, []), *value]
+    for key, value in yaml.SafeDumper.yaml_implicit_resolvers.items()}
+
+
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """
@@ -118,7 +127,7 @@ def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
     tree = {f'{namespace.rstrip("/")}/{node}': {'ros__parameters': {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in mine.items()}} for node, mine in values.items()}
-    path.write_text(yaml.safe_dump(tree, default_flow_style=None), encoding='utf-8')
+    path.write_text(yaml.dump(tree, Dumper=_Dumper, default_flow_style=None), encoding='utf-8')
 
 
 def read(path: Path) -> dict[str, Values]:
@@ -138,14 +147,17 @@ def read(path: Path) -> dict[str, Values]:
             tree = yaml.load(stream, _Loader)
     except OSError as error:
         raise CtcError(f'{path}: {error.strerror or error}') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         text = ' '.join(str(error).split())
         raise CtcError(f'{path}: not a YAML file: {text}') from None
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
     sections: dict[str, Values] = {}
-    for name, values in _sections(tree, '', path):
-        sections.setdefault(name, {}).update(values)
+    try:
+        for name, values in _sections(tree, '', path):
+            sections.setdefault(name, {}).update(values)
+    except RecursionError:
+        raise CtcError(f'{path}: not a parameter file; it contains itself') from None
     return sections
 
 
@@ -156,7 +168,9 @@ def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tupl
             raise CtcError(f'{path}: {name}: ros__parameters is missing')
         if 'ros__parameters' in below:
             last = name.rsplit('/', 1)[1]
-            values = below['ros__parameters'] or {}
+            values = below['ros__parameters']
+            if values is None:
+                values = {}
             if not isinstance(values, dict):
                 raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
             yield (EVERY_NODE if last in ('**', '*') else last), dict(_flat(values, ''))
@@ -262,7 +276,13 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
             ) from None
         if not 0.0 <= time < float('inf'):
             raise ParameterError('events', line, 'a time >= 0')
-        events.append((time, node, name, yaml.load(value, _Loader), config))
+        try:
+            parsed = yaml.load(value, _Loader)
+        except (yaml.YAMLError, ValueError):
+            raise ParameterError('events', line, 'a value in YAML') from None
+        if parsed is None:
+            raise ParameterError('events', line, 'a value, not null')
+        events.append((time, node, name, parsed, config))
     events.sort(key=lambda event: event[0])
     current = dict(configs)
     result = []

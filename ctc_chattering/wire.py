@@ -2,7 +2,7 @@
 Fast passage between arrays and serialized messages whose names do not change.
 
 Converting a message field by field between Python and C costs more than everything the controller
-computes. A writer has ROS serialize one message and afterwards replaces only the numbers in it.
+computes. A writer lays a message out once and afterwards replaces only the numbers in it.
 A reader has ROS deserialize the first message and learns from it where the numbers stand; on every
 later message it checks that all bytes between the numbers are those it has learned, and leaves any
 other message to ROS. Nothing is judged here: lengths and values may be anything.
@@ -10,16 +10,15 @@ other message to ROS. Nothing is judged here: lengths and values may be anything
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 import importlib
 import struct
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.core.grid import NANOSECONDS
@@ -28,6 +27,8 @@ from ctc_chattering.core.grid import NANOSECONDS
 _LITTLE = b'\x00\x01\x00\x00'
 #: Where a header's stamp stands, and the first byte behind it.
 _STAMP, _BEHIND = 4, 12
+#: Messages of other layouts after which a reader leaves them all to ROS.
+_PATIENCE = 1000
 
 
 def message_type(kind: str) -> Any:
@@ -77,14 +78,33 @@ class Piece(NamedTuple):
 
 
 class _Writer:
-    """Serializes messages that differ only in rows of `n` numbers."""
+    """Serializes messages that differ only in rows of `n` numbers: CDR, little-endian."""
 
-    def __init__(self, message: Any, n: int, rows: int) -> None:
-        """Take a message whose i-th row holds the number i + 1, `n` times."""
-        self._buffer = bytearray(serialize_message(message))
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self._buffer = bytearray(_LITTLE)
+        self._offsets: list[int] = []
         self._pack = struct.Struct(f'<{n}d').pack_into
-        self._offsets = [self._buffer.index(struct.pack('<d', float(i + 1)) * n)
-                         for i in range(rows)]
+
+    def _word(self, value: int) -> None:
+        self._align(4)
+        self._buffer += struct.pack('<I', value)
+
+    def _string(self, text: str) -> None:
+        data = text.encode() + b'\0'
+        self._word(len(data))
+        self._buffer += data
+
+    def _row(self, present: bool) -> None:
+        """Append a sequence of `n` numbers, to be filled in later, or an empty one."""
+        self._word(self._n if present else 0)
+        if present:
+            self._align(8)
+            self._offsets.append(len(self._buffer))
+            self._buffer += bytes(8 * self._n)
+
+    def _align(self, size: int) -> None:
+        self._buffer += bytes(-(len(self._buffer) - len(_LITTLE)) % size)
 
     def _fill(self, rows: Sequence[Sequence[float]]) -> bytes:
         for offset, row in zip(self._offsets, rows):
@@ -107,10 +127,15 @@ class StateWriter(_Writer):
 
     def __init__(self, names: Sequence[str],
                  fields: Sequence[str] = ('position', 'velocity', 'effort')) -> None:
-        n = len(names)
-        super().__init__(JointState(name=list(names), **{
-            field: array('d', [i + 1.0] * n) for i, field in enumerate(fields)}), n, len(fields))
+        super().__init__(len(names))
         self._stamp = struct.Struct('<iI').pack_into
+        self._buffer += bytes(8)
+        self._string('')
+        self._word(len(names))
+        for name in names:
+            self._string(name)
+        for field in ('position', 'velocity', 'effort'):
+            self._row(field in fields)
 
     def write(self, t: int, *rows: Sequence[float]) -> bytes:
         """Return the message with stamp `t` [ns] and `rows`, each of shape (n,)."""
@@ -130,19 +155,87 @@ class EffortWriter(_Writer):
     """
 
     def __init__(self, names: Sequence[str]) -> None:
-        message = Float64MultiArray(data=array('d', [1.0] * len(names)))
-        message.layout.dim = [MultiArrayDimension(label=x, size=1, stride=1) for x in names]
-        super().__init__(message, len(names), 1)
+        super().__init__(len(names))
+        self._word(len(names))
+        for name in names:  # A dimension each: label, size, stride.
+            self._string(name)
+            self._word(1)
+            self._word(1)
+        self._word(0)
+        self._row(True)
 
     def write(self, values: Sequence[float]) -> bytes:
         """Return the message with `values`, shape (n,)."""
         return self._fill((values,))
 
 
-class StateReader:
+class TrajectoryWriter(_Writer):
+    """
+    Serializes `JointTrajectory` messages with position, velocity and acceleration.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joint names.
+    count : int
+        Number of points.
+    period : int
+        Time from one point to the next [ns].
+
+    """
+
+    def __init__(self, names: Sequence[str], count: int, period: int) -> None:
+        super().__init__(len(names))
+        self._stamp = struct.Struct('<iI').pack_into
+        self._buffer += bytes(8)
+        self._string('')
+        self._word(len(names))
+        for name in names:
+            self._string(name)
+        self._word(count)
+        for k in range(count):
+            for present in (True, True, True, False):  # Position to acceleration, effort.
+                self._row(present)
+            for word in divmod(k * period, NANOSECONDS):
+                self._word(word)
+
+    def write(self, t: int, points: Sequence[Point]) -> bytes:
+        """Return the message whose first point is at `t` [ns]."""
+        self._stamp(self._buffer, _STAMP, *divmod(t, NANOSECONDS))
+        return self._fill([row for point in points for row in point])
+
+
+class _Reader:
+    """Remembers how often a message was not of the layout learned."""
+
+    def __init__(self) -> None:
+        self._misses = 0
+
+    def _worth_learning(self, data: bytes, message: Any) -> bool:
+        """
+        Return whether the layout of `data` should be learned.
+
+        Not of a big-endian message, nor of one with bytes behind its end; and not again and
+        again where the sender leaves different bytes in the gaps each time.
+        """
+        self._misses += 1
+        return (self._misses <= _PATIENCE and data[:_STAMP] == _LITTLE
+                and not _says(data[:-1], message))
+
+
+def _says(data: bytes, message: Any) -> bool:
+    """Return whether ROS reads `message` from `data`."""
+    try:
+        return bool(deserialize_message(data, type(message)) == message)
+    except RuntimeError:
+        return False
+
+
+class StateReader(_Reader):
     """Deserializes `JointState` messages."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._length = -1
 
     def read(self, data: bytes) -> State:
@@ -161,7 +254,8 @@ class StateReader:
                       tuple(message.position), tuple(message.velocity), tuple(message.effort))
         self._length = -1
         n = len(state.position)
-        if n and n == len(state.velocity) == len(state.effort) and data[:_STAMP] == _LITTLE:
+        if (n and n == len(state.velocity) == len(state.effort)
+                and self._worth_learning(data, message)):
             frame = len(data) - 24 * n - 16 - _BEHIND
             layout = struct.Struct(f'<iI{frame}s{n}dI4x{n}dI4x{n}d')
             x = layout.unpack_from(data, _STAMP)
@@ -171,10 +265,11 @@ class StateReader:
         return state
 
 
-class EffortReader:
+class EffortReader(_Reader):
     """Deserializes `Float64MultiArray` messages."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._length = -1
         self._frame = b''
         self._names: tuple[str, ...] = ()
@@ -189,7 +284,8 @@ class EffortReader:
         n = len(efforts.values)
         unpack = struct.Struct(f'<{n}d').unpack_from
         self._length = -1
-        if n and data[:_STAMP] == _LITTLE and unpack(data, len(data) - 8 * n) == efforts.values:
+        if (n and self._worth_learning(data, message)
+                and unpack(data, len(data) - 8 * n) == efforts.values):
             self._length, self._unpack = len(data), unpack
             self._frame, self._names = data[:len(data) - 8 * n], efforts.names
         return efforts
@@ -209,7 +305,8 @@ class TrajectoryReader:
         Missing velocities and accelerations are empty rows.
         """
         start = self._start
-        if start >= 0 and data[:_STAMP] == _LITTLE and data[_BEHIND:start - 4] == self._frame:
+        if (0 <= start <= len(data) and data[:_STAMP] == _LITTLE
+                and data[_BEHIND:start - 4] == self._frame):
             sec, nanosec = struct.unpack_from('<iI', data, _STAMP)
             piece = self._points(data, start, sec * NANOSECONDS + nanosec)
             if piece is not None:

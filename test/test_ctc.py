@@ -140,7 +140,7 @@ def test_existing_output(tmp_path: Path, short: Path) -> None:
 @pytest.mark.parametrize(('content', 'words'), [
     ('controller: {ros__parameters: {mass: 1}}', ['mass', 'controller']),
     ('controller: {ros__parameters: {lambda: 0}}', ['lambda', '> 0']),
-    ('plant: {ros__parameters: {duration: 0.0}}', ['duration']),
+    ('plant: {ros__parameters: {duration: -1.0}}', ['duration', '>= 0']),
     ('plant: {ros__parameters: {duration: 1.0, initial_velocity: [1e300, 1e300]}}', []),
     ('a: [', ['not a YAML file']), ('', ['node names'])])
 def test_bad_file(tmp_path: Path, content: str, words: list[str]) -> None:
@@ -159,15 +159,31 @@ def test_bad_places(tmp_path: Path, short: Path) -> None:
     refused(ctc('simulate', '--params-file', short, '--out', '/proc/self/x'), '/proc/self/x')
 
 
-@pytest.mark.parametrize('period', ['0', '-1', 'nan', 'inf', '1e-10', '1e300'])
-def test_bad_control_period(period: str) -> None:
-    refused(ctc('simulate', '--params-file', FRICTION, f'--control-period={period}'),
-            'control_period', 'allowed')
+@pytest.mark.parametrize(('option', 'words'), [
+    *((f'--control-period={x}', ['control_period', 'allowed'])
+      for x in ('0', '-1', 'nan', 'inf', '1e-10', '1e300')),
+    *((f'--duration={x}', ['duration', 'allowed']) for x in ('-1', 'nan', 'inf', '1e300')),
+    ('--law=pid', ['law', 'pid', 'compensation | chattering']),
+    ('--switching=smooth', ['switching', 'smooth', 'sign'])])
+def test_bad_option(option: str, words: list[str]) -> None:
+    refused(ctc('simulate', '--params-file', FRICTION, option), *words)
+
+
+def test_duration(tmp_path: Path) -> None:
+    """Check --duration, and that a run without an end gets one, of 10 s, and says so."""
+    file = tmp_path / 'p.yaml'
+    file.write_text('/**: {ros__parameters: {control_period: 0.02}}')
+    for more, end in (('--duration=0.5',), 0.5), ((), 10.0):
+        out = tmp_path / str(end)
+        result = ctc('simulate', '--params-file', file, '--out', out, *more)
+        assert result.returncode == 0, result.stderr
+        assert run_of(out)[1]['t'][-1] == end
+        assert ('for ever' in result.stderr) == (end == 10.0)
 
 
 @pytest.mark.parametrize('arguments', [
-    [], ['dance'], ['simulate', '--law', 'pid'], ['simulate', '--control-period', 'x'], ['plot'],
-    ['simulate', '--unknown'], ['replay']])
+    [], ['dance'], ['simulate', '--control-period', 'x'], ['simulate', '--unknown'], ['plot'],
+    ['replay']])
 def test_wrong_arguments(arguments: list[str]) -> None:
     """Check argparse's usage and status 2."""
     result = ctc(*arguments)
@@ -242,7 +258,7 @@ def test_closed_pipe(short: Path) -> None:
     """Check that `ctc simulate | true` says nothing."""
     read, write = os.pipe()
     os.close(read)
-    with open(write, 'wb') as stdout:
+    with os.fdopen(write, 'wb') as stdout:
         result = subprocess.run(
             [sys.executable, '-u', '-m', 'ctc_chattering.cli.ctc', 'simulate', '--params-file',
              str(short)], cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE, timeout=60, check=False)

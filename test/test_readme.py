@@ -15,7 +15,8 @@ README = (ROOT / 'README.md').read_text(encoding='utf-8')
 
 
 def test_the_parameters_are_those_of_the_code() -> None:
-    begin, end = '<!-- parameters: the output of `ctc parameters` -->\n', '\n<!-- end of parameters'
+    begin = '<!-- parameters: the output of `ctc parameters` -->\n'
+    end = '\n<!-- end of parameters'
     assert README[README.index(begin) + len(begin):README.index(end)] == parameter_table()
 
 

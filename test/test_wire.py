@@ -282,3 +282,23 @@ def test_stamp_and_message_type() -> None:
     for t in (0, -1, 1_234_567_890_123_456_789, -5 * 10 ** 9):
         assert wire.nanoseconds_of(wire.stamp(t)) == t == ns(wire.stamp(t))
     assert wire.message_type('sensor_msgs/msg/JointState') is JointState
+
+
+@pytest.mark.parametrize('names', [('a',), ('joint1', 'joint2'), ('x', 'yy', 'zzz', 'wwww')])
+@pytest.mark.parametrize('count', [1, 2, 25])
+def test_a_written_trajectory_is_what_ros_reads(names: tuple[str, ...], count: int) -> None:
+    writer = wire.TrajectoryWriter(names, count, 700_000_000)
+    n = len(names)
+    for shift in (0.0, 1.5):
+        points: list[wire.Point] = [
+            ([shift + k] * n, [shift + 0.1 * k] * n, [shift - k] * n) for k in range(count)]
+        data = writer.write(3_200_000_001, points)
+        message = deserialize_message(data, JointTrajectory)
+        assert message.joint_names == list(names)
+        assert (message.header.stamp.sec, message.header.stamp.nanosec) == (3, 200_000_001)
+        assert [(list(p.positions), list(p.velocities), list(p.accelerations), list(p.effort))
+                for p in message.points] == [(*point, []) for point in points]
+        assert [p.time_from_start.sec * 10 ** 9 + p.time_from_start.nanosec
+                for p in message.points] == [700_000_000 * k for k in range(count)]
+        with pytest.raises(RuntimeError):
+            deserialize_message(data[:-1], JointTrajectory)

@@ -63,7 +63,9 @@ def reproduce(options: argparse.Namespace) -> int:
                         show=lambda _: None)
                 progress.complete()
             bags.append(bag)
-    return _present(bags, out)
+    from ctc_chattering.bag import read_bag
+
+    return _present([read_bag(bag) for bag in bags], bags, out)
 
 
 def plot(options: argparse.Namespace) -> int:
@@ -71,19 +73,20 @@ def plot(options: argparse.Namespace) -> int:
     for bag in options.bags:
         if not bag.exists():
             raise CtcError(f'{bag}: no such bag')
+    from ctc_chattering.bag import read_bag
+
+    results = [read_bag(bag) for bag in options.bags]
     out = prepare(options.out, (_FIGURES, _METRICS, _PAGE), options.overwrite)
-    return _present(options.bags, out)
+    return _present(results, options.bags, out)
 
 
-def _present(bags: Sequence[Path], out: Path) -> int:
-    """Read bags and write figures, metrics and page into `out`."""
+def _present(results: Sequence[Result], bags: Sequence[Path], out: Path) -> int:
+    """Write figures, metrics and page into `out`."""
     import os
 
-    from ctc_chattering.bag import read_bag
     from ctc_chattering.plots import save_figures
     from ctc_chattering.report import write_page
 
-    results = [read_bag(bag) for bag in bags]
     print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
     figures = save_figures(results, out / _FIGURES)
     write_metrics(results, out / _METRICS)

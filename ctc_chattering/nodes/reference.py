@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from array import array
 import sys
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import wire
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
@@ -34,12 +32,12 @@ class ReferenceNode(Shell):
             self, (ReferenceConfig, ReferenceSettings), lambda: None)
         config = self._tuning.get(ReferenceConfig)
         self._settings = self._tuning.get(ReferenceSettings)
-        self._names = list(config.joint_names)
         self._motion = Sinusoid(config)
         self._period = period_ns(config.control_period)
         horizon = round(self._settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
+        self._writer = wire.TrajectoryWriter(config.joint_names, self._piece, self._period)
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
         self._simulated = False
         self._start: int | None = None
@@ -91,23 +89,15 @@ class ReferenceNode(Shell):
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
-            self._publish(self._next, self._piece)
+            self._publish(self._next)
             self._next += self._piece
 
-    def _publish(self, first: int, count: int) -> None:
-        """Publish `count` points from grid index `first` on."""
-        message = JointTrajectory(joint_names=self._names)
-        message.header.stamp = wire.stamp((self._start or 0) + first * self._period)
-        points = []
-        for k in range(count):
-            q_d, dq_d, ddq_d = self._motion.at(seconds((first + k) * self._period))
-            sec, nanosec = divmod(k * self._period, NANOSECONDS)
-            points.append(JointTrajectoryPoint(
-                positions=array('d', q_d), velocities=array('d', dq_d),
-                accelerations=array('d', ddq_d),
-                time_from_start=Duration(sec=sec, nanosec=nanosec)))
-        message.points = points
-        self._publisher.publish(message)
+    def _publish(self, first: int) -> None:
+        """Publish a piece from grid index `first` on."""
+        self._publisher.publish(self._writer.write(
+            (self._start or 0) + first * self._period,
+            [self._motion.at(seconds((first + k) * self._period))
+             for k in range(self._piece)]))
 
 
 def main() -> int:
