@@ -19,6 +19,8 @@ from ctc_chattering.settings import LOOP
 from ctc_chattering.share import config_directory
 
 Overrides = Mapping[str, Mapping[str, Any]]
+
+
 class Stopped(CtcError):
     """The run was stopped by SIGINT or SIGTERM."""
 
