@@ -95,6 +95,15 @@ class _Writer:
         self._word(len(data))
         self._buffer += data
 
+    def _header(self, names: Sequence[str]) -> None:
+        """Append a header, its stamp to be filled in later, and the names."""
+        self._stamp = struct.Struct('<iI').pack_into
+        self._buffer += bytes(8)
+        self._string('')
+        self._word(len(names))
+        for name in names:
+            self._string(name)
+
     def _row(self, present: bool) -> None:
         """Append a sequence of `n` numbers, to be filled in later, or an empty one."""
         self._word(self._n if present else 0)
@@ -128,12 +137,7 @@ class StateWriter(_Writer):
     def __init__(self, names: Sequence[str],
                  fields: Sequence[str] = ('position', 'velocity', 'effort')) -> None:
         super().__init__(len(names))
-        self._stamp = struct.Struct('<iI').pack_into
-        self._buffer += bytes(8)
-        self._string('')
-        self._word(len(names))
-        for name in names:
-            self._string(name)
+        self._header(names)
         for field in ('position', 'velocity', 'effort'):
             self._row(field in fields)
 
@@ -186,12 +190,7 @@ class TrajectoryWriter(_Writer):
 
     def __init__(self, names: Sequence[str], count: int, period: int) -> None:
         super().__init__(len(names))
-        self._stamp = struct.Struct('<iI').pack_into
-        self._buffer += bytes(8)
-        self._string('')
-        self._word(len(names))
-        for name in names:
-            self._string(name)
+        self._header(names)
         self._word(count)
         for k in range(count):
             for present in (True, True, True, False):  # Position to acceleration, effort.
