@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 import dataclasses
 from typing import ClassVar, NamedTuple
 
@@ -9,8 +11,12 @@ from ctc_chattering.core.filter import ErrorFilter
 from ctc_chattering.core.grid import period_ns, seconds
 from ctc_chattering.core.model import dot, Model, times, Vector
 from ctc_chattering.core.models import check_model, make_model, MODELS
+from ctc_chattering.core.observer import PerturbationObserver
 from ctc_chattering.core.parameters import Config, matrix, parameter
-from ctc_chattering.core.switching import sign, SWITCHINGS
+from ctc_chattering.core.predictor import predict
+from ctc_chattering.core.scaled import Scaled
+from ctc_chattering.core.switching import boundary_layer, implicit_term, sign, SWITCHINGS
+from ctc_chattering.core.trajectory import Point
 
 #: Values of the parameter ``law``: equation (2), equation (6).
 LAWS = ('compensation', 'chattering')
@@ -50,6 +56,23 @@ class ControllerConfig(Config):
         exclusive=True)
     switching: str = parameter(
         'switching', 'str', 'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS)
+    boundary_layer: float = parameter(
+        'boundary_layer', 'float', 0.05, 'Switching boundary_layer: half its width.',
+        unit='rad/s', minimum=0.0, exclusive=True)
+    observer_bandwidth: float = parameter(
+        'observer_bandwidth', 'float', 1200.0,
+        'Switching implicit_observer: how fast the estimate of the perturbation follows; .inf '
+        'for within one sample.', unit='rad/s', minimum=0.0, exclusive=True, infinite=True)
+    input_delay: int = parameter(
+        'input_delay', 'int', 0,
+        'Known delay of the torque, in samples; the law predicts the state over it.', minimum=0,
+        maximum=100, read_only=True)
+    inertia_scale: float = parameter(
+        'inertia_scale', 'float', 1.0, 'Factor on M and C, to study model errors.', minimum=0.0,
+        exclusive=True, read_only=True)
+    gravity_scale: float = parameter(
+        'gravity_scale', 'float', 1.0, 'Factor on G, to study model errors.', minimum=0.0,
+        read_only=True)
     effort_limit: tuple[float, ...] = parameter(
         'effort_limit', 'float[]', float('inf'), 'Largest torque sent; .inf for unlimited.',
         unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
@@ -72,13 +95,14 @@ class Sample(NamedTuple):
     e: Vector
     #: Velocity error de = dq_d - dq [rad/s].
     de: Vector
-    #: Filtered error [rad/s].
+    #: Filtered error [rad/s]. e, de and v belong to the state; what follows to the torque, which
+    #: under an input delay is for the state predicted over it.
     v: Vector
     #: M [ddq_d + Kv de + Kp e] + C dq + G [N·m].
     inverse_dynamics: Vector
     #: C v, which both laws subtract [N·m].
     compensation: Vector
-    #: Ka sgn(v), which law (6) subtracts; 0 under law (2) [N·m].
+    #: Ka sgn(v), however switched, which law (6) subtracts; 0 under law (2) [N·m].
     chattering: Vector
 
 
@@ -100,15 +124,24 @@ class Controller:
 
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
         self.model = model or make_model(config.model, config.gravity)
-        self.filter = ErrorFilter(len(config.joint_names))
+        if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
+            self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
+        n = len(config.joint_names)
+        self.filter = ErrorFilter(n)
+        self.observer = PerturbationObserver(n)
+        self._none: Vector = (0.0,) * n
+        self._cut: Vector = self._none
+        #: Torques on their way, each with what the bound has cut off its chattering term.
+        self._sent: deque[tuple[Vector, Vector]] = deque()
         self.configure(config)
+        self.reset()
 
     def configure(self, config: ControllerConfig) -> None:
         """
         Use other gains or another law from the next step on.
 
         The filter state ξ lives on, so that v has no step (unless b itself changes) and only the
-        chattering term comes or goes.
+        chattering term comes or goes. The estimate of the perturbation lives on as well.
         """
         n = len(config.joint_names)
         self.config = config
@@ -119,11 +152,20 @@ class Controller:
             self._diagonal = [(self._kp[i][i], self._kv[i][i]) for i in range(n)]
         self._limited = min(config.effort_limit) < float('inf')
         self._chattering = config.law == 'chattering'
-        self._none = (0.0,) * n
-        period = seconds(period_ns(config.control_period))
-        self.filter.configure(config.lambda_, config.b, period)
+        self._observing = self._chattering and config.switching == 'implicit_observer'
+        self._period = seconds(period_ns(config.control_period))
+        self.filter.configure(config.lambda_, config.b, self._period)
+        self.observer.configure(
+            config.observer_bandwidth, self._period, config.b, config.ka)
 
-    def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector) -> Sample:
+    def reset(self) -> None:
+        """Begin anew: ξ = 0, no estimate, no torque on its way."""
+        self.filter.reset()
+        self.observer.reset()
+        self._sent = deque([(self._none, self._none)] * self.config.input_delay)
+
+    def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
+             ahead: Sequence[Point] = ()) -> Sample:
         """
         Return the torque for this sample, and what it is made of.
 
@@ -133,28 +175,87 @@ class Controller:
             Position [rad] and velocity [rad/s].
         q_d, dq_d, ddq_d : sequence of float, shape (n,)
             Desired position [rad], velocity [rad/s] and acceleration [rad/s²].
+        ahead : sequence of (q_d, dq_d, ddq_d)
+            The same for the next samples, as many as `input_delay` says.
 
         """
         model = self.model
-        e = [a - b for a, b in zip(q_d, q)]
-        de = [a - b for a, b in zip(dq_d, dq)]
-        if self._diagonal:
-            feedback = [kv * d + kp * x for (kp, kv), x, d in zip(self._diagonal, e, de)]
-        else:
-            feedback = [a + b for a, b in zip(times(self._kv, de), times(self._kp, e))]
+        e, de, feedback = self._errors(q, dq, q_d, dq_d)
         v = self.filter.output(de)
+        if self._observing:
+            self.observer.learn(model, v)
+        seen = (q, dq, ddq_d, feedback, v)
+        if self._sent:
+            q, dq, feedback, v = self._predict(q, dq, de, feedback, ahead)
+            ddq_d = ahead[-1][2]
+        self.filter.update(de, seen[3])
         inverse = model.inverse_dynamics(q, dq, [a + f for a, f in zip(ddq_d, feedback)])
         coriolis = model.coriolis_times(q, dq, v)
         if self._chattering:
-            chattering: Vector = sign(v, self.config.ka)
-            tau = [i - c - s for i, c, s in zip(inverse, coriolis, chattering)]
+            term = self._term(q, v, feedback, coriolis)
+            tau = [i - c - s for i, c, s in zip(inverse, coriolis, term)]
         else:
-            chattering = self._none
+            term = self._none
             tau = [i - c for i, c in zip(inverse, coriolis)]
-        self.filter.update(de, feedback)
         if self._limited:
             tau = [min(max(x, -limit), limit) for x, limit in zip(tau, self.config.effort_limit)]
-        return Sample(tau, e, de, v, inverse, coriolis, chattering)
+        if self._sent:
+            self._sent.append((tau, self._cut))
+        if self._observing:
+            self._expect(*seen, inverse if not self._sent else None, tau)
+        if self._sent:
+            self._sent.popleft()
+        return Sample(tau, e, de, seen[4], inverse, coriolis, term)
+
+    def _expect(self, q: Vector, dq: Vector, ddq_d: Vector, feedback: Vector, v: Vector,
+                inverse: Vector | None, tau: Vector) -> None:
+        """Tell the observer what is applied from this sample on, and so what it should see."""
+        cut = self._cut
+        if inverse is None:  # The torque applied now is one sent earlier, for this state.
+            inverse = self.model.inverse_dynamics(
+                q, dq, [a + f for a, f in zip(ddq_d, feedback)])
+            tau, cut = self._sent[0]
+        self.observer.expect(q, self.filter.drift(v, feedback),
+                             [x - t for x, t in zip(inverse, tau)], cut)
+
+    def _errors(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector
+                ) -> tuple[Vector, Vector, Vector]:
+        """Return e, de and Kv de + Kp e, each of shape (n,)."""
+        e = [a - b for a, b in zip(q_d, q)]
+        de = [a - b for a, b in zip(dq_d, dq)]
+        if self._diagonal:
+            return e, de, [kv * d + kp * x for (kp, kv), x, d in zip(self._diagonal, e, de)]
+        return e, de, [a + b for a, b in zip(times(self._kv, de), times(self._kp, e))]
+
+    def _predict(self, q: Vector, dq: Vector, de: Vector, feedback: Vector,
+                 ahead: Sequence[Point]) -> tuple[Vector, Vector, Vector, Vector]:
+        """Return q, dq, Kv de + Kp e and v when the torque of this step arrives."""
+        state = self.filter.state
+        estimate = self.observer.estimate if self._observing else self._none
+        for (tau, _), (q_d, dq_d, _) in zip(self._sent, ahead):
+            state = self.filter.advance(state, de, feedback)
+            q, dq = predict(
+                self.model, q, dq, [t - p for t, p in zip(tau, estimate)], self._period)
+            _, de, feedback = self._errors(q, dq, q_d, dq_d)
+        return q, dq, feedback, self.filter.output(de, state)
+
+    def _term(self, q: Vector, v: Vector, feedback: Vector, coriolis: Vector) -> Vector:
+        """Return the chattering term, shape (n,) [N·m], within ±Ka."""
+        config = self.config
+        if config.switching == 'sign':
+            return sign(v, config.ka)
+        if config.switching == 'boundary_layer':
+            return boundary_layer(v, config.ka, config.boundary_layer)
+        scale = self.filter.scale
+        push = self.model.inertia_times(
+            q, [y / scale for y in self.filter.drift(v, feedback)])
+        wanted = [m - c for m, c in zip(push, coriolis)]
+        if not self._observing:
+            return implicit_term(self.model, q, wanted, config.ka)
+        wanted = [w - p for w, p in zip(wanted, self.observer.estimate)]
+        term = implicit_term(self.model, q, wanted, config.ka)
+        self._cut = [w - z for w, z in zip(wanted, term)]
+        return term
 
     def lyapunov(self, q: Vector, v: Vector) -> float:
         """Return V = ½ vᵀ M(q) v of equation (9) [J]."""

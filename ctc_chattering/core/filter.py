@@ -33,20 +33,37 @@ class ErrorFilter:
         """Set λ [1/s], b and the sample period [s]; the state ξ lives on."""
         self._lambda = lambda_
         self._b = b
+        self.scale = b * period
         self._decay = exp(-lambda_ * period)
         self._gain = -b * expm1(-lambda_ * period) / lambda_
 
-    def output(self, de: Vector) -> Vector:
-        """Return v, shape (n,) [rad/s], at the present sample."""
+    def output(self, de: Vector, state: Vector | None = None) -> Vector:
+        """Return v, shape (n,) [rad/s], at the present sample, or of another state ξ."""
         b = self._b
-        return [x - b * d for x, d in zip(self.state, de)]
+        return [x - b * d for x, d in zip(self.state if state is None else state, de)]
+
+    def drift(self, v: Vector, feedback: Vector) -> Vector:
+        """
+        Return what v would be a period later if dde + Kv de + Kp e were 0, shape (n,) [rad/s].
+
+        It is exp(-λ h) v + (b h - c) (Kv de + Kp e), with c the gain of the filter's input; the
+        second part is of the order of h².
+        """
+        decay, rest = self._decay, self.scale - self._gain
+        return [decay * x + rest * f for x, f in zip(v, feedback)]
 
     def update(self, de: Vector, feedback: Vector) -> None:
+        """Advance ξ by one period; arguments as `advance` has them."""
+        self.state = self.advance(self.state, de, feedback)
+
+    def advance(self, state: Vector, de: Vector, feedback: Vector) -> Vector:
         """
-        Advance ξ by one period.
+        Return ξ, shape (n,), one period after `state`.
 
         Parameters
         ----------
+        state : sequence of float, shape (n,)
+            ξ [rad/s].
         de : sequence of float, shape (n,)
             Velocity error [rad/s].
         feedback : sequence of float, shape (n,)
@@ -54,8 +71,8 @@ class ErrorFilter:
 
         """
         decay, gain, lambda_ = self._decay, self._gain, self._lambda
-        self.state = [decay * x + gain * (lambda_ * d - f)
-                      for x, d, f in zip(self.state, de, feedback)]
+        return [decay * x + gain * (lambda_ * d - f)
+                for x, d, f in zip(state, de, feedback)]
 
     def reset(self) -> None:
         """Set ξ = 0."""

@@ -8,9 +8,11 @@ located within the step, the modes are decided anew there, and the rest of the s
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 import dataclasses
 import math
-from math import inf, isfinite
+from math import exp, inf, isfinite
 from typing import ClassVar
 
 from ctc_chattering.core.disturbance import disturbance
@@ -20,10 +22,12 @@ from ctc_chattering.core.model import Model, Vector
 from ctc_chattering.core.models import check_model, make_model, MODELS
 from ctc_chattering.core.parameters import Config, parameter
 from ctc_chattering.core.root import first_negative
+from ctc_chattering.core.sensor import Sensor
 from ctc_chattering.errors import CtcError
 
 #: Values of the parameter ``pacing``.
 PACINGS = ('real_time', 'lockstep')
+Dynamics = Callable[[Vector, Vector, Vector, int], Vector]
 #: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
 _MAX_EVENTS = 50
 
@@ -45,6 +49,16 @@ class PlantConfig(Config):
     coulomb_friction: tuple[float, ...] = parameter(
         'coulomb_friction', 'float[]', 9.9, 'Coulomb friction Kf.', unit='N*m', minimum=0.0,
         shape='n')
+    viscous_friction: tuple[float, ...] = parameter(
+        'viscous_friction', 'float[]', 0.0, 'Viscous friction, times the velocity.',
+        unit='N*m*s/rad', minimum=0.0, shape='n')
+    stribeck_friction: tuple[float, ...] = parameter(
+        'stribeck_friction', 'float[]', 0.0,
+        'How far friction at rest exceeds Kf; it fades as exp(-(dq / stribeck_velocity)^2).',
+        unit='N*m', minimum=0.0, shape='n')
+    stribeck_velocity: tuple[float, ...] = parameter(
+        'stribeck_velocity', 'float[]', 0.05, 'Velocity at which it has fallen to 1/e.',
+        unit='rad/s', minimum=0.0, exclusive=True, shape='n')
     disturbance_amplitude: tuple[float, ...] = parameter(
         'disturbance.amplitude', 'float[]', 0.0, 'Amplitude of the disturbance d(t).', unit='N*m',
         shape='n')
@@ -57,6 +71,25 @@ class PlantConfig(Config):
     initial_velocity: tuple[float, ...] = parameter(
         'initial_velocity', 'float[]', 0.0, 'Velocity at t = 0.', unit='rad/s', shape='n',
         read_only=True)
+    position_noise: tuple[float, ...] = parameter(
+        'position_noise', 'float[]', 0.0, 'Standard deviation of the noise on the position.',
+        unit='rad', minimum=0.0, shape='n', read_only=True)
+    velocity_noise: tuple[float, ...] = parameter(
+        'velocity_noise', 'float[]', 0.0, 'Standard deviation of the noise on the velocity.',
+        unit='rad/s', minimum=0.0, shape='n', read_only=True)
+    encoder_resolution: tuple[float, ...] = parameter(
+        'encoder_resolution', 'float[]', 0.0, 'Step of the measured position; 0 for none.',
+        unit='rad', minimum=0.0, shape='n', read_only=True)
+    noise_seed: int = parameter(
+        'noise_seed', 'int', 0, 'Seed of the noise: the same seed, the same noise.', minimum=0,
+        maximum=2 ** 62, read_only=True)
+    input_delay: int = parameter(
+        'input_delay', 'int', 0, 'Delay between a torque received and applied, in samples.',
+        minimum=0, maximum=100, read_only=True)
+    torque_saturation: tuple[float, ...] = parameter(
+        'torque_saturation', 'float[]', float('inf'),
+        'Largest torque the drives give; .inf for unlimited.', unit='N*m', minimum=0.0,
+        exclusive=True, infinite=True, shape='n', read_only=True)
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h; the torque is held over it.', unit='s',
         minimum=0.0, exclusive=True, read_only=True)
@@ -97,9 +130,13 @@ class Plant:
     Attributes
     ----------
     q, dq : sequence of float, shape (n,)
-        Position [rad] and velocity [rad/s] at sample `k`.
+        True position [rad] and velocity [rad/s] at sample `k`.
     k : int
         Sample index; the time is k h.
+    applied : sequence of float, shape (n,)
+        Torque that was applied over the last period, delayed and saturated [N·m].
+    measured : (sequence of float, sequence of float), each of shape (n,)
+        Position and velocity as the sensors have them at sample `k`.
     modes : tuple of int, shape (n,)
         +1 and -1 for a joint that slides, 0 for one that sticks or has no friction.
 
@@ -111,6 +148,13 @@ class Plant:
         self.dq: Vector = config.initial_velocity
         self.k = 0
         self.modes: tuple[int, ...] = (0,) * self.model.n
+        rest = (0.0,) * self.model.n
+        self.applied: Vector = rest
+        self._coming: deque[Vector] = deque([rest] * config.input_delay)
+        self._limited = min(config.torque_saturation) < inf
+        self._sensor = Sensor(config.encoder_resolution, config.position_noise,
+                              config.velocity_noise, config.noise_seed)
+        self.measured = self._sensor.measure(self.q, self.dq)
         self.period_ns = period_ns(config.control_period)
         period = seconds(self.period_ns)
         self._substeps = max(1, math.ceil(period / config.integration_step - 1e-9))
@@ -120,7 +164,12 @@ class Plant:
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         self.config = config
-        self._level = config.coulomb_friction
+        self._level = [
+            a + b for a, b in zip(config.coulomb_friction, config.stribeck_friction)]
+        self._law = None
+        if any(config.viscous_friction) or any(config.stribeck_friction):
+            self._law = list(zip(config.viscous_friction, config.stribeck_friction,
+                                 config.stribeck_velocity))
         self._rubbing = [i for i, level in enumerate(self._level) if level > 0.0]
         self._disturbed = any(config.disturbance_amplitude)
         self._decided = False
@@ -132,7 +181,10 @@ class Plant:
 
     def step(self, tau: Vector) -> None:
         """
-        Hold the torque `tau`, shape (n,) [N·m], for one control period.
+        Receive the torque `tau`, shape (n,) [N·m], and go on by one control period.
+
+        What is held over the period is the torque received `input_delay` samples ago, within
+        the saturation.
 
         Raises
         ------
@@ -143,6 +195,13 @@ class Plant:
         t = self.t
         if not isfinite(sum(tau)):
             raise CtcError(f'the torque {list(tau)} at t = {t:g} s is not finite')
+        if self._coming:
+            self._coming.append(tau)
+            tau = self._coming.popleft()
+        if self._limited:
+            tau = [min(max(x, -limit), limit)
+                   for x, limit in zip(tau, self.config.torque_saturation)]
+        self.applied = tau
         if not self._decided or self._stuck or 0.0 in self.dq:
             self._decide(t, tau)
         try:
@@ -153,6 +212,7 @@ class Plant:
         except (ValueError, OverflowError):  # sin(inf)
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s') from None
         self.k += 1
+        self.measured = self._sensor.measure(self.q, self.dq)
 
     def _torque(self, t: float, tau: Vector) -> Vector:
         """Return torque plus disturbance, shape (n,)."""
@@ -225,9 +285,18 @@ class Plant:
 
         return first_negative(margin, h, held, 1e-12 * h)
 
+    def _sliding_dynamics(self, q: Vector, dq: Vector, u: Vector, lock: int) -> Vector:
+        """Return ddq where friction depends on the velocity; `u` has its value near rest off."""
+        assert self._law is not None
+        load = [
+            x - viscous * v + (fall * m * (1.0 - exp(-(v / speed) ** 2)) if fall else 0.0)
+            for x, v, m, (viscous, fall, speed) in zip(u, dq, self.modes, self._law)]
+        return self.model.forward_dynamics(q, dq, load, lock)
+
     def _runge_kutta(self, t: float, h: float, load: Vector) -> tuple[Vector, Vector]:
         """Return q and dq after one step of fourth order in the present modes."""
-        dynamics, lock = self.model.forward_dynamics, self._locked
+        lock = self._locked
+        dynamics: Dynamics = self._sliding_dynamics if self._law else self.model.forward_dynamics
         q, dq = self.q, self.dq
         half = 0.5 * h
         sixth = h / 6.0

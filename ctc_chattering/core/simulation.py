@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from typing import Any
@@ -12,9 +13,9 @@ import numpy.typing as npt
 
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import period_ns, samples, seconds
-from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
+from ctc_chattering.core.trajectory import Point
 from ctc_chattering.errors import CtcError
 
 Array = npt.NDArray[np.float64]
@@ -94,7 +95,7 @@ class Record:
 
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
-             progress: Callable[[float], None] | None = None) -> Run:
+             progress: Callable[[float], None] | None = None, truth: bool = False) -> Run:
     """
     Run the closed loop from t = 0 to the plant's `duration`, both samples included.
 
@@ -109,6 +110,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         Changes of parameters during the run.
     progress : callable, optional
         Called now and then with the simulated time [s].
+    truth : bool
+        Record the true state in place of the one that the sensors show, as a bag has it.
 
     Raises
     ------
@@ -123,6 +126,16 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     straight = order == list(range(len(order)))
     period = period_ns(plant.control_period)
     last = samples(plant.duration, period)
+    delay = controller.input_delay
+
+    def at(k: int) -> Point:
+        point = motion.at(seconds(k * period))
+        if straight:
+            return point
+        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
+        return q_d, dq_d, ddq_d
+
+    coming = deque(at(k) for k in range(delay))
     due = sorted(events, key=lambda event: event.time)
     record = Record(robot.model.n)
     every = max(1, last // 100)
@@ -130,21 +143,18 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         t = seconds(k * period)
         while due and t >= due[0].time:
             _apply(due.pop(0), robot, law)
-        desired = motion.at(t)
-        if not straight:
-            desired = tuple(_pick(x, order) for x in desired)  # type: ignore[assignment]
-        q, dq = robot.q, robot.dq
-        sample = law.step(q, dq, *desired)
+        coming.append(at(k + delay))
+        q, dq = robot.measured
+        desired = coming.popleft()
+        sample = law.step(q, dq, *desired, coming)
+        if truth:
+            q, dq = robot.q, robot.dq
         record.add(t, q, dq, *desired, sample.tau, sample.v)
         if k < last:
             robot.step(sample.tau)
         if progress is not None and k % every == 0:
             progress(t)
     return record.run()
-
-
-def _pick(x: Vector, order: Sequence[int]) -> Vector:
-    return [x[i] for i in order]
 
 
 def _apply(event: Event, robot: Plant, law: Controller) -> None:

@@ -1,11 +1,19 @@
-"""Ways to evaluate the chattering term Ka sgn(v) of law (6)."""
+"""
+Ways to evaluate the chattering term of law (6), Ka sgn(v).
+
+`sign` is the paper's; `boundary_layer` replaces the jump by a slope. `implicit_term` is the
+backward-Euler discretisation: the term z is the element of Ka Sgn(v) at the *next* sample, so that
+it can rest anywhere between -Ka and Ka once v is 0 (Acary & Brogliato 2010; Huber, Acary &
+Brogliato 2016; see docs/theory.md).
+"""
 
 from __future__ import annotations
 
-from ctc_chattering.core.model import Vector
+from ctc_chattering.core.box import solve_box
+from ctc_chattering.core.model import Model, solve, Vector
 
 #: Values of the parameter ``switching``.
-SWITCHINGS = ('sign',)
+SWITCHINGS = ('sign', 'boundary_layer', 'implicit', 'implicit_observer')
 
 
 def sign(v: Vector, ka: Vector) -> list[float]:
@@ -21,3 +29,49 @@ def sign(v: Vector, ka: Vector) -> list[float]:
 
     """
     return [k if x > 0.0 else -k if x < 0.0 else 0.0 for x, k in zip(v, ka)]
+
+
+def boundary_layer(v: Vector, ka: Vector, width: float) -> list[float]:
+    """
+    Return Ka sat(v / width), shape (n,) [N·m].
+
+    Parameters
+    ----------
+    v : sequence of float, shape (n,)
+        Filtered error [rad/s].
+    ka : sequence of float, shape (n,)
+        Gains [N·m].
+    width : float
+        Half the width of the layer around v = 0 [rad/s].
+
+    """
+    return [k * min(max(x / width, -1.0), 1.0) for x, k in zip(v, ka)]
+
+
+def implicit_term(model: Model, q: Vector, wanted: Vector, ka: Vector) -> list[float]:
+    """
+    Return z, shape (n,) [N·m], with z ∈ Ka Sgn(v⁺) and v⁺ = b h M⁻¹ (wanted - z).
+
+    Parameters
+    ----------
+    model : Model
+        For M(q).
+    q : sequence of float, shape (n,)
+        Position [rad].
+    wanted : sequence of float, shape (n,)
+        The term that would make v⁺ vanish [N·m].
+    ka : sequence of float, shape (n,)
+        Gains [N·m].
+
+    Notes
+    -----
+    Where `wanted` is within ±Ka it is the solution. Otherwise joints at their bound push the
+    others through M⁻¹, and the box problem couples them all; it has one solution, whatever b h.
+
+    """
+    if all(-k <= x <= k for x, k in zip(wanted, ka)):
+        return list(wanted)
+    n = model.n
+    mass = model.mass_matrix(q)
+    inverse = [solve(mass, [float(i == j) for i in range(n)]) for j in range(n)]
+    return solve_box(inverse, [-y for y in solve(mass, wanted)], ka)

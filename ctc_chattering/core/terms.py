@@ -43,7 +43,8 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]]) -> Terms:
     Parameters
     ----------
     run : Run
-        Its `tau` and `v` are not used.
+        Its `tau` and `v` are not used. Under an input delay the reference is taken to rest after
+        the last sample, so that as many torques at the end may differ from those sent.
     configs : sequence of (time, ControllerConfig)
         Configurations, each in force from the first sample at or after its time [s].
 
@@ -54,10 +55,13 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]]) -> Terms:
     columns = [array('d') for _ in range(5)]
     lyapunov = array('d')
     rows = (x.tolist() for x in (run.q, run.dq, run.q_d, run.dq_d, run.ddq_d))
-    for t, q, dq, q_d, dq_d, ddq_d in zip(run.t.tolist(), *rows):
+    samples = list(zip(run.t.tolist(), *rows))
+    delay = law.config.input_delay
+    for k, (t, q, dq, q_d, dq_d, ddq_d) in enumerate(samples):
         while due and t >= due[0][0]:
             law.configure(due.pop(0)[1])
-        s = law.step(q, dq, q_d, dq_d, ddq_d)
+        ahead = [samples[min(k + j, len(samples) - 1)][3:] for j in range(1, delay + 1)]
+        s = law.step(q, dq, q_d, dq_d, ddq_d, ahead)
         for column, row in zip(
                 columns, (s.tau, s.inverse_dynamics, s.compensation, s.chattering, s.v)):
             column.extend(row)

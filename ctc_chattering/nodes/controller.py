@@ -11,6 +11,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import wire
 from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
+from ctc_chattering.core.grid import period_ns
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.trajectory import Trajectory
 from ctc_chattering.graph import (
@@ -45,6 +46,8 @@ class ControllerNode(Shell):
         self._controller = Controller(config)
         names = config.joint_names
         self._trajectory = Trajectory()
+        period = period_ns(config.control_period)
+        self._lags = [period * (i + 1) for i in range(config.input_delay)]
         self._state_joints, self._reference_joints = Joints(names), Joints(names)
         self._state_reader, self._reference_reader = wire.StateReader(), wire.TrajectoryReader()
         self._writer = wire.EffortWriter(names)
@@ -109,7 +112,7 @@ class ControllerNode(Shell):
 
     def _restart(self) -> None:
         """Forget the run before: time has gone back."""
-        self._controller.filter.reset()
+        self._controller.reset()
         self._trajectory.clear()
         self._last = -1
         self._count = 0
@@ -126,7 +129,8 @@ class ControllerNode(Shell):
                 return
         self._waiting = None
         self._last = t
-        sample = self._controller.step(q, dq, *point)
+        ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]
+        sample = self._controller.step(q, dq, *point, ahead)
         self._commands.publish(self._writer.write(sample.tau))
         if self._count % self._settings.state_decimation == 0:
             self._publish_terms(t, q, sample, point)
@@ -138,7 +142,8 @@ class ControllerNode(Shell):
     def _must_wait(self, t: int) -> bool:
         """Return whether the reference lags behind, and time, being simulated, can wait."""
         end = self._trajectory.end
-        return end is not None and t > end and self.count_publishers(CLOCK) > 0
+        needed = t + self._lags[-1] if self._lags else t
+        return end is not None and needed > end and self.count_publishers(CLOCK) > 0
 
     def _publish_terms(self, t: int, q: Vector, s: Sample,
                        point: tuple[Vector, Vector, Vector]) -> None:

@@ -43,7 +43,7 @@ class PlantNode(Shell):
             self._settings.clock_period * NANOSECONDS / self._period))
         self._joints = Joints(config.joint_names)
         self._n = len(config.joint_names)
-        self._applied: Vector = (0.0,) * self._n
+        self._latest: Vector = (0.0,) * self._n
         self._writer = wire.StateWriter(config.joint_names)
         self._reader = wire.EffortReader()
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())
@@ -93,7 +93,6 @@ class PlantNode(Shell):
             self._end()
             return
         self._plant.step(tau)
-        self._applied = tau
         self._publish_sample()
 
     def _publish_sample(self) -> None:
@@ -122,7 +121,7 @@ class PlantNode(Shell):
             self._begun = True
             self._start = self.get_clock().now().nanoseconds
             self._tuning.announce(self._start)
-        self._applied = tau
+        self._latest = tau
 
     def _on_tick(self) -> None:
         now = self.get_clock().now().nanoseconds
@@ -134,7 +133,7 @@ class PlantNode(Shell):
                 if self._plant.k == self._last and self._last:
                     self._end()
                     return
-                self._plant.step(self._applied)
+                self._plant.step(self._latest)
             if due > _CATCH_UP:
                 self._start = now - self._plant.k * self._period
             if self._tuning.news:
@@ -148,7 +147,7 @@ class PlantNode(Shell):
     def _publish_state(self) -> None:
         plant = self._plant
         self._states.publish(self._writer.write(
-            self._start + plant.k * self._period, plant.q, plant.dq, self._applied))
+            self._start + plant.k * self._period, *plant.measured, plant.applied))
 
     def _torques(self, data: bytes) -> Vector | None:
         """Return the torques of a message in our order; None for one that is no answer."""
