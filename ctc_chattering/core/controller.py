@@ -130,9 +130,10 @@ class Controller:
         self.filter = ErrorFilter(n)
         self.observer = PerturbationObserver(n)
         self._none: Vector = (0.0,) * n
-        self._cut: Vector = self._none
+        self._cut: Vector | None = None
+        self._drift: Vector = self._none
         #: Torques on their way, each with what the bound has cut off its chattering term.
-        self._sent: deque[tuple[Vector, Vector]] = deque()
+        self._sent: deque[tuple[Vector, Vector | None]] = deque()
         self.configure(config)
         self.reset()
 
@@ -162,7 +163,7 @@ class Controller:
         """Begin anew: ξ = 0, no estimate, no torque on its way."""
         self.filter.reset()
         self.observer.reset()
-        self._sent = deque([(self._none, self._none)] * self.config.input_delay)
+        self._sent = deque([(self._none, None)] * self.config.input_delay)
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -210,13 +211,13 @@ class Controller:
     def _expect(self, q: Vector, dq: Vector, ddq_d: Vector, feedback: Vector, v: Vector,
                 inverse: Vector | None, tau: Vector) -> None:
         """Tell the observer what is applied from this sample on, and so what it should see."""
-        cut = self._cut
+        cut, drift = self._cut, self._drift
         if inverse is None:  # The torque applied now is one sent earlier, for this state.
             inverse = self.model.inverse_dynamics(
                 q, dq, [a + f for a, f in zip(ddq_d, feedback)])
             tau, cut = self._sent[0]
-        self.observer.expect(q, self.filter.drift(v, feedback),
-                             [x - t for x, t in zip(inverse, tau)], cut)
+            drift = self.filter.drift(v, feedback)
+        self.observer.expect(q, drift, [x - t for x, t in zip(inverse, tau)], cut)
 
     def _errors(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector
                 ) -> tuple[Vector, Vector, Vector]:
@@ -247,14 +248,14 @@ class Controller:
         if config.switching == 'boundary_layer':
             return boundary_layer(v, config.ka, config.boundary_layer)
         scale = self.filter.scale
-        push = self.model.inertia_times(
-            q, [y / scale for y in self.filter.drift(v, feedback)])
+        self._drift = self.filter.drift(v, feedback)
+        push = self.model.inertia_times(q, [y / scale for y in self._drift])
         wanted = [m - c for m, c in zip(push, coriolis)]
         if not self._observing:
             return implicit_term(self.model, q, wanted, config.ka)
         wanted = [w - p for w, p in zip(wanted, self.observer.estimate)]
         term = implicit_term(self.model, q, wanted, config.ka)
-        self._cut = [w - z for w, z in zip(wanted, term)]
+        self._cut = None if term is wanted else [w - z for w, z in zip(wanted, term)]
         return term
 
     def lyapunov(self, q: Vector, v: Vector) -> float:

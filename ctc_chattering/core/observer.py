@@ -45,7 +45,7 @@ class PerturbationObserver:
 
     def __init__(self, n: int) -> None:
         self.estimate: Vector = (0.0,) * n
-        self._last: tuple[Vector, Vector, Vector, Vector] | None = None
+        self._last: tuple[Vector, Vector, Vector, Vector | None] | None = None
 
     def configure(self, bandwidth: float, period: float, b: float, bound: Vector) -> None:
         """
@@ -73,7 +73,7 @@ class PerturbationObserver:
         self.estimate = (0.0,) * len(self.estimate)
         self._last = None
 
-    def expect(self, q: Vector, free: Vector, lack: Vector, cut: Vector) -> None:
+    def expect(self, q: Vector, free: Vector, lack: Vector, cut: Vector | None) -> None:
         """
         Note what the next sample's v would be without a perturbation.
 
@@ -85,12 +85,11 @@ class PerturbationObserver:
             y [rad/s].
         lack : sequence of float, shape (n,)
             N - τ, with the torque τ that is held from now on [N·m].
-        cut : sequence of float, shape (n,)
-            What the bound has cut off the chattering term [N·m].
+        cut : sequence of float, shape (n,), or None
+            What the bound has cut off the chattering term [N·m]; None for nothing.
 
         """
-        shallow = [x if abs(x) < limit else 0.0 for x, limit in zip(cut, self._bound)]
-        self._last = (q, free, lack, shallow)
+        self._last = (q, free, lack, cut)
 
     def learn(self, model: Model, v: Vector) -> None:
         """Improve the estimate by what v, shape (n,) [rad/s], has become."""
@@ -99,6 +98,8 @@ class PerturbationObserver:
         q, free, lack, cut = self._last
         gain, scale = self._gain, self._scale
         missed = model.inertia_times(q, [(y - x) / scale for y, x in zip(free, v)])
+        if cut is not None:
+            lack = [f + 0.5 * c if abs(c) < limit else f
+                    for f, c, limit in zip(lack, cut, self._bound)]
         self.estimate = implicit_term(model, q, [
-            p + gain * (m - f - p - 0.5 * c)
-            for p, m, f, c in zip(self.estimate, missed, lack, cut)], self._bound)
+            p + gain * (m - f - p) for p, m, f in zip(self.estimate, missed, lack)], self._bound)

@@ -48,7 +48,7 @@ def boundary_layer(v: Vector, ka: Vector, width: float) -> list[float]:
     return [k * min(max(x / width, -1.0), 1.0) for x, k in zip(v, ka)]
 
 
-def implicit_term(model: Model, q: Vector, wanted: Vector, ka: Vector) -> list[float]:
+def implicit_term(model: Model, q: Vector, wanted: Vector, ka: Vector) -> Vector:
     """
     Return z, shape (n,) [N·m], with z ∈ Ka Sgn(v⁺) and v⁺ = b h M⁻¹ (wanted - z).
 
@@ -69,8 +69,11 @@ def implicit_term(model: Model, q: Vector, wanted: Vector, ka: Vector) -> list[f
     others through M⁻¹, and the box problem couples them all; it has one solution, whatever b h.
 
     """
-    if all(-k <= x <= k for x, k in zip(wanted, ka)):
-        return list(wanted)
+    for x, k in zip(wanted, ka):
+        if not -k <= x <= k:
+            break
+    else:
+        return wanted
     n = model.n
     mass = model.mass_matrix(q)
     inverse = [solve(mass, [float(i == j) for i in range(n)]) for j in range(n)]
