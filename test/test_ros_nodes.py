@@ -88,7 +88,7 @@ def test_the_controller_finds_its_joints_by_name() -> None:
         orders = (('joint1', 'joint2'), ('wheel', 'joint2', 'joint1'), ('joint2', 'x', 'joint1'))
         for k in range(12):
             joints = {'joint1': (0.1 * k, 0.2), 'joint2': (-0.3, 0.01 * k),
-                      'wheel': (7.0, 8.0), 'x': (5.0, 6.0)}
+                      'wheel': (7.0, math.nan), 'x': (math.inf, 6.0)}
             found = controller.answer(state(k * MS, **{
                 name: joints[name] for name in orders[k % 3]}))
             expected = law.step((0.1 * k, -0.3), (0.2, 0.01 * k), *motion[k]).tau
@@ -266,7 +266,7 @@ def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
                         torques([1.0, 2.0], 'joint1', 'joint1')):
                 commands.publish(bad)
             tau = (60.0 + k, -30.0)
-            commands.publish(torques([tau[1], 5.0, tau[0]], 'joint2', 'other', 'joint1')
+            commands.publish(torques([tau[1], math.nan, tau[0]], 'joint2', 'other', 'joint1')
                              if k % 2 else torques([*tau]))
             oracle.step(tau)
             if k == 4:

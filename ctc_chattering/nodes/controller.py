@@ -33,8 +33,8 @@ class ControllerNode(Shell):
     """
     Answers every joint state with a torque, by the law (2) or (6).
 
-    A state for which there is no reference yet waits for it. States that are not newer than the
-    last one answered are passed over; one from before a second ago or more is a new run.
+    A state for which there is no reference yet waits for it. A state that comes again is passed
+    over; one with an earlier stamp than the last begins a new run.
     """
 
     def __init__(self) -> None:
@@ -96,19 +96,18 @@ class ControllerNode(Shell):
     def _on_state(self, data: bytes) -> None:
         t, names, position, velocity, _ = self._state_reader.read(data)
         pick = self._state_joints.pick(names)
-        n = len(names)
-        if pick is None or not n == len(position) == len(velocity) or not isfinite(
-                sum(position) + sum(velocity)):
-            self.get_logger().warning(
-                f'{JOINT_STATES}: refused {list(position)}, {list(velocity)} for joints '
-                f'{list(names)}; needed: every joint of the controller once, a finite position '
-                'and velocity for each', throttle_duration_sec=1.0)
-            return
-        if t <= self._last:
-            if t == self._last:
+        if pick is not None and len(names) == len(position) == len(velocity):
+            q, dq = pick(position), pick(velocity)
+            if isfinite(sum(q) + sum(dq)):
+                if t < self._last:
+                    self._restart()
+                if t != self._last:
+                    self._answer(t, q, dq)
                 return
-            self._restart()
-        self._answer(t, pick(position), pick(velocity))
+        self.get_logger().warning(
+            f'{JOINT_STATES}: refused {list(position)}, {list(velocity)} for joints '
+            f'{list(names)}; needed: every joint of the controller once, a finite position and '
+            'velocity for each', throttle_duration_sec=1.0)
 
     def _restart(self) -> None:
         """Forget the run before: time has gone back."""

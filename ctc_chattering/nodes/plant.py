@@ -42,7 +42,8 @@ class PlantNode(Shell):
         self._clock_every = max(1, round(
             self._settings.clock_period * NANOSECONDS / self._period))
         self._joints = Joints(config.joint_names)
-        self._n = len(config.joint_names)
+        self._names = config.joint_names
+        self._n = len(self._names)
         self._latest: Vector = (0.0,) * self._n
         self._writer = wire.StateWriter(config.joint_names)
         self._reader = wire.EffortReader()
@@ -152,15 +153,17 @@ class PlantNode(Shell):
     def _torques(self, data: bytes) -> Vector | None:
         """Return the torques of a message in our order; None for one that is no answer."""
         names, values = self._reader.read(data)
-        pick = self._joints.pick(names) if names else None
-        if (names and (pick is None or len(values) != len(names))) or (not names and (
-                len(values) != self._n)) or not isfinite(sum(values)):
-            self.get_logger().warning(
-                f'{COMMANDS}: refused {list(values)} for joints {list(names)}; needed: '
-                f'{self._n} finite torques, labelled with the joint names or not at all',
-                throttle_duration_sec=1.0)
-            return None
-        return pick(values) if pick else values
+        names = names or self._names
+        pick = self._joints.pick(names)
+        if pick is not None and len(values) == len(names):
+            tau = pick(values)
+            if isfinite(sum(tau)):
+                return tau
+        self.get_logger().warning(
+            f'{COMMANDS}: refused {list(values)} for joints {list(names)}; needed: '
+            f'{self._n} finite torques, labelled with the joint names or not at all',
+            throttle_duration_sec=1.0)
+        return None
 
     def _end(self) -> None:
         if not self.done.done():
