@@ -18,11 +18,11 @@ setup(
     ],
     python_requires='>=3.10',
     install_requires=[
-        'setuptools', 'matplotlib', 'numpy', 'PyYAML', 'rosbags', 'tqdm'],
+        'setuptools', 'matplotlib', 'mcap', 'numpy', 'PyYAML', 'rosbags', 'tqdm'],
     extras_require={
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'test': ['hypothesis', 'mcap', 'pytest', 'scipy'],
+        'test': ['hypothesis', 'pytest', 'scipy'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,

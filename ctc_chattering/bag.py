@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import dataclasses
 from pathlib import Path
+import sys
+import tempfile
 from typing import Any
+import weakref
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -21,6 +24,7 @@ from ctc_chattering.core.trajectory import Trajectory
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import COMMANDS, JOINT_STATES, PARAMETERS, REFERENCE
 from ctc_chattering.result import Result
+from ctc_chattering.salvage import is_damaged, rewrite
 
 #: Which field of a ParameterValue holds the value, by its type.
 _FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
@@ -39,11 +43,19 @@ def open_bag(path: Path) -> AnyReader:
     """
     if not path.exists():
         raise CtcError(f'{path}: no such bag')
+    scratch = None
+    if is_damaged(path):
+        scratch = tempfile.TemporaryDirectory()
+        whole = Path(scratch.name) / path.name
+        print(f'{path}: not closed properly: {rewrite(path, whole)}', file=sys.stderr)
+        path = whole
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
+    if scratch is not None:
+        weakref.finalize(reader, scratch.cleanup)
     return reader
 
 

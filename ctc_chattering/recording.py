@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
+import os
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +62,7 @@ class Recording:
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
 
-    def write(self, topic: str, kind: str, t: int, data: bytes, qos: Qos) -> None:
+    def write(self, topic: str, kind: str, t: int, data: bytes, qos: Sequence[Qos]) -> None:
         """
         Add a message.
 
@@ -71,17 +74,31 @@ class Recording:
             Log time [ns].
         data : bytes
             Serialized message.
-        qos : Qos
-            What the publisher offers; used for the first message of a topic.
+        qos : sequence of Qos
+            What the publishers offer; used for the first message of a topic.
 
         """
         connection = self._connections.get(topic)
         if connection is None:
             connection = self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=self._typestore, offered_qos_profiles=[qos])
+                topic, kind, typestore=self._typestore, offered_qos_profiles=list(qos))
             self.counts[topic] = 0
         self._writer.write(connection, t, data)
         self.counts[topic] += 1
+
+    def flush(self) -> None:
+        """Put all that was written onto the disk, to be read even if this process is killed."""
+        storage: Any = self._writer.storage
+        if storage.chunk.bio.tell():
+            storage.close_chunk()
+        storage.bio.flush()
+        os.fsync(storage.bio.fileno())
+
+    def abandon(self) -> None:
+        """Close without index and metadata: the disk takes no more."""
+        with suppress(OSError):
+            storage: Any = self._writer.storage
+            storage.abort()
 
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""

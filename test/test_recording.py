@@ -117,7 +117,7 @@ def test_qos_is_that_of_the_first_message(tmp_path: Path, messages: list[Entry])
     recording = Recording(tmp_path / 'bag')
     state = next(x for x in messages if x.topic == '/joint_states')
     for depth in (3, 9):
-        recording.write(state.topic, state.kind, depth, state.message, offered_qos(depth, False))
+        recording.write(state.topic, state.kind, depth, state.message, [offered_qos(depth, False)])
     recording.close()
     assert recording.counts == {'/joint_states': 2}
     (topic,) = metadata(tmp_path / 'bag')['topics_with_message_count']

@@ -21,6 +21,8 @@ from ctc_chattering.wire import message_type
 _DEPTH = 100_000
 
 
+#: Between two flushes to the disk [s].
+_FLUSH = 0.5
 #: How long one look at the queue lasts [s].
 _SLICE = 0.001
 
@@ -39,6 +41,7 @@ class RecorderNode(Shell):
         tuning = NodeParameters(self, (RecorderSettings,), lambda: None)
         self._recording = Recording(Path(tuning.get(RecorderSettings).bag))
         self._received = 0
+        self._flushed = time.monotonic()
         self._time = 0
         self._simulated: bool | None = None
         for topic in TOPICS.values():
@@ -48,19 +51,24 @@ class RecorderNode(Shell):
 
     def _callback(self, topic: Topic) -> Callable[[bytes], None]:
         name = self.resolve_topic_name(topic.name)
-        offered = offered_qos(100 if topic.latched else 1000, topic.latched)
+        offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
         write, stamp = self._recording.write, struct.Struct('<iI').unpack_from
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
 
         def on_message(data: bytes) -> None:
             self._received += 1
+            if self.failure is not None:
+                return
             if self._simulated is None:
                 self._simulated = self.count_publishers(CLOCK) > 0
             if is_state or is_clock:
                 sec, nanosec = stamp(data, 4)
                 self._time = sec * NANOSECONDS + nanosec
             t = self._time if self._simulated else self.get_clock().now().nanoseconds
-            write(name, topic.kind, t, data, offered)
+            try:
+                write(name, topic.kind, t, data, offered)
+            except OSError as error:
+                self._give_up(error)
 
         return on_message
 
@@ -72,9 +80,30 @@ class RecorderNode(Shell):
             executor.spin_until_future_complete(self.done, _SLICE)
         time.sleep(NAP)
 
+    def idle(self) -> None:
+        """Put what was received onto the disk every so often."""
+        now = time.monotonic()
+        if self.failure is None and now - self._flushed > _FLUSH:
+            try:
+                self._recording.flush()
+            except OSError as error:
+                self._give_up(error)
+            self._flushed = time.monotonic()
+
+    def _give_up(self, error: OSError) -> None:
+        """Stop recording, keep what is on the disk, and let the control loop go on."""
+        self.failure = (f'recording has stopped: {error.strerror or error}; what was written '
+                        'before is kept, see ctc repair')
+        self.get_logger().error(self.failure)
+        self._recording.abandon()
+
     def finish(self) -> None:
         """Close the bag."""
-        self._recording.close()
+        if self.failure is None:
+            try:
+                self._recording.close()
+            except OSError as error:
+                self._give_up(error)
         total = sum(self._recording.counts.values())
         self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics')
 

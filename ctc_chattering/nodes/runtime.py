@@ -51,12 +51,15 @@ class Shell(Node):
     ----------
     done : Future
         Complete it to end the process with status 0.
+    failure : str or None
+        Set it to have the process end with status 1.
 
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.done = Future()
+        self.failure: str | None = None
 
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `TICK`."""
@@ -160,7 +163,7 @@ def run(make_node: Callable[[], Shell], name: str,
                 publisher.wait_for_all_acked(Duration(seconds=0.3))
             node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return 1 if node.failure else 0
 
 
 def _params_files(arguments: Sequence[str]) -> list[Path]:

@@ -1,0 +1,159 @@
+"""Bags that were cut off: what is left of them, and a whole bag made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import dataclasses
+import functools
+from pathlib import Path
+import shutil
+import tempfile
+from typing import NamedTuple
+
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import parse_qos
+
+from ctc_chattering.core.grid import seconds
+from ctc_chattering.errors import CtcError
+from ctc_chattering.recording import Recording
+
+
+class Entry(NamedTuple):
+    """A message as it stands in the file."""
+
+    topic: str
+    kind: str
+    t: int
+    data: bytes
+    qos: str
+
+
+@dataclasses.dataclass
+class Salvage:
+    """
+    What was found in a damaged bag.
+
+    Attributes
+    ----------
+    messages : int
+        Number of messages recovered.
+    begin, end : int
+        Log times of the first and the last of them [ns].
+    lost : int
+        Bytes at the end of the files that could not be read.
+
+    """
+
+    messages: int = 0
+    begin: int = 0
+    end: int = 0
+    lost: int = 0
+
+    def __str__(self) -> str:
+        """Return the finding on one line."""
+        span = seconds(self.end - self.begin)
+        return (f'{self.messages} messages over {span:.3f} s recovered, '
+                f'{self.lost} bytes at the end unreadable')
+
+
+def is_damaged(bag: Path) -> bool:
+    """Return whether `bag` is a directory with MCAP files and without metadata."""
+    return bag.is_dir() and not (bag / 'metadata.yaml').exists() and any(bag.glob('*.mcap'))
+
+
+def rewrite(bag: Path, target: Path) -> Salvage:
+    """
+    Write all that can be read of a damaged bag as a new bag.
+
+    Parameters
+    ----------
+    bag : Path
+        Directory with MCAP files.
+    target : Path
+        Directory to create.
+
+    Raises
+    ------
+    CtcError
+        If there is no message left, or the new bag cannot be written.
+
+    """
+    found = Salvage()
+    recording = Recording(target)
+    try:
+        for file in sorted(bag.glob('*.mcap')):
+            for entry in _entries(file, found):
+                recording.write(entry.topic, entry.kind, entry.t, entry.data, _qos(entry.qos))
+                found.begin = min(found.begin, entry.t) if found.messages else entry.t
+                found.end = max(found.end, entry.t)
+                found.messages += 1
+        recording.close()
+    except OSError as error:
+        raise CtcError(f'{target}: {error.strerror or error}') from None
+    if not found.messages:
+        raise CtcError(f'{bag}: no message in it can be recovered')
+    return found
+
+
+def repair(bag: Path) -> tuple[Salvage, Path]:
+    """
+    Put a whole bag in the place of a damaged one, which is kept beside it.
+
+    Returns
+    -------
+    (Salvage, Path)
+        What was recovered, and where the damaged bag is now.
+
+    Raises
+    ------
+    CtcError
+        If there is no damaged bag, or nothing can be recovered.
+
+    """
+    if not bag.exists():
+        raise CtcError(f'{bag}: no such bag')
+    if not any(bag.glob('*.mcap')):
+        raise CtcError(f'{bag}: not a bag: it holds no MCAP file')
+    aside = bag.with_name(bag.name + '.damaged')
+    if aside.exists():
+        raise CtcError(f'{aside}: exists already, not overwritten')
+    with tempfile.TemporaryDirectory(dir=bag.resolve().parent) as scratch:
+        whole = Path(scratch) / bag.resolve().name
+        found = rewrite(bag, whole)
+        bag.rename(aside)
+        shutil.move(whole, bag)
+    return found, aside
+
+
+def _entries(file: Path, found: Salvage) -> Iterator[Entry]:
+    """Yield the messages of one file up to where it is cut off or damaged."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Channel] = {}
+    with file.open('rb') as stream:
+        whole = 0
+        records = StreamReader(stream, record_size_limit=file.stat().st_size).records
+        while True:
+            try:
+                record = next(records)
+            except StopIteration:
+                return
+            except Exception:  # Whatever a decoder makes of bytes that are no record.
+                found.lost += file.stat().st_size - whole
+                return
+            whole = stream.tell()
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                channel = channels[record.channel_id]
+                yield Entry(channel.topic, schemas[channel.schema_id].name, record.log_time,
+                            bytes(record.data),
+                            str(channel.metadata.get('offered_qos_profiles', '')))
+
+
+@functools.cache
+def _qos(text: str) -> tuple[Qos, ...]:
+    return tuple(parse_qos(text))

@@ -1,0 +1,158 @@
+"""Bags cut off anywhere, and what is left of them."""
+
+from __future__ import annotations
+
+from contextlib import closing
+import os
+from pathlib import Path
+import random
+import re
+import resource
+import shutil
+import signal
+import time
+
+from bags import entries, write_bag
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+import numpy as np
+import pytest
+from ros import bringup, CONFIG, descendants, PATIENCE, perform, wait_for
+
+from ctc_chattering import params
+from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.errors import CtcError
+from ctc_chattering.recording import Recording
+from ctc_chattering.result import simulated
+from ctc_chattering.salvage import repair
+
+
+def messages(bag: Path) -> list[tuple[str, int, bytes]]:
+    with closing(open_bag(bag)) as reader:
+        return [(connection.topic, t, bytes(data)) for connection, t, data in reader.messages()]
+
+
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a bag of many chunks."""
+    source = tmp_path_factory.mktemp('source') / 'bag'
+    setup = params.load(CONFIG / 'friction.yaml', {'plant': {'duration': 0.3}})
+    write_bag(source, entries(simulated(setup), setup.plant))
+    target = tmp_path_factory.mktemp('whole') / 'bag'
+    recording = Recording(target)
+    with closing(open_bag(source)) as reader:
+        for i, (connection, t, data) in enumerate(reader.messages()):
+            recording.write(connection.topic, connection.msgtype, t, bytes(data),
+                            getattr(connection.ext, 'offered_qos_profiles', ()))
+            if i % 40 == 39:
+                recording.flush()
+    recording.close()
+    return target
+
+
+def cut(whole: Path, target: Path, size: int) -> Path:
+    """Copy the first `size` bytes of a bag, and no metadata, as a kill leaves it."""
+    target.mkdir()
+    data = (whole / f'{whole.name}.mcap').read_bytes()
+    (target / f'{whole.name}.mcap').write_bytes(data[:size])
+    return target
+
+
+def test_cut_at_50_places_all_flushed_before_is_there(
+        whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    complete = messages(whole)
+    size = (whole / f'{whole.name}.mcap').stat().st_size
+    file = whole / f'{whole.name}.mcap'
+    ends = []
+    with file.open('rb') as stream:
+        records = StreamReader(stream, emit_chunks=True).records
+        ends.extend(stream.tell() for record in records if isinstance(record, Chunk))
+    for i, place in enumerate(sorted(random.Random(1).sample(range(ends[0], size), 50))):
+        bag = cut(whole, tmp_path / f'bag{i}', place)
+        flushed = sum(end <= place for end in ends)
+        found = messages(bag)
+        assert f'{len(found)} messages over' in capsys.readouterr().err
+        assert set(found) <= set(complete)
+        assert len(found) == min(40 * flushed, len(complete))
+
+
+def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(
+        whole: Path, tmp_path: Path) -> None:
+    size = (whole / f'{whole.name}.mcap').stat().st_size
+    bag = cut(whole, tmp_path / 'bag', size * 3 // 4)
+    before = messages(bag)
+    found, aside = repair(bag)
+    assert aside == tmp_path / 'bag.damaged' and aside.exists()
+    assert found.messages == len(before) > 0
+    assert sorted(messages(bag)) == sorted(before)
+    with (bag / 'bag.mcap').open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics is not None
+    assert summary.statistics.message_count == len(before)
+    run, complete = read_bag(bag).run, read_bag(whole).run
+    n = len(run.t)
+    assert 0 < n < len(complete.t)
+    assert np.array_equal(run.q, complete.q[:n])
+    assert np.array_equal(run.tau[:-1], complete.tau[:n - 1])
+
+
+@pytest.mark.parametrize('size', [0, 4, 8, 30])
+def test_a_bag_with_nothing_left_is_said_to_be_so(
+        whole: Path, tmp_path: Path, size: int) -> None:
+    bag = cut(whole, tmp_path / 'bag', size)
+    with pytest.raises(CtcError, match='no message in it can be recovered'):
+        read_bag(bag)
+    with pytest.raises(CtcError, match='no message in it can be recovered'):
+        repair(bag)
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+
+
+def test_what_is_no_bag_cannot_be_repaired(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(CtcError, match='no such bag'):
+        repair(tmp_path / 'bag')
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(CtcError, match='no MCAP file'):
+        repair(tmp_path / 'bag')
+    shutil.copytree(whole, tmp_path / 'good')
+    (tmp_path / 'good.damaged').mkdir()
+    with pytest.raises(CtcError, match='exists already'):
+        repair(tmp_path / 'good')
+
+
+@pytest.mark.ros
+def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
+                 '--duration', '0', '--record', str(bag)) as process:
+        wait_for(lambda: (bag / 'bag.mcap').exists()
+                 and (bag / 'bag.mcap').stat().st_size > 200_000, 'a part of the bag')
+        victim, = (pid for pid, line in descendants(process.pid).items()
+                   if 'nodes.recorder' in line)
+        os.kill(victim, signal.SIGKILL)
+        killed = time.time()
+        process.communicate(timeout=PATIENCE)
+    found, _ = repair(bag)
+    assert found.end / 1e9 > killed - 1.0
+    assert read_bag(bag).run.t[-1] > 1.0
+
+
+@pytest.mark.ros
+def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
+    """The limit on the size of files stands for the end of the disk."""
+    bag = tmp_path / 'bag'
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, hard))
+    try:
+        status, output = perform('--params-file', str(CONFIG / 'friction.yaml'), '--record',
+                                 str(bag))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert 'the experiment has ended at t = 10 s after 10001 samples' in output
+    assert re.search(r'recording has stopped: File too large', output)
+    assert status == 1
+    assert 'Traceback' not in output
+    run = read_bag(bag).run
+    expected = simulated(params.load(CONFIG / 'friction.yaml')).run
+    assert 100 < len(run.t) < len(expected.t)
+    assert np.array_equal(run.q, expected.q[:len(run.t)])
