@@ -1,5 +1,7 @@
 """The package's exceptions: one base class, so that a caller catches all of them at once."""
 
+from __future__ import annotations
+
 
 class CtcError(Exception):
     """Base of every error this package raises on purpose; its text is one line for a user."""
@@ -27,3 +29,7 @@ class ParameterError(CtcError, ValueError):
         shown = list(value) if isinstance(value, tuple) else value
         text = ' '.join(repr(shown).split())
         super().__init__(f'{name}: {text} is not allowed; allowed: {allowed}')
+
+    def __reduce__(self) -> tuple[type[ParameterError], tuple[str, object, str]]:
+        """Say how to make it anew, for a worker process that raises it."""
+        return ParameterError, (self.name, self.value, self.allowed)

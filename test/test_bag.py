@@ -190,7 +190,10 @@ def test_truncated_files(tmp_path: Path, file: str) -> None:
         path.write_bytes(whole[:end])
         refused(tmp_path / 'bag')
     path.unlink()
-    refused(tmp_path / 'bag')
+    if file == 'bag.mcap':
+        refused(tmp_path / 'bag')
+    else:  # What a killed recorder leaves is read without it.
+        same(read_bag(tmp_path / 'bag').run, RESULT.run)
 
 
 @pytest.mark.parametrize('junk', [

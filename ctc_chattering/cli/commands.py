@@ -15,9 +15,10 @@ from ctc_chattering import params
 from ctc_chattering.cli.options import overrides, params_file
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.core.simulation import Run
+from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.output import prepare
-from ctc_chattering.result import Result, simulated, write_metrics
+from ctc_chattering.result import Result, simulated, write_metrics, write_text
 from ctc_chattering.settings import parameter_table
 
 #: What is simulated of a run without an end [s].
@@ -96,6 +97,39 @@ def _present(results: Sequence[Result], bags: Sequence[Path], out: Path) -> int:
     return 0
 
 
+def study(options: argparse.Namespace) -> int:
+    """Run `ctc study`."""
+    import os
+    import time
+
+    from tqdm import tqdm
+
+    from ctc_chattering.study import CASES, perform, reached, rows, to_csv, to_markdown
+    from ctc_chattering.study_plots import save_study_figures
+
+    jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs
+    if jobs < 1:
+        raise ParameterError('--jobs', jobs, 'an integer >= 1')
+    out = prepare(options.out, (_FIGURES, 'study.md', 'study.csv'), options.overwrite)
+    start = time.monotonic()
+    with tqdm(total=len(CASES) * len(SWITCHINGS), desc='study', unit='run',
+              mininterval=0.2 if sys.stderr.isatty() else 2.0) as bar:
+        outcomes = perform(CASES, SWITCHINGS, jobs, bar.update)
+    write_text(out / 'study.csv', to_csv(outcomes))
+    print('drawing ...', flush=True)
+    figures = save_study_figures(outcomes, out / _FIGURES)
+    images = ''.join(f'\n![{text}]({path.relative_to(out)})\n' for path, text in figures)
+    write_text(out / 'study.md', f'{to_markdown(outcomes)}\n## Figures\n{images}')
+    for row in rows(outcomes):
+        met = reached(row)
+        if met is not None:
+            print(f'{"reached" if all(met) else "MISSED ":8} {row[0].case.name}')
+    failed = sum(bool(outcome.failure) for outcome in outcomes)
+    print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s: '
+          f'open {out / "study.md"}')
+    return 0
+
+
 def replay(options: argparse.Namespace) -> int:
     """Run `ctc replay`."""
     if not 0.0 < options.rate < float('inf'):
@@ -110,6 +144,14 @@ def replay(options: argparse.Namespace) -> int:
             raise CtcError(f'ROS 2 is missing: {error}') from None
         count = play(reader, options.rate, options.delay)
     print(f'{count} messages')
+    return 0
+
+
+def repair(options: argparse.Namespace) -> int:
+    """Run `ctc repair`."""
+    from ctc_chattering.salvage import repair as mend
+    found, aside = mend(options.bag)
+    print(f'{options.bag}: {found}; the damaged bag is now {aside}')
     return 0
 
 

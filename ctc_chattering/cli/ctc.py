@@ -47,6 +47,21 @@ def make_parser() -> argparse.ArgumentParser:
     replay.add_argument('--delay', type=float, default=1.0, metavar='S',
                         help='wait so long for subscribers first, 1 by default [s]')
 
+    study = commands.add_parser(
+        'study', help='compare the switchings: bars, sweeps, imperfections',
+        description='Simulate every switching on the cases that have bars, against sample period '
+                    'and gain, and under each imperfection; write study.md, study.csv and '
+                    'figures.')
+    _add_output(study, 'study')
+    study.add_argument('--jobs', type=int, metavar='N',
+                       help='processes, as many as there are processors by default')
+
+    repair = commands.add_parser(
+        'repair', help='make a whole bag of one that was cut off',
+        description='Rewrite a bag that was not closed, so that every tool reads it; what was '
+                    'there is kept beside it.')
+    repair.add_argument('bag', type=Path, metavar='BAG')
+
     commands.add_parser(
         'parameters', help='print all parameters of all nodes',
         description='Print all parameters of all nodes as a Markdown table.')
