@@ -28,11 +28,11 @@ LAW_COLOURS = {'compensation': '#D55E00', 'chattering': '#0072B2'}
 MIXED, REFERENCE = '#007A5A', '#222222'
 #: Length of the slices that are drawn larger: of positions, of torques [s].
 SLICE, SHORT_SLICE = 1.0, 0.2
-_WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, DPI = 11.0, 0.85, 0.25, 0.72, 0.5, 0.68, 130  # inch
+_WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, DOTS = 11.0, 0.85, 0.25, 0.72, 0.5, 0.68, 130  # inch
 _NOTE: dict[str, Any] = {'fontsize': 8, 'color': '#444444', 'zorder': 5, 'bbox': {
     'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.85, 'pad': 1.5}}
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
-HELD: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
+STEPS: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
 _WHOLE = slice(None)
 
 
@@ -78,7 +78,7 @@ def torques(result: Result) -> Figure:
         sheet.line(ax, tau[:, i], _WHOLE, **_THIN)
         _steady_axis(ax, result.run.t, tau[:, i], 'N·m')
         ax = sheet.panel((i, 1), name, 'τ [N·m]', sheet.window)
-        sheet.line(ax, tau[:, i], sheet.window, **HELD)
+        sheet.line(ax, tau[:, i], sheet.window, **STEPS)
     return sheet.figure
 
 
@@ -98,10 +98,10 @@ def internals(result: Result) -> Figure:
         reach = 1.25 * float(np.abs(term).max()) or 1.0
         for column, part in ((1, _WHOLE), (2, sheet.window)):
             ax = sheet.panel((i + 1, column), f'{name}: chattering term', 'Ka sgn(v) [N·m]', part)
-            sheet.line(ax, term, part, **(HELD if column == 2 else {**_THIN, 'linewidth': 0.35}))
+            sheet.line(ax, term, part, **(STEPS if column == 2 else {**_THIN, 'linewidth': 0.35}))
             ax.set_ylim(-reach, reach)
             if not term.any():
-                note(ax, 0.5, 0.62, 'zero: not part of this law', ha='center')
+                label(ax, 0.5, 0.62, 'zero: not part of this law', ha='center')
     return sheet.figure
 
 
@@ -112,12 +112,12 @@ def error_comparison(results: Sequence[Result]) -> Figure:
         _joints(result)
         groups.setdefault(result.experiment, []).append(result)
     columns = min(3, len(groups))
-    figure, grid = make_figure('Position error of the laws compared', -(-len(groups) // columns),
+    figure, grid = drawing('Position error of the laws compared', -(-len(groups) // columns),
                            (1.0,) * columns, 2.9)
     error = np.concatenate([_norm1(result) for result in results])
     for k, (experiment, group) in enumerate(groups.items()):
         low, high = group[0].metrics()['window_s']
-        ax = make_axes(figure, grid[k // columns, k % columns], experiment,
+        ax = panel(figure, grid[k // columns, k % columns], experiment,
                    f'{_norm1_name(_joints(group[0]))} [rad]', *(r.run.t for r in group))
         repeated: dict[str, int] = {}
         for result in group:
@@ -139,13 +139,13 @@ def error_comparison(results: Sequence[Result]) -> Figure:
 def score_comparison(results: Sequence[Result]) -> Figure:
     """Draw RMS errors and torque variations of all runs, a numbered dot per joint."""
     scores = [result.metrics() for result in results]
-    figure, grid = make_figure('Tracking error and what it costs', 1, (1.0, 1.0),
+    figure, grid = drawing('Tracking error and what it costs', 1, (1.0, 1.0),
                            0.42 * len(results) + 0.3, left=2.9)
     for column, (key, name, unit) in enumerate((
             ('rms_error_rad', 'RMS error', 'rad'),
             ('torque_variation_nm_per_s', 'torque variation', 'N·m/s'))):
         low, high = scores[0]['window_s']
-        ax = make_axes(figure, grid[0, column], f'{name}, {low:g} s to {high:g} s (number: joint)', '')
+        ax = panel(figure, grid[0, column], f'{name}, {low:g} s to {high:g} s (number: joint)', '')
         ax.set(xlabel=f'{name} [{unit}]', xscale='log', ylim=(len(results) - 0.4, -0.6))
         every = [x for score in scores for x in score[key] or () if 0.0 < x < np.inf]
         if every:  # whole decades
@@ -180,7 +180,7 @@ def save_figures(results: Sequence[Result], directory: Path) -> list[FigureFile]
         directory.mkdir(parents=True, exist_ok=True)
         for name, figure, caption in _all(results):
             path = directory / f'{name}.png'
-            figure.savefig(path, dpi=DPI, metadata={'Software': None},
+            figure.savefig(path, dpi=DOTS, metadata={'Software': None},
                            pil_kwargs={'compress_level': 3})
             files.append(FigureFile(path, figure.get_suptitle(), caption))
     except OSError as error:
@@ -217,7 +217,7 @@ class _Sheet:
     def __init__(self, result: Result, title: str, rows: int, widths: Sequence[float],
                  height: float, length: float) -> None:
         self.result, t = result, result.run.t
-        self.figure, self._grid = make_figure(title, rows, widths, height)
+        self.figure, self._grid = drawing(title, rows, widths, height)
         length = min(length * (2.5 if result.changes else 1.0), float(t[-1] - t[0]) / 3.0)
         change = result.changes[-1][0] if result.changes else np.inf
         start = min(t[-1] - length, change - 0.2 * length)
@@ -228,11 +228,11 @@ class _Sheet:
         """Add axes over the samples `part`, with the marks that belong there."""
         t, window = self.result.run.t[part], self.result.run.t[self.window]
         if part == _WHOLE:
-            ax = make_axes(self.figure, self._grid[cell], title, ylabel, t)
+            ax = panel(self.figure, self._grid[cell], title, ylabel, t)
             ax.axvspan(window[0], window[-1], color='#eeeeee', lw=0, zorder=0)
         else:
             title = f'enlarged: {t[0]:.4g} s to {t[-1]:.4g} s'
-            ax = make_axes(self.figure, self._grid[cell], title, ylabel, t)
+            ax = panel(self.figure, self._grid[cell], title, ylabel, t)
             ax.xaxis.set_major_locator(MaxNLocator(4))
         _mark_changes(ax, self.result, labelled=part == _WHOLE and not cell[0])
         return ax
@@ -242,7 +242,7 @@ class _Sheet:
         _line(ax, self.result.run.t[part], y[part], **{'color': _colour(self.result), **style})
 
 
-def make_figure(title: str, rows: int, widths: Sequence[float], height: float,
+def drawing(title: str, rows: int, widths: Sequence[float], height: float,
             left: float = _LEFT) -> tuple[Figure, GridSpec]:
     whole = _TOP + _BOTTOM + rows * height + (rows - 1) * _GAP
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
@@ -256,7 +256,7 @@ def make_figure(title: str, rows: int, widths: Sequence[float], height: float,
         hspace=_GAP / height, wspace=0.7 / (width - 0.7))
 
 
-def make_axes(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> Axes:
+def panel(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> Axes:
     ax = figure.add_subplot(cell)
     ax.set_title(title, loc='left', fontsize=9.5, color='#333333', pad=4, parse_math=False)
     ax.grid(True, color='#dddddd', linewidth=0.6)
@@ -274,7 +274,7 @@ def _line(ax: Axes, t: Array, y: Array, **style: Any) -> None:
     ax.plot(t, y, **{'linewidth': 1.3, 'marker': '.' if len(t) < 4 else None, **style})
 
 
-def note(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
+def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
     ax.text(x, y, text, transform=ax.transAxes, **style, **_NOTE)
 
 
@@ -293,7 +293,7 @@ def _log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
         ax.set_ylim(max(float(positive.min()) / 1.6, low), float(positive.max()) * room)
         ax.set_yscale('log')
         if positive.min() < low:
-            note(ax, 0.006, 0.04, 'axis cut below')
+            label(ax, 0.006, 0.04, 'axis cut below')
 
 
 def _steady_axis(ax: Axes, t: Array, y: Array, unit: str) -> None:
@@ -310,7 +310,7 @@ def _steady_axis(ax: Axes, t: Array, y: Array, unit: str) -> None:
     if least < low - span or most > high + span:
         k = int(np.nanargmax(np.where(finite, np.abs(y), -1.0)))
         text = f'axis cut: {y[k]:.4g} {unit} at t = {t[k]:.3g} s'
-        note(ax, 0.995, 0.97, text, ha='right', va='top')
+        label(ax, 0.995, 0.97, text, ha='right', va='top')
     else:
         low, high = min(low, least), max(high, most)
     ax.set_ylim(low - 0.1 * span, high + 0.22 * span)

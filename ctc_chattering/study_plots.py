@@ -17,7 +17,7 @@ from ctc_chattering.core.simulation import simulate
 from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.core.terms import terms
 from ctc_chattering.errors import CtcError
-from ctc_chattering.plots import DPI, HELD, make_axes, make_figure, note
+from ctc_chattering.plots import DOTS, drawing, label, panel, STEPS
 from ctc_chattering.study import BARS, Case, GAIN, NOISE, Outcome, PERIOD, rows, SHORT_NOISE
 
 #: Colour, marker and dashes of each switching (after Okabe and Ito), told apart without colour.
@@ -33,13 +33,13 @@ SLICE = (7.70, 7.85)
 
 def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel: str) -> Figure:
     """Draw both quantities against the abscissa of the cases in `groups`, one panel row each."""
-    figure, grid = make_figure(title, len(groups), (1.0, 1.0), 3.1)
+    figure, grid = drawing(title, len(groups), (1.0, 1.0), 3.1)
     _legend(figure, {o.switching for o in outcomes})
     for k, group in enumerate(groups):
         mine = [o for o in outcomes if o.case.group == group]
         for column, (key, name, unit) in enumerate(QUANTITIES):
             suffix = group.partition(', ')[2] or 'h = 1 ms'
-            ax = make_axes(figure, grid[k, column],
+            ax = panel(figure, grid[k, column],
                        f'{name}, {suffix}' if len(groups) > 1 else name, f'{name} [{unit}]')
             ax.set(xlabel=xlabel, xscale='log', yscale='log')
             for switching in STYLES:
@@ -58,12 +58,12 @@ def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel
 def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
     """Draw both quantities of every case in `outcomes`, a line per case, a mark per switching."""
     table = rows(outcomes)
-    figure, grid = make_figure(title, 1, (1.0, 1.0), 0.29 * len(table) + 0.3, left=3.9)
+    figure, grid = drawing(title, 1, (1.0, 1.0), 0.29 * len(table) + 0.3, left=3.9)
     _legend(figure, {o.switching for o in outcomes})
     starts = [i for i, row in enumerate(table)
               if i and row[0].case.group != table[i - 1][0].case.group]
     for column, (key, name, unit) in enumerate(QUANTITIES):
-        ax = make_axes(figure, grid[0, column], name, '')
+        ax = panel(figure, grid[0, column], name, '')
         ax.set(xlabel=f'{name} [{unit}]', xscale='log', ylim=(len(table) - 0.4, -0.6))
         for y, row in enumerate(table):
             values = {o.switching: value[1] for o in row if (value := getattr(o, key))}
@@ -91,7 +91,7 @@ def rattling(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     """Draw v and the chattering term of joint 2 over `SLICE`, one column per switching."""
     setup = case.setup()
     ka = setup.controller.ka[1]
-    figure, grid = make_figure(
+    figure, grid = drawing(
         f'Filtered error and chattering term of joint 2, ka = {ka:g} N·m, 1 kHz, clean', 2,
         (1.0,) * len(switchings), 2.2)
     grid = GridSpec(2, len(switchings), figure, left=0.07, right=0.985, bottom=0.09, top=0.86,
@@ -105,17 +105,17 @@ def rattling(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
         t, v = run.t[part], run.v[part, 1]
         term = terms(run, [(0.0, controller)]).chattering[part, 1]
         colour, travelled = STYLES[switching][0], float(np.abs(np.diff(term)).sum())
-        for line, (name, unit, y, note) in enumerate((
+        for line, (name, unit, y, caption) in enumerate((
                 ('v₂', 'rad/s', v, f'largest |v₂|: {np.abs(v).max():.1e} rad/s'),
                 ('term₂', 'N·m', term, f'travels {travelled / (t[-1] - t[0]):.0f} N·m/s'))):
-            ax = make_axes(figure, grid[line, column], '', '' if column else f'{name} [{unit}]', t)
+            ax = panel(figure, grid[line, column], '', '' if column else f'{name} [{unit}]', t)
             if not line:
                 ax.set_title(switching, loc='left', fontsize=10.5, color=colour, weight='bold')
                 ax.set_xlabel('')
-            ax.plot(t, y, color=colour, **HELD)
+            ax.plot(t, y, color=colour, **STEPS)
             ax.xaxis.set_major_locator(MaxNLocator(3, prune='both'))
             ax.tick_params(labelleft=not column, labelbottom=bool(line))
-            note(ax, 0.03, 0.97, note, va='top')
+            label(ax, 0.03, 0.97, caption, va='top')
             axes[line].append(ax)
     for panels in axes:
         low, high = np.array([ax.get_ylim() for ax in panels]).T
@@ -151,7 +151,7 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[tup
         directory.mkdir(parents=True, exist_ok=True)
         for name, figure, caption in _all(outcomes):
             path = directory / f'{name}.png'
-            figure.savefig(path, dpi=DPI, metadata={'Software': None})
+            figure.savefig(path, dpi=DOTS, metadata={'Software': None})
             files.append((path, caption))
     except OSError as error:
         raise CtcError(f'cannot write figures to {directory}: {error.strerror}') from None
@@ -201,7 +201,7 @@ def _ticks(ax: Axes, xs: Sequence[float]) -> None:
 
 def _note_failures(ax: Axes, failed: Sequence[Outcome]) -> None:
     if failed:
-        note(ax, 0.01, 0.04, 'diverged: ' + ', '.join(
+        label(ax, 0.01, 0.04, 'diverged: ' + ', '.join(
             f'{o.switching} at {o.case.x:g}' for o in failed))
 
 
