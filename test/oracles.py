@@ -140,6 +140,20 @@ def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:
     return best
 
 
+def inclusion_by_enumeration(mass: Array, wanted: Array, gain: Array) -> Array:
+    """Return z ∈ Ka Sgn(x) with M x = wanted - z: the first of the 3^n sets of signs that fits."""
+    size = 1e-9 * (1.0 + np.abs(wanted).max() + gain.max())
+    for sides in itertools.product((0, 1, -1), repeat=len(wanted)):
+        side = np.array(sides)
+        z, x, moves = side * gain, np.zeros(len(wanted)), side != 0
+        if moves.any():
+            x[moves] = np.linalg.solve(mass[np.ix_(moves, moves)], (wanted - z)[moves])
+        z[~moves] = (wanted - mass @ x)[~moves]
+        if (np.abs(z) <= gain + size).all() and (x * side >= 0.0).all():
+            return z
+    raise AssertionError('no set of signs fits')
+
+
 def friction_by_enumeration(mass: Array, u: Array, level: Array) -> list[tuple[int, ...]]:
     """Return every set of modes of joints at rest that obeys Coulomb's law; u less C dq and G."""
     n, found = len(u), []

@@ -5,13 +5,15 @@ import math
 from typing import Any
 
 import numpy as np
-from oracles import Array, Generic, paper_c, paper_g, paper_m
+from oracles import Array, Generic, inclusion_by_enumeration, paper_c, paper_g, paper_m
 import pytest
 
 from ctc_chattering.core.controller import Controller, ControllerConfig, LAWS, Sample
+from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.core.two_link import TwoLink
 from ctc_chattering.errors import ParameterError
 
+Inputs = tuple[list[float], list[float], list[float], list[float], list[float]]
 FULL = {'kp': [90.0, 20.0, 20.0, 130.0], 'kv': [40.0, -8.0, -8.0, 55.0], 'ka': [10.0, 4.0],
         'lambda': 7.0, 'b': 1.3, 'control_period': 0.002}
 
@@ -20,9 +22,10 @@ def _config(**values: Any) -> ControllerConfig:
     return ControllerConfig.from_mapping(values)
 
 
-def _inputs(rng: np.random.Generator) -> list[list[float]]:
+def _inputs(rng: np.random.Generator) -> Inputs:
     """Return a random q, dq, q_d, dq_d, ddq_d."""
-    return [(scale * rng.normal(size=2)).tolist() for scale in (2.0, 3.0, 2.0, 3.0, 20.0)]
+    q, dq, q_d, dq_d, a = (s * rng.normal(size=2) for s in (2.0, 3.0, 2.0, 3.0, 20.0))
+    return q.tolist(), dq.tolist(), q_d.tolist(), dq_d.tolist(), a.tolist()
 
 
 class ByHand:
@@ -37,7 +40,7 @@ class ByHand:
             values['lambda'], values['b'], values['control_period'])
         self.xi = np.zeros(2)
 
-    def step(self, chattering: bool, rows: list[list[float]]) -> tuple[Array, Array]:
+    def step(self, chattering: bool, rows: Inputs) -> tuple[Array, Array]:
         """Return tau and v."""
         q, dq, q_d, dq_d, ddq_d = (np.array(row) for row in rows)
         e, de = q_d - q, dq_d - dq
@@ -187,3 +190,110 @@ def test_periods_are_on_the_grid() -> None:
         _config(control_period=1.5e-9)
     with pytest.raises(dataclasses.FrozenInstanceError):
         ControllerConfig().law = 'compensation'  # type: ignore[misc]
+
+
+def _near(rng: np.random.Generator, size: float = 3e-3) -> Inputs:
+    """Return a state near the desired one, where the implicit term has all its cases."""
+    q, dq, _, _, a = _inputs(rng)
+    return (q, dq, (q + size * rng.normal(size=2)).tolist(),
+            (dq + size * rng.normal(size=2)).tolist(), a)
+
+
+@pytest.mark.parametrize('switching', ['implicit', 'implicit_observer'])
+def test_implicit_laws_by_hand(switching: str) -> None:
+    """
+    Check z ∈ Ka Sgn(v⁺), where M v⁺ / (b h) = M y / (b h) - C v - P̂ - z, by enumeration.
+
+    y is exp(-λ h) v + (b h - c)(Kv de + Kp e), c = b (1 - exp(-λ h)) / λ; rests and bounds occur.
+    """
+    rng = np.random.default_rng(8)
+    controller, rests, bounds = Controller(_config(switching=switching, **FULL)), 0, 0
+    kp, kv = (np.array(FULL[name]).reshape(2, 2) for name in ('kp', 'kv'))
+    decay, ka = np.exp(-7.0 * 0.002), np.array([10.0, 4.0])
+    for k in range(300):
+        rows = _near(rng)
+        s = controller.step(*rows)
+        mass, v = paper_m(rows[0]), np.array(s.v)
+        free = decay * v + 1.3 * (0.002 - (1 - decay) / 7.0) * (kv @ s.de + kp @ s.e)
+        wanted = (mass @ free / (1.3 * 0.002) - paper_c(rows[0], rows[1]) @ v
+                  - controller.observer.estimate)
+        z = inclusion_by_enumeration(mass, wanted, ka)
+        np.testing.assert_allclose(s.chattering, z, atol=1e-8)
+        assert _gap(s) == 0.0
+        rests += int((np.abs(z) < 0.999 * ka).sum())
+        bounds += int((np.abs(z) > 0.999 * ka).sum())
+        assert any(controller.observer.estimate) == (switching == 'implicit_observer' and k > 0)
+    assert rests > 30
+    assert bounds > 30
+
+
+def test_boundary_layer_by_hand() -> None:
+    """Check Ka sat(v / width) in the law, inside and outside the layer."""
+    rng = np.random.default_rng(9)
+    controller = Controller(_config(switching='boundary_layer', boundary_layer=0.02, **FULL))
+    inside = 0.0
+    for _ in range(100):
+        s = controller.step(*_near(rng, 1e-2))
+        share = np.clip(np.divide(s.v, 0.02), -1.0, 1.0)
+        assert s.chattering == pytest.approx((share * [10.0, 4.0]).tolist(), rel=1e-12)
+        inside += (np.abs(share) < 1.0).mean() / 100
+    assert 0.1 < inside < 0.95
+
+
+@pytest.mark.parametrize('switching', SWITCHINGS)
+@pytest.mark.parametrize('size', [1e-3, 1.0])
+def test_the_term_is_within_the_gain(switching: str, size: float) -> None:
+    """Check |tau - inverse + C v| <= Ka at every sample, the estimate being part of it."""
+    rng = np.random.default_rng(10)
+    controller = Controller(_config(switching=switching, observer_bandwidth=math.inf, **FULL))
+    worst = np.zeros(2)
+    for _ in range(300):
+        s = controller.step(*_near(rng, size))
+        both = np.abs([s.chattering, controller.observer.estimate])
+        assert (both <= [10.0, 4.0]).all()
+        added = np.abs(np.subtract(s.inverse_dynamics, s.compensation) - s.tau)
+        assert (added <= [10.0 + 1e-9, 4.0 + 1e-9]).all()
+        worst = np.maximum(worst, added)
+    assert size < 1.0 or worst == pytest.approx([10.0, 4.0])
+
+
+@pytest.mark.parametrize('delay', [0, 2])
+@pytest.mark.parametrize('switching', SWITCHINGS)
+def test_zero_gain_is_compensation(switching: str, delay: int) -> None:
+    """Check tau bit for bit for ka = 0, with and without a delay, and that ka > 0 differs."""
+    rng = np.random.default_rng(11)
+    values = {**FULL, 'input_delay': delay, 'switching': switching}
+    plain = Controller(_config(**values, law='compensation'))
+    none = Controller(_config(**{**values, 'ka': [0.0, 0.0]}))
+    some = Controller(_config(**{**values, 'ka': [0.0, 1e-3]}))
+    for _ in range(60):
+        rows = _near(rng, 1e-2)
+        ahead = [_near(rng)[2:] for _ in range(delay)]
+        a, b, c = (law.step(*rows, ahead) for law in (plain, none, some))
+        assert a.tau == b.tau
+        assert (a.v, a.inverse_dynamics) == (b.v, b.inverse_dynamics)
+        assert c.tau != b.tau
+
+
+@pytest.mark.parametrize('before', SWITCHINGS)
+@pytest.mark.parametrize('after', SWITCHINGS)
+def test_switching_is_bumpless(before: str, after: str) -> None:
+    """Check that ξ, v and all but the term are bit-equal at the change, and ξ, v ever after."""
+    rng = np.random.default_rng(12)
+    steady, changing = (Controller(_config(switching=before, **FULL)) for _ in range(2))
+    for _ in range(20):
+        rows = _near(rng)
+        steady.step(*rows)
+        changing.step(*rows)
+    changing.configure(changing.config.changed({'switching': after}))
+    assert changing.filter.state == steady.filter.state
+    differs = 0
+    for _ in range(20):
+        rows = _near(rng)
+        a, b = steady.step(*rows), changing.step(*rows)
+        assert changing.filter.state == steady.filter.state != [0.0, 0.0]
+        assert (a.v, a.inverse_dynamics) == (b.v, b.inverse_dynamics)
+        step = np.subtract(a.chattering, b.chattering)
+        np.testing.assert_allclose(np.subtract(b.tau, a.tau), step, atol=1e-9)
+        differs += bool(np.abs(step).max() > 0.01)
+    assert (differs > 5) == (before != after)

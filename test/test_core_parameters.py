@@ -4,7 +4,7 @@ import dataclasses
 import math
 from typing import Any, ClassVar
 
-from hypothesis import given, settings
+from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -156,6 +156,7 @@ def test_integers_and_arrays_become_floats() -> None:
     assert {type(x) for x in (made.lambda_, *made.kp, *made.kv, *made.ka)} == {float}
     assert ControllerConfig.from_mapping({'effort_limit': [INF, 5]}).effort_limit == (INF, 5.0)
     assert Sample.from_mapping({'share': 1, 'times': []}).as_mapping()['times'] == ()
+    assert type(Sample.from_mapping({'count': np.int64(4)}).count) is int
 
 
 def test_full_matrices() -> None:
@@ -186,7 +187,7 @@ VALUES = st.one_of(
     st.lists(st.lists(NUMBERS, max_size=2), max_size=2), st.lists(st.text(), max_size=3))
 
 
-@settings(max_examples=400)
+@settings(max_examples=400, suppress_health_check=[HealthCheck.too_slow])
 @given(st.sampled_from(CONFIGS), st.data())
 def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data: Any) -> None:
     """Check random names and values: within the ranges, or refused on one line."""
@@ -201,15 +202,22 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
     for name, value in made.items():
         numbers = [x for x in (value if isinstance(value, tuple) else (value,))
                    if not isinstance(x, str)]
+        if name in ('input_delay', 'noise_seed'):
+            assert type(value) is int
+            assert 0 <= value <= (100 if name == 'input_delay' else 2 ** 62)
+            continue
         assert all(type(x) is float for x in numbers)
-        if name == 'effort_limit':
+        if name in ('effort_limit', 'torque_saturation', 'observer_bandwidth'):
             assert all(x > 0.0 for x in numbers)
             continue
         assert all(math.isfinite(x) for x in numbers)
         if name in ('kp', 'kv') and len(numbers) == 4:
             full = np.array(numbers).reshape(2, 2)
             assert np.linalg.eigvalsh(full)[0] > 0.0
-        elif name in ('kp', 'kv', 'lambda', 'b', 'control_period', 'integration_step'):
+        elif name in ('kp', 'kv', 'lambda', 'b', 'control_period', 'integration_step',
+                      'boundary_layer', 'stribeck_velocity', 'inertia_scale'):
             assert min(numbers) > 0.0
-        elif name in ('ka', 'coulomb_friction', 'gravity', 'duration', 'frequency'):
+        elif name in ('ka', 'coulomb_friction', 'gravity', 'duration', 'frequency',
+                      'viscous_friction', 'stribeck_friction', 'gravity_scale',
+                      'position_noise', 'velocity_noise', 'encoder_resolution'):
             assert min(numbers) >= 0.0

@@ -64,7 +64,7 @@ def test_cut_at_50_places_all_flushed_before_is_there(
     complete = messages(whole)
     size = (whole / f'{whole.name}.mcap').stat().st_size
     file = whole / f'{whole.name}.mcap'
-    ends = []
+    ends: list[int] = []
     with file.open('rb') as stream:
         records = StreamReader(stream, emit_chunks=True).records
         ends.extend(stream.tell() for record in records if isinstance(record, Chunk))

@@ -130,7 +130,6 @@ class Controller:
         self.filter = ErrorFilter(n)
         self.observer = PerturbationObserver(n)
         self._none: Vector = (0.0,) * n
-        self._cut: Vector | None = None
         self._drift: Vector = self._none
         #: Torques on their way, each with what the bound has cut off its chattering term.
         self._sent: deque[tuple[Vector, Vector | None]] = deque()
@@ -154,6 +153,7 @@ class Controller:
         self._limited = min(config.effort_limit) < float('inf')
         self._chattering = config.law == 'chattering'
         self._observing = self._chattering and config.switching == 'implicit_observer'
+        self._cut: Vector | None = None
         self._period = seconds(period_ns(config.control_period))
         self.filter.configure(config.lambda_, config.b, self._period)
         self.observer.configure(

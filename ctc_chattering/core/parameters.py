@@ -128,7 +128,7 @@ class Parameter:
         if ((kind == 'int' and number and not isinstance(item, (float, np.floating)))
                 or (kind == 'bool' and isinstance(item, bool))
                 or (kind == 'str' and isinstance(item, str))):
-            return item
+            return int(item) if kind == 'int' else item  # type: ignore[call-overload]
         raise ParameterError(self.name, whole, self.allowed)
 
     def check(self, value: Any, n: int) -> None:

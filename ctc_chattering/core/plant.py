@@ -9,7 +9,7 @@ located within the step, the modes are decided anew there, and the rest of the s
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import dataclasses
 import math
 from math import exp, inf, isfinite
@@ -224,7 +224,10 @@ class Plant:
 
     def _decide(self, t: float, tau: Vector) -> None:
         """Set the modes from the state and the load at time `t`."""
-        self.modes = modes(self.model, self.q, self.dq, self._torque(t, tau), self._level)
+        load = self._torque(t, tau)
+        if self._law:
+            load = self._relieved(self.dq, load, [(x > 0.0) - (x < 0.0) for x in self.dq])
+        self.modes = modes(self.model, self.q, self.dq, load, self._level)
         mode = self.modes
         self._stuck = [i for i in self._rubbing if not mode[i]]
         self._sliding = [i for i in self._rubbing if mode[i]]
@@ -260,6 +263,8 @@ class Plant:
                 margin = x
         if self._stuck:
             u = self._torque(t, load)
+            if self._law:
+                u = self._relieved(dq, u, mode)
             beyond = max(excess(self.model, q, dq, u, self._level, self._stuck))
             if -beyond < margin:
                 margin = -beyond
@@ -287,11 +292,14 @@ class Plant:
 
     def _sliding_dynamics(self, q: Vector, dq: Vector, u: Vector, lock: int) -> Vector:
         """Return ddq where friction depends on the velocity; `u` has its value near rest off."""
+        return self.model.forward_dynamics(q, dq, self._relieved(dq, u, self.modes), lock)
+
+    def _relieved(self, dq: Vector, u: Vector, mode: Sequence[int]) -> Vector:
+        """Return `u` less what friction at the velocity `dq` exceeds its value near rest by."""
         assert self._law is not None
-        load = [
+        return [
             x - viscous * v + (fall * m * (1.0 - exp(-(v / speed) ** 2)) if fall else 0.0)
-            for x, v, m, (viscous, fall, speed) in zip(u, dq, self.modes, self._law)]
-        return self.model.forward_dynamics(q, dq, load, lock)
+            for x, v, m, (viscous, fall, speed) in zip(u, dq, mode, self._law)]
 
     def _runge_kutta(self, t: float, h: float, load: Vector) -> tuple[Vector, Vector]:
         """Return q and dq after one step of fourth order in the present modes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from random import Random
 
 from ctc_chattering.core.model import Vector
@@ -35,5 +36,6 @@ class Sensor:
             return q, dq
         gauss = self._gauss
         q = [x + gauss(0.0, s) if s else x for x, s in zip(q, self._position)]
-        return ([r * round(x / r) if r else x for x, r in zip(q, self._resolution)],
+        return ([r * round(x / r) if r and isfinite(x / r) else x
+                 for x, r in zip(q, self._resolution)],
                 [x + gauss(0.0, s) if s else x for x, s in zip(dq, self._velocity)])

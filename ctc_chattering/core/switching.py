@@ -74,6 +74,8 @@ def implicit_term(model: Model, q: Vector, wanted: Vector, ka: Vector) -> Vector
             break
     else:
         return wanted
+    if not all(abs(x) < 1e280 for x in wanted):  # The elimination below would overflow.
+        return sign(wanted, ka)
     n = model.n
     mass = model.mass_matrix(q)
     inverse = [solve(mass, [float(i == j) for i in range(n)]) for j in range(n)]
