@@ -201,7 +201,7 @@ def _all(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
         name = re.sub(r'[^\w.-]+', '_', _name(result, results, result.slug)).strip('_.') or 'run'
         slug = name if name not in used else f'{name}_{len(used) + 1}'
         used.add(slug)
-        where = 'enlarged ' + ('about the change of law.' if result.changes else 'at the end.')
+        where = 'enlarged ' + ('about the last change.' if result.marks else 'at the end.')
         yield f'{slug}_tracking', tracking(result), (
             'Joint positions (solid) against the reference (dashed), and the sum of the '
             f'absolute errors, on a logarithmic axis. Right: {where}')
@@ -218,8 +218,8 @@ class _Sheet:
                  height: float, length: float) -> None:
         self.result, t = result, result.run.t
         self.figure, self._grid = drawing(title, rows, widths, height)
-        length = min(length * (2.5 if result.changes else 1.0), float(t[-1] - t[0]) / 3.0)
-        change = result.changes[-1][0] if result.changes else np.inf
+        length = min(length * (2.5 if result.marks else 1.0), float(t[-1] - t[0]) / 3.0)
+        change = result.marks[-1][0] if result.marks else np.inf
         start = min(t[-1] - length, change - 0.2 * length)
         first, last = np.searchsorted(t, (start - 1e-9, start + length + 1e-9))
         self.window = slice(int(first), max(int(last), int(first) + 1))
@@ -279,10 +279,10 @@ def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
 
 
 def _mark_changes(ax: Axes, result: Result, labelled: bool) -> None:
-    for time, law in result.changes:
+    for time, name in result.marks:
         ax.axvline(time, color=REFERENCE, linewidth=1.0, linestyle=(0, (1, 1.5)))
         if labelled:
-            ax.text(time, 0.12, f'  → {law}', transform=ax.get_xaxis_transform(), **_NOTE)
+            ax.text(time, 0.12, f'  → {name}', transform=ax.get_xaxis_transform(), **_NOTE)
 
 
 def _log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
@@ -338,7 +338,7 @@ def _paper(result: Result, which: int) -> str:
     """Return the suffix of a title that names the paper's figure; `which` as in the table."""
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.configs[-1][1]
-    same = not result.changes and config.switching == 'sign' and config.model == 'two_link'
+    same = not result.marks and config.switching == 'sign' and config.model == 'two_link'
     return f' (figure {numbers[which]} of the paper)' if numbers and same else ''
 
 

@@ -68,6 +68,13 @@ class Result:
                 if new.law != old.law]
 
     @property
+    def marks(self) -> list[tuple[float, str]]:
+        """Times [s] at which law or switching changed during the run, with what they became."""
+        return [(t, new.law if new.law != old.law else new.switching)
+                for (_, old), (t, new) in zip(self.configs, self.configs[1:])
+                if (new.law, new.switching) != (old.law, old.switching)]
+
+    @property
     def label(self) -> str:
         """Experiment and laws in words, for a legend."""
         laws = [self.configs[0][1].law, *(law for _, law in self.changes)]

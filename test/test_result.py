@@ -102,3 +102,13 @@ def test_finite() -> None:
     """Check that what JSON cannot say becomes null, however deep."""
     assert finite({'a': [1.0, math.nan, (math.inf, 'x')], 'b': -math.inf, 'c': 3, 'd': None}) == {
         'a': [1.0, None, [None, 'x']], 'b': None, 'c': 3, 'd': None}
+
+
+def test_marks_name_every_change_of_law_or_switching() -> None:
+    setup = params.load(None, {
+        'plant': {'duration': 0.05},
+        'bringup': {'events': ['0.01 controller switching implicit', '0.02 controller ka [3, 4]',
+                               '0.03 controller law compensation']}})
+    result = simulated(setup)
+    assert result.marks == [(0.01, 'implicit'), (0.03, 'compensation')]
+    assert result.changes == [(0.03, 'compensation')]
