@@ -1,0 +1,44 @@
+"""A killed process is started again, and the others go on without being restarted."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+from ros import PATIENCE, probe
+from sensor_msgs.msg import JointState
+
+pytestmark = pytest.mark.ros
+
+
+def seconds(message: JointState) -> float:
+    return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
+
+
+@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+@pytest.mark.parametrize('victim', ['controller', 'reference', 'plant'])
+def test_a_killed_node_started_again_heals_the_graph(victim: str, pacing: str) -> None:
+    arguments = {'plant': ('-p', f'pacing:={pacing}'), 'controller': (), 'reference': ()}
+    with probe() as it:
+        states = it.listen(JointState, 'joint_states')
+        children = {name: it.start(name, *more) for name, more in arguments.items()}
+
+        def moved() -> bool:
+            """Return whether the last states were driven by torques, over half a second."""
+            driven = [m for m in states[-2000:] if any(m.effort)]
+            return len(driven) > 500
+
+        it.until(moved, 'motion')
+        children[victim].signal(signal.SIGKILL)
+        children[victim].process.wait(PATIENCE)
+        it.start(victim, *arguments[victim])
+        if victim == 'plant':
+            it.until(lambda: not any(states[-1].effort), 'the start of the new plant')
+        it.executor.spin_once(timeout_sec=0.0)
+        before = seconds(states[-1])
+        states.clear()
+        it.until(lambda: states and moved()
+                 and (victim == 'plant' or seconds(states[-1]) > before + 0.5), 'recovery')
+        others = [child for name, child in children.items() if name != victim]
+        assert all(child.status is None for child in others)
+        assert not any('Traceback' in line for line in it.lines)
