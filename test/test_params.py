@@ -63,7 +63,17 @@ def test_files_are_the_paper_s(name: str) -> None:
 
 def test_every_file_is_tried() -> None:
     assert {x.name for x in CONFIG.glob('*.yaml')} == {
-        'friction.yaml', 'disturbance.yaml', 'switch.yaml'}
+        'friction.yaml', 'disturbance.yaml', 'switch.yaml', 'switching.yaml'}
+
+
+def test_the_tour_of_the_switchings_is_the_first_experiment_but_for_the_gain() -> None:
+    tour, first = (params.load(CONFIG / f'{name}.yaml') for name in ('switching', 'friction'))
+    assert tour.plant == first.plant.changed({'experiment': 'switching'})
+    assert tour.controller == first.controller.changed({'ka': [12, 12]})
+    assert tour.reference == first.reference
+    assert [(event.time, dict(event.values)) for event in tour.events] == [
+        (4.0, {'switching': 'boundary_layer'}), (6.0, {'switching': 'implicit'}),
+        (8.0, {'switching': 'implicit_observer'})]
 
 
 @pytest.mark.parametrize(('content', 'word'), [
