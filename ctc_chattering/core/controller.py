@@ -250,10 +250,10 @@ class Controller:
         scale = self.filter.scale
         self._drift = self.filter.drift(v, feedback)
         push = self.model.inertia_times(q, [y / scale for y in self._drift])
-        wanted = [m - c for m, c in zip(push, coriolis)]
         if not self._observing:
-            return implicit_term(self.model, q, wanted, config.ka)
-        wanted = [w - p for w, p in zip(wanted, self.observer.estimate)]
+            return implicit_term(
+                self.model, q, [m - c for m, c in zip(push, coriolis)], config.ka)
+        wanted = [m - c - p for m, c, p in zip(push, coriolis, self.observer.estimate)]
         term = implicit_term(self.model, q, wanted, config.ka)
         self._cut = None if term is wanted else [w - z for w, z in zip(wanted, term)]
         return term

@@ -9,7 +9,7 @@ located within the step, the modes are decided anew there, and the rest of the s
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import dataclasses
 import math
 from math import exp, inf, isfinite
@@ -22,12 +22,12 @@ from ctc_chattering.core.model import Model, Vector
 from ctc_chattering.core.models import check_model, make_model, MODELS
 from ctc_chattering.core.parameters import Config, parameter
 from ctc_chattering.core.root import first_negative
+from ctc_chattering.core.runge_kutta import Dynamics, step, step_two
 from ctc_chattering.core.sensor import Sensor
 from ctc_chattering.errors import CtcError
 
 #: Values of the parameter ``pacing``.
 PACINGS = ('real_time', 'lockstep')
-Dynamics = Callable[[Vector, Vector, Vector, int], Vector]
 #: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
 _MAX_EVENTS = 50
 
@@ -157,6 +157,7 @@ class Plant:
         self.measured = self._sensor.measure(self.q, self.dq)
         self.period_ns = period_ns(config.control_period)
         period = seconds(self.period_ns)
+        self._step = step_two if self.model.n == 2 else step
         self._substeps = max(1, math.ceil(period / config.integration_step - 1e-9))
         self._h = period / self._substeps
         self.configure(config)
@@ -212,7 +213,10 @@ class Plant:
         except (ValueError, OverflowError):  # sin(inf)
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s') from None
         self.k += 1
-        self.measured = self._sensor.measure(self.q, self.dq)
+        if self._sensor.perfect:
+            self.measured = (self.q, self.dq)
+        else:
+            self.measured = self._sensor.measure(self.q, self.dq)
 
     def _torque(self, t: float, tau: Vector) -> Vector:
         """Return torque plus disturbance, shape (n,)."""
@@ -303,22 +307,9 @@ class Plant:
 
     def _runge_kutta(self, t: float, h: float, load: Vector) -> tuple[Vector, Vector]:
         """Return q and dq after one step of fourth order in the present modes."""
-        lock = self._locked
         dynamics: Dynamics = self._sliding_dynamics if self._law else self.model.forward_dynamics
-        q, dq = self.q, self.dq
-        half = 0.5 * h
-        sixth = h / 6.0
-        u0 = self._torque(t, load)
-        um = self._torque(t + half, load) if self._disturbed else u0
-        u1 = self._torque(t + h, load) if self._disturbed else u0
-        a = dynamics(q, dq, u0, lock)
-        v2 = [x + half * y for x, y in zip(dq, a)]
-        b = dynamics([x + half * y for x, y in zip(q, dq)], v2, um, lock)
-        v3 = [x + half * y for x, y in zip(dq, b)]
-        c = dynamics([x + half * y for x, y in zip(q, v2)], v3, um, lock)
-        v4 = [x + h * y for x, y in zip(dq, c)]
-        d = dynamics([x + h * y for x, y in zip(q, v3)], v4, u1, lock)
-        return ([x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
-                 for x, k1, k2, k3, k4 in zip(q, dq, v2, v3, v4)],
-                [x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
-                 for x, k1, k2, k3, k4 in zip(dq, a, b, c, d)])
+        loads = (load, load, load)
+        if self._disturbed:
+            loads = (self._torque(t, load), self._torque(t + 0.5 * h, load),
+                     self._torque(t + h, load))
+        return self._step(dynamics, self.q, self.dq, loads, self._locked, h)
