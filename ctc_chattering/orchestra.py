@@ -10,10 +10,9 @@ import random
 import signal
 import sys
 import tempfile
-from types import FrameType
 from typing import Any
 
-from ctc_chattering import params, supervisor
+from ctc_chattering import params, signals, supervisor
 from ctc_chattering.errors import CtcError
 from ctc_chattering.settings import LOOP
 from ctc_chattering.share import config_directory
@@ -131,15 +130,9 @@ def _namespace(ros_args: Sequence[str]) -> str:
 @contextmanager
 def _signals() -> Any:
     """Collect SIGINT and SIGTERM in the list that is yielded."""
-    caught: list[int] = []
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        caught.append(number)
-
-    before = {number: signal.signal(number, on_signal)
-              for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in signals.STOP}
     try:
-        yield caught
+        yield signals.collect()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

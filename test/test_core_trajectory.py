@@ -109,7 +109,6 @@ def test_a_gap_between_pieces_is_bridged() -> None:
     trajectory.extend([0, 300 * MS], [points[0], _point(np.random.default_rng(1), 3)])
     trajectory.extend([200 * MS], [points[1]])
     trajectory.extend([100 * MS], [points[1]])
-    trajectory.clear()
     trajectory.extend(times[:1], points[:1])
     trajectory.extend(times[1:], points[1:])
     found = trajectory.at(123 * MS)
@@ -134,11 +133,3 @@ def test_forget_keeps_what_is_needed() -> None:
     trajectory = Trajectory()
     trajectory.forget(5)
     assert len(trajectory) == 0
-
-
-def test_clear_drops_everything() -> None:
-    """Check that nothing is left behind."""
-    trajectory = Trajectory()
-    trajectory.extend([0, 1], [_point(np.random.default_rng(0))] * 2)
-    trajectory.clear()
-    assert (len(trajectory), trajectory.end, trajectory.at(0)) == (0, None, None)

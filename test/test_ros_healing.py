@@ -31,12 +31,18 @@ def test_a_killed_node_started_again_heals_the_graph(victim: str, pacing: str) -
         it.until(moved, 'motion')
         children[victim].signal(signal.SIGKILL)
         children[victim].process.wait(PATIENCE)
-        it.start(victim, *arguments[victim])
+
+        def drained() -> bool:
+            """Return whether nothing of the old plant is left to come."""
+            count = len(states)
+            it.executor.spin_once(timeout_sec=0.2)
+            return len(states) == count
+
         if victim == 'plant':
-            it.until(lambda: not any(states[-1].effort), 'the start of the new plant')
-        it.executor.spin_once(timeout_sec=0.0)
+            it.until(drained, 'the end of the old plant')
         before = seconds(states[-1])
         states.clear()
+        it.start(victim, *arguments[victim])
         it.until(lambda: states and moved()
                  and (victim == 'plant' or seconds(states[-1]) > before + 0.5), 'recovery')
         others = [child for name, child in children.items() if name != victim]

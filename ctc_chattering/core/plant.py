@@ -213,10 +213,7 @@ class Plant:
         except (ValueError, OverflowError):  # sin(inf)
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s') from None
         self.k += 1
-        if self._sensor.perfect:
-            self.measured = (self.q, self.dq)
-        else:
-            self.measured = self._sensor.measure(self.q, self.dq)
+        self.measured = self._sensor.measure(self.q, self.dq)
 
     def _torque(self, t: float, tau: Vector) -> Vector:
         """Return torque plus disturbance, shape (n,)."""

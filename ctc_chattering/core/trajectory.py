@@ -59,11 +59,6 @@ class Trajectory:
             del self._points[t]
         del self._times[:keep]
 
-    def clear(self) -> None:
-        """Drop all points."""
-        self._times.clear()
-        self._points.clear()
-
     def at(self, t: int) -> Point | None:
         """
         Return position, velocity and acceleration at `t` [ns].

@@ -45,7 +45,6 @@ class Conductor(Shell):
         self._pending: Future | None = None
         self._start: int | None = None
         self.time = 0.0
-        self.error: str | None = None
         if lockstep:
             self.create_subscription(Clock, CLOCK, self._on_clock, qos())
         else:
@@ -68,7 +67,7 @@ class Conductor(Shell):
                 return
             self._finish(self._pending)
             self._pending = None
-        if self.error is None and self._events and self.time >= self._events[0].time:
+        if self.failure is None and self._events and self.time >= self._events[0].time:
             event = self._events[0]
             self._pending = self._set(event.node, event.values)
 
@@ -76,7 +75,7 @@ class Conductor(Shell):
         """Look at the answer to the last request and go on."""
         for result in future.result().results:
             if not result.successful:
-                self.error = f'an event was refused: {result.reason}'
+                self.failure = f'an event was refused: {result.reason}'
                 return
         event = self._events.pop(0)
         if 'hold_at' in event.values or not self._lockstep:
@@ -129,8 +128,8 @@ class Observer:
         """
         self._node.spin_in_batches(self._executor)
         self._node.idle()
-        if self._node.error:
-            raise CtcError(self._node.error)
+        if self._node.failure:
+            raise CtcError(self._node.failure)
         return self._node.time
 
     def close(self) -> None:

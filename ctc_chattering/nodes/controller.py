@@ -110,22 +110,26 @@ class ControllerNode(Shell):
             'velocity for each', throttle_duration_sec=1.0)
 
     def _restart(self) -> None:
-        """Forget the run before: time has gone back."""
+        """
+        Forget the run before: time has gone back.
+
+        The trajectory stays: what the reference says of the new run may have come first, and has
+        replaced what was known from its first instant on.
+        """
         self._controller.reset()
-        self._trajectory.clear()
         self._last = -1
         self._count = 0
         self._tuning.news = True
 
     def _answer(self, t: int, q: Vector, dq: Vector) -> None:
         point = self._trajectory.at(t)
-        if point is None or not self._heard or self._must_wait(t):
-            self._heard = self._heard or self.heard(
+        if not self._heard:
+            self._heard = self.heard(
                 (self._commands, self._tracking, self._filter, self._torques),
                 self._settings.wait_for)
-            if point is None or not self._heard or self._must_wait(t):
-                self._waiting = (t, q, dq)
-                return
+        if point is None or not self._heard or self._must_wait(t):
+            self._waiting = (t, q, dq)
+            return
         self._waiting = None
         self._last = t
         ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]

@@ -16,12 +16,12 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from ctc_chattering import wire
 from ctc_chattering.core.parameters import Config, Parameter
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.graph import PARAMETERS
+from ctc_chattering.nodes.runtime import qos
 
 C = TypeVar('C', bound=Config)
 
@@ -73,8 +73,7 @@ class NodeParameters:
                 node.declare_parameter(name, _to_ros(value), descriptor(self._specs[name]),
                                        ignore_override=True)
         self._publisher = node.create_publisher(
-            ParameterEvent, f'~/{PARAMETERS}',
-            QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+            ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
         self._announced: dict[str, Any] = {}
         self.news = True
         node.add_pre_set_parameters_callback(self._coerce)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import signal
 import time
-from types import FrameType
 from typing import Any
 
 import rclpy
@@ -17,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, QosDurability, QosReliability
 from rosgraph_msgs.msg import Clock
 
-from ctc_chattering import wire
+from ctc_chattering import signals, wire
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.graph import CLOCK
 
@@ -47,13 +45,7 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
         end it early.
 
     """
-    stop: list[int] = []
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        stop.append(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
+    stop = signals.collect()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('player')
     count = 0

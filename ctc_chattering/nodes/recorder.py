@@ -19,8 +19,6 @@ from ctc_chattering.wire import message_type
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
-
-
 #: Between two flushes to the disk [s].
 _FLUSH = 0.5
 #: How long one look at the queue lasts [s].

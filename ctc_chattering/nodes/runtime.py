@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import itertools
 from pathlib import Path
-import signal
 import sys
 import time
-from types import FrameType
 from typing import Any
 
 import rclpy
@@ -19,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from ctc_chattering import params
+from ctc_chattering import params, signals
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import TOPICS
 
@@ -127,13 +125,7 @@ def run(make_node: Callable[[], Shell], name: str,
 
     """
     arguments = list(sys.argv if argv is None else argv)
-    stop: list[int] = []
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        stop.append(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
+    stop = signals.collect()
     node = executor = None
     try:
         for path in _params_files(arguments):
