@@ -8,6 +8,8 @@ JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
 REFERENCE = 'reference'
 CLOCK = 'clock'
+#: Where every node of a system says how it is; an absolute name, as ROS has it.
+DIAGNOSTICS = '/diagnostics'
 #: Topics under ``~/`` of the controller.
 TRACKING, FILTER, TORQUES = 'tracking', 'filter', 'torques'
 #: Topic under ``~/`` of plant, controller and reference: the parameters in force.
@@ -22,7 +24,7 @@ class Topic:
     Attributes
     ----------
     name, kind : str
-        Relative name and message type.
+        Name, relative but for /diagnostics, and message type.
     readers : tuple of str
         Our own nodes that subscribe to it.
     latched : bool
@@ -46,4 +48,5 @@ TOPICS = {topic.name: topic for topic in (
       for name in (TRACKING, FILTER, TORQUES)),
     *(Topic(f'{node}/{PARAMETERS}', 'rcl_interfaces/msg/ParameterEvent', ('recorder',), True)
       for node in ('plant', 'controller', 'reference')),
+    Topic(DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', ('recorder',)),
 )}

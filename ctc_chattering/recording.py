@@ -53,6 +53,7 @@ class Recording:
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Any] = {}
         self.counts: dict[str, int] = {}
+        self.path = path
         try:
             self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -85,6 +86,10 @@ class Recording:
             self.counts[topic] = 0
         self._writer.write(connection, t, data)
         self.counts[topic] += 1
+
+    def note(self, key: str, value: str) -> None:
+        """Have the bag's metadata say something about the recording."""
+        self._writer.set_custom_data(key, value)
 
     def flush(self) -> None:
         """Put all that was written onto the disk, to be read even if this process is killed."""

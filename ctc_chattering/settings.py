@@ -38,6 +38,10 @@ class PlantSettings(Config):
     clock_period: float = parameter(
         'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
         unit='s', minimum=0.0, exclusive=True, read_only=True)
+    command_timeout: float = parameter(
+        'command_timeout', 'float', 0.1,
+        'Real time: without a command for so long, the torque is 0 and the brakes hold, until '
+        'the next one.', unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
     wait_for: tuple[str, ...] = _wait_for()
 
 
@@ -47,6 +51,18 @@ class ControllerSettings(Config):
 
     title: ClassVar[str] = 'controller'
 
+    state_timeout: float = parameter(
+        'state_timeout', 'float', 0.02,
+        'Real time: without a state for so long (at least three control periods), or after a '
+        'gap as long in its stamps, the law begins anew.', unit='s', minimum=0.0, exclusive=True,
+        maximum=3600.0, read_only=True)
+    reference_timeout: float = parameter(
+        'reference_timeout', 'float', 0.1,
+        'A reference that is late goes on at its last velocity for so long; then the position '
+        'is held.', unit='s', minimum=0.0, maximum=3600.0, read_only=True)
+    enabled: bool = parameter(
+        'enabled', 'bool', True, 'Whether torques are sent from the start; see ~/enable.',
+        read_only=True)
     state_decimation: int = parameter(
         'state_decimation', 'int', 10,
         'The topics under ~/ carry every so many-th sample; all are recomputed from a bag.',

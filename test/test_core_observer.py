@@ -116,7 +116,8 @@ def test_nothing_is_learnt_from_nothing() -> None:
     np.testing.assert_allclose(made.estimate, (1 - math.exp(-4.0)) * np.array([1.0, 2.0, 3.0]))
 
 
-def _loop(limit: float, bandwidth: float) -> tuple[list[Array], list[Array], Array]:
+def _loop(limit: float, bandwidth: float, anti_windup: bool = True
+          ) -> tuple[list[Array], list[Array], Array]:
     """
     Run the law on two coupled masses under a constant force, in closed form.
 
@@ -125,7 +126,8 @@ def _loop(limit: float, bandwidth: float) -> tuple[list[Array], list[Array], Arr
     mass, force = np.array([[2.0, 0.7], [0.7, 0.5]]), np.array([3.0, -4.0])
     law = Controller(ControllerConfig(
         switching='implicit_observer', control_period=H, b=B, ka=(10.0, 10.0),
-        observer_bandwidth=bandwidth, effort_limit=(limit, limit)), Masses(mass.tolist()))
+        observer_bandwidth=bandwidth, effort_limit=(limit, limit),
+        anti_windup=anti_windup), Masses(mass.tolist()))
     q, dq = np.array([0.01, -0.02]), np.array([0.02, 0.0])
     a_d, v, estimate = np.array([1.0, -2.0]), [], []
     for k in range(400):
@@ -153,8 +155,12 @@ def test_in_the_loop_v_returns_to_zero_after_one_sample() -> None:
     assert np.abs(slow[-1]).max() < 1e-7
 
 
-def test_a_limited_torque_does_not_wind_the_estimate_up() -> None:
-    """Check P̂ = P while the effort limit, which the law knows of, bites at every sample."""
-    v, estimate, force = _loop(1.5, math.inf)
-    assert np.abs(v[-1]).max() > 0.05
+@pytest.mark.parametrize('anti_windup', [False, True])
+def test_a_limited_torque_does_not_wind_the_estimate_up(anti_windup: bool) -> None:
+    """Check P̂ = P, with either v, while the effort limit bites at every sample."""
+    v, estimate, force = _loop(1.5, math.inf, anti_windup)
     assert np.abs(np.array(estimate[-100:]) - force).max() < 1e-6
+    if anti_windup:
+        assert np.abs(np.array(v[-100:])).max() < 1e-9
+    else:
+        assert np.abs(v[-1]).max() > 0.05

@@ -57,10 +57,11 @@ def reference(names: list[str], rows: Sequence[Sequence[Sequence[float]]]) -> Jo
 
 
 class ControllerUnderTest:
-    """A controller process between our states and references and its torques."""
+    """A controller process between our states and references, in our time, and its torques."""
 
     def __init__(self, it: Probe, *ros_args: str) -> None:
         self.probe = it
+        self.clock = it.node.create_publisher(Clock, 'clock', 1000)
         self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
         self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
         self.commands = it.listen(Float64MultiArray, COMMANDS)

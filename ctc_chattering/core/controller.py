@@ -76,6 +76,17 @@ class ControllerConfig(Config):
     effort_limit: tuple[float, ...] = parameter(
         'effort_limit', 'float[]', float('inf'), 'Largest torque sent; .inf for unlimited.',
         unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
+    effort_rate_limit: tuple[float, ...] = parameter(
+        'effort_rate_limit', 'float[]', float('inf'),
+        'Fastest change of the torque sent, from 0 at the start; .inf for unlimited.',
+        unit='N*m/s', minimum=0.0, exclusive=True, infinite=True, shape='n')
+    anti_windup: bool = parameter(
+        'anti_windup', 'bool', True,
+        'Keep what the effort limits cut off the torque out of the filter (3).')
+    error_limit: tuple[float, ...] = parameter(
+        'error_limit', 'float[]', float('inf'),
+        'Position error beyond which no torque is sent any more until ~/reset; .inf for never.',
+        unit='rad', minimum=0.0, exclusive=True, infinite=True, shape='n')
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
         exclusive=True, read_only=True)
@@ -104,6 +115,8 @@ class Sample(NamedTuple):
     compensation: Vector
     #: Ka sgn(v), however switched, which law (6) subtracts; 0 under law (2) [N·m].
     chattering: Vector
+    #: What the limits have cut off the torque [N·m]; None for nothing.
+    excess: Vector | None
 
 
 class Controller:
@@ -131,8 +144,10 @@ class Controller:
         self.observer = PerturbationObserver(n)
         self._none: Vector = (0.0,) * n
         self._drift: Vector = self._none
-        #: Torques on their way, each with what the bound has cut off its chattering term.
-        self._sent: deque[tuple[Vector, Vector | None]] = deque()
+        #: Torques on their way, each with what the bound has cut off its chattering term, and
+        #: what the effort limits have cut off the torque.
+        self._sent: deque[tuple[Vector, Vector | None, Vector | None]] = deque()
+        self._bumpless = False
         self.configure(config)
         self.reset()
 
@@ -150,20 +165,31 @@ class Controller:
         if all(not m[i][j] for m in (self._kp, self._kv)
                for i in range(n) for j in range(n) if i != j):
             self._diagonal = [(self._kp[i][i], self._kv[i][i]) for i in range(n)]
-        self._limited = min(config.effort_limit) < float('inf')
+        self._limited = min((*config.effort_limit, *config.effort_rate_limit)) < float('inf')
         self._chattering = config.law == 'chattering'
         self._observing = self._chattering and config.switching == 'implicit_observer'
         self._cut: Vector | None = None
         self._period = seconds(period_ns(config.control_period))
+        self._step_limit = [x * self._period for x in config.effort_rate_limit]
         self.filter.configure(config.lambda_, config.b, self._period)
         self.observer.configure(
             config.observer_bandwidth, self._period, config.b, config.ka)
 
-    def reset(self) -> None:
-        """Begin anew: ξ = 0, no estimate, no torque on its way."""
+    def reset(self, bumpless: bool = False) -> None:
+        """
+        Begin anew: no estimate, no torque on its way, and ξ = 0.
+
+        Parameters
+        ----------
+        bumpless : bool
+            Begin with v = 0 instead, so that the first torque is the inverse dynamics alone.
+
+        """
         self.filter.reset()
         self.observer.reset()
-        self._sent = deque([(self._none, None)] * self.config.input_delay)
+        self._bumpless = bumpless
+        self._previous: Vector = self._none
+        self._sent = deque([(self._none, None, None)] * self.config.input_delay)
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -182,6 +208,9 @@ class Controller:
         """
         model = self.model
         e, de, feedback = self._errors(q, dq, q_d, dq_d)
+        if self._bumpless:
+            self.filter.settle(de)
+            self._bumpless = False
         v = self.filter.output(de)
         if self._observing:
             self.observer.learn(model, v)
@@ -189,34 +218,63 @@ class Controller:
         if self._sent:
             q, dq, feedback, v = self._predict(q, dq, de, feedback, ahead)
             ddq_d = ahead[-1][2]
-        self.filter.update(de, seen[3])
         inverse = model.inverse_dynamics(q, dq, [a + f for a, f in zip(ddq_d, feedback)])
         coriolis = model.coriolis_times(q, dq, v)
         if self._chattering:
             term = self._term(q, v, feedback, coriolis)
-            tau = [i - c - s for i, c, s in zip(inverse, coriolis, term)]
+            tau: Vector = [i - c - s for i, c, s in zip(inverse, coriolis, term)]
         else:
             term = self._none
             tau = [i - c for i, c in zip(inverse, coriolis)]
+        excess = None
         if self._limited:
-            tau = [min(max(x, -limit), limit) for x, limit in zip(tau, self.config.effort_limit)]
+            wanted, tau = tau, self._within_limits(tau)
+            if tau != wanted:
+                excess = [w - t for w, t in zip(wanted, tau)]
         if self._sent:
-            self._sent.append((tau, self._cut))
+            self._sent.append((tau, self._cut, excess))
+        self.filter.update(de, seen[3])
+        lost = None
+        applied = self._sent[0][2] if self._sent else excess
+        if applied is not None and self.config.anti_windup:
+            lost = self._lost(seen[0], seen[1], applied)
+            self.filter.state = [x + y for x, y in zip(self.filter.state, lost)]
         if self._observing:
-            self._expect(*seen, inverse if not self._sent else None, tau)
+            self._expect(*seen, inverse if not self._sent else None, tau, lost)
         if self._sent:
             self._sent.popleft()
-        return Sample(tau, e, de, seen[4], inverse, coriolis, term)
+        return Sample(tau, e, de, seen[4], inverse, coriolis, term, excess)
+
+    def _within_limits(self, tau: Vector) -> Vector:
+        """Return the torque that the effort limits leave of `tau`, shape (n,) [N·m]."""
+        tau = [min(max(min(max(x, p - step), p + step), -limit), limit)
+               for x, p, step, limit in zip(
+                   tau, self._previous, self._step_limit, self.config.effort_limit)]
+        self._previous = tau
+        return tau
+
+    def _lost(self, q: Vector, dq: Vector, excess: Vector) -> Vector:
+        """
+        Return what the torque that was cut off takes from v over a period, shape (n,) [rad/s].
+
+        In the closed loop (8) it would act like a perturbation, b h M⁻¹ `excess`. Added to ξ, it
+        leaves v as it would be without limits.
+        """
+        forward = self.model.forward_dynamics
+        return self.filter.shift([
+            a - b for a, b in zip(forward(q, dq, excess), forward(q, dq, self._none))])
 
     def _expect(self, q: Vector, dq: Vector, ddq_d: Vector, feedback: Vector, v: Vector,
-                inverse: Vector | None, tau: Vector) -> None:
+                inverse: Vector | None, tau: Vector, lost: Vector | None) -> None:
         """Tell the observer what is applied from this sample on, and so what it should see."""
         cut, drift = self._cut, self._drift
         if inverse is None:  # The torque applied now is one sent earlier, for this state.
             inverse = self.model.inverse_dynamics(
                 q, dq, [a + f for a, f in zip(ddq_d, feedback)])
-            tau, cut = self._sent[0]
+            tau, cut, _ = self._sent[0]
             drift = self.filter.drift(v, feedback)
+        if lost is not None:
+            drift = [y + x for y, x in zip(drift, lost)]
         self.observer.expect(q, drift, [x - t for x, t in zip(inverse, tau)], cut)
 
     def _errors(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector
@@ -233,8 +291,10 @@ class Controller:
         """Return q, dq, Kv de + Kp e and v when the torque of this step arrives."""
         state = self.filter.state
         estimate = self.observer.estimate if self._observing else self._none
-        for (tau, _), (q_d, dq_d, _) in zip(self._sent, ahead):
+        for (tau, _, excess), (q_d, dq_d, _) in zip(self._sent, ahead):
             state = self.filter.advance(state, de, feedback)
+            if excess is not None and self.config.anti_windup:
+                state = [x + y for x, y in zip(state, self._lost(q, dq, excess))]
             q, dq = predict(
                 self.model, q, dq, [t - p for t, p in zip(tau, estimate)], self._period)
             _, de, feedback = self._errors(q, dq, q_d, dq_d)

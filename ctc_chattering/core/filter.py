@@ -74,6 +74,14 @@ class ErrorFilter:
         return [decay * x + gain * (lambda_ * d - f)
                 for x, d, f in zip(state, de, feedback)]
 
+    def shift(self, acceleration: Vector) -> Vector:
+        """Return what `acceleration`, shape (n,) [rad/s²], adds to -v over a period [rad/s]."""
+        return [self.scale * a for a in acceleration]
+
     def reset(self) -> None:
         """Set ξ = 0."""
         self.state = (0.0,) * len(self.state)
+
+    def settle(self, de: Vector) -> None:
+        """Set ξ so that v = 0 at the velocity error `de`, shape (n,) [rad/s]."""
+        self.state = [self._b * d for d in de]

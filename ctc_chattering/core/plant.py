@@ -90,6 +90,10 @@ class PlantConfig(Config):
         'torque_saturation', 'float[]', float('inf'),
         'Largest torque the drives give; .inf for unlimited.', unit='N*m', minimum=0.0,
         exclusive=True, infinite=True, shape='n', read_only=True)
+    fault_damping: tuple[float, ...] = parameter(
+        'fault_damping', 'float[]', 20.0,
+        'Viscous friction of the brakes, which hold while no torque comes.', unit='N*m*s/rad',
+        minimum=0.0, shape='n')
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h; the torque is held over it.', unit='s',
         minimum=0.0, exclusive=True, read_only=True)
@@ -160,7 +164,19 @@ class Plant:
         self._step = step_two if self.model.n == 2 else step
         self._substeps = max(1, math.ceil(period / config.integration_step - 1e-9))
         self._h = period / self._substeps
+        self._braking = False
         self.configure(config)
+
+    @property
+    def braking(self) -> bool:
+        """Whether the brakes are on: viscous friction `fault_damping` beside all other."""
+        return self._braking
+
+    @braking.setter
+    def braking(self, on: bool) -> None:
+        if on != self._braking:
+            self._braking = on
+            self.configure(self.config)
 
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
@@ -168,9 +184,12 @@ class Plant:
         self._level = [
             a + b for a, b in zip(config.coulomb_friction, config.stribeck_friction)]
         self._law = None
-        if any(config.viscous_friction) or any(config.stribeck_friction):
-            self._law = list(zip(config.viscous_friction, config.stribeck_friction,
-                                 config.stribeck_velocity))
+        viscous: Vector = config.viscous_friction
+        if self._braking:
+            viscous = [a + b for a, b in zip(viscous, config.fault_damping)]
+        if any(viscous) or any(config.stribeck_friction):
+            self._law = list(zip(
+                viscous, config.stribeck_friction, config.stribeck_velocity))
         self._rubbing = [i for i, level in enumerate(self._level) if level > 0.0]
         self._disturbed = any(config.disturbance_amplitude)
         self._decided = False

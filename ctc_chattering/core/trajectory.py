@@ -16,11 +16,18 @@ class Trajectory:
     Points of position, velocity and acceleration over integer nanoseconds.
 
     A new piece replaces all points from its first instant on. Between two points the motion is
-    the quintic that meets both; on a point it is that point, to the last bit; after the last one
-    it rests there.
+    the quintic that meets both; on a point it is that point, to the last bit. After the last one
+    it goes on at that point's velocity for as long as `grace`, and then rests where it is.
+
+    Parameters
+    ----------
+    grace : int
+        How long the next piece may be late [ns].
+
     """
 
-    def __init__(self) -> None:
+    def __init__(self, grace: int = 0) -> None:
+        self._grace = grace
         self._times: list[int] = []
         self._points: dict[int, Point] = {}
 
@@ -32,6 +39,16 @@ class Trajectory:
     def end(self) -> int | None:
         """Instant of the last point [ns]; None without points."""
         return self._times[-1] if self._times else None
+
+    @property
+    def ends_at_rest(self) -> bool:
+        """Whether nothing is to come after the last point: it has no velocity."""
+        return bool(self._times) and not any(
+            x for row in self._points[self._times[-1]][1:] for x in row)
+
+    def overdue(self, t: int) -> bool:
+        """Return whether a piece that should go on at `t` [ns] has not come within the grace."""
+        return bool(self._times) and t > self._times[-1] + self._grace and not self.ends_at_rest
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """
@@ -73,13 +90,22 @@ class Trajectory:
             return None
         before = self._points[self._times[i - 1]]
         if i == len(self._times):
-            rest = (0.0,) * len(before[0])
-            return before[0], rest, rest
+            return self._after(t, before)
         after = self._points[self._times[i]]
         h = seconds(self._times[i] - self._times[i - 1])
         s = seconds(t - self._times[i - 1]) / h
         joints = [_quintic(s, h, *ends) for ends in zip(*before, *after)]
         return tuple(zip(*joints))  # type: ignore[return-value]
+
+    def _after(self, t: int, last: Point) -> Point:
+        """Return the motion after the last point."""
+        q, dq, _ = last
+        rest = (0.0,) * len(q)
+        late = t - self._times[-1]
+        if not self._grace:
+            return q, rest, rest
+        h = seconds(min(late, self._grace))
+        return [x + h * v for x, v in zip(q, dq)], dq if late <= self._grace else rest, rest
 
 
 def _quintic(s: float, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from math import isfinite
 import sys
+import time
+from typing import NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import wire
+from ctc_chattering.core import stamps
 from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.core.grid import period_ns
+from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.trajectory import Trajectory
 from ctc_chattering.graph import (
@@ -23,18 +29,33 @@ from ctc_chattering.graph import (
     TORQUES,
     TRACKING,
 )
+from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell
+from ctc_chattering.nodes.runtime import qos, run, Shell, Status, TICK
 from ctc_chattering.settings import ControllerSettings
+
+#: Why a stamp is refused.
+_WRONG_STAMP = {
+    stamps.REPEATED: 'the stamp repeats', stamps.BACKWARD: 'the stamp goes back',
+    stamps.JUMP: 'the stamp leaps', stamps.STALE: 'it comes too late after its stamp'}
+
+
+class _State(NamedTuple):
+    """A joint state that was taken: stamp [ns], arrival [ns], position and velocity."""
+
+    t: int
+    now: int
+    q: Vector
+    dq: Vector
 
 
 class ControllerNode(Shell):
     """
     Answers every joint state with a torque, by the law (2) or (6).
 
-    A state for which there is no reference yet waits for it. A state that comes again is passed
-    over; one with an earlier stamp than the last begins a new run.
+    A state for which there is no reference yet waits for it. In real time it falls silent without
+    states, and begins anew with the next one; simulated time can wait.
     """
 
     def __init__(self) -> None:
@@ -44,12 +65,16 @@ class ControllerNode(Shell):
         config = self._tuning.get(ControllerConfig)
         self._settings = self._tuning.get(ControllerSettings)
         self._controller = Controller(config)
-        names = config.joint_names
-        self._trajectory = Trajectory()
-        period = period_ns(config.control_period)
-        self._lags = [period * (i + 1) for i in range(config.input_delay)]
+        self._guard = Guard(self._settings.enabled)
+        names = self._names = config.joint_names
+        self._period = period_ns(config.control_period)
+        self._timeout = max(
+            round(self._settings.state_timeout * NANOSECONDS), 3 * self._period)
+        self.tick = min(TICK, seconds(self._timeout) / 2)
+        self._stamps = stamps.Stamps(self._timeout)
+        self._trajectory = Trajectory(round(self._settings.reference_timeout * NANOSECONDS))
+        self._lags = [self._period * (i + 1) for i in range(config.input_delay)]
         self._state_joints, self._reference_joints = Joints(names), Joints(names)
-        self._state_reader, self._reference_reader = wire.StateReader(), wire.TrajectoryReader()
         self._writer = wire.EffortWriter(names)
         self._tracking_writer = wire.StateWriter(
             [f'{j}/{x}' for x in ('desired', 'error') for j in names], ('position', 'velocity'))
@@ -61,92 +86,225 @@ class ControllerNode(Shell):
         self._tracking, self._filter, self._torques = (
             self.create_publisher(JointState, f'~/{name}', qos())
             for name in (TRACKING, FILTER, TORQUES))
-        self._last = -1
         self._count = 0
         self._heard = False
-        self._waiting: tuple[int, Vector, Vector] | None = None
-        self.create_subscription(
-            JointTrajectory, REFERENCE, self._on_reference, qos(), raw=True)
-        self.create_subscription(JointState, JOINT_STATES, self._on_state, qos(), raw=True)
+        self._waiting: _State | None = None
+        #: Whether torques are being sent, and nothing has stopped them since.
+        self._sending = False
+        #: Whether somebody publishes the clock, and whether somebody did at the last state.
+        self._clock_heard = self._simulated = False
+        self._arrived = 0
+        self._seen = False
+        self._lost = False
+        self._late = False
+        self._saturated = self._restarts = 0
+        self._timeouts = {'state': 0, 'reference': 0}
+        self.create_service(SetBool, '~/enable', self._on_enable)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self._reference_inbox = Inbox(
+            self, JointTrajectory, REFERENCE, wire.TrajectoryReader().read, self._on_reference,
+            qos())
+        self._state_inbox = Inbox(
+            self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(),
+            lambda state: self._state_joints.concerned(state.names), trusting=True)
+        self.inboxes = [self._state_inbox, self._reference_inbox]
 
     def idle(self) -> None:
-        """Answer the state that waits for those who are to hear the answer."""
+        """Answer the state that waits for those who are to hear the answer; miss the next one."""
+        self._clock_heard = self.count_publishers(CLOCK) > 0
+        now = time.monotonic_ns()
+        late = not self._simulated and now - self._arrived > self._timeout
+        if late and self._seen and not self._lost:
+            self._lost = True
+            self._timeouts['state'] += 1
+            self._stop(f'{JOINT_STATES}: no state for {self._settings.state_timeout:g} s')
         if self._waiting is not None:
-            self._answer(*self._waiting)
+            if late:
+                self._waiting = None
+            else:
+                self._answer(self._waiting._replace(now=now))
+
+    def finish(self) -> None:
+        """Leave no torque behind."""
+        self._stop()
+
+    def status(self) -> Status:
+        """Return what the controller does and why."""
+        level, message = DiagnosticStatus.OK, 'running'
+        if self._guard.tripped is not None:
+            level, message = DiagnosticStatus.ERROR, (
+                f'tripped: the position error of {self._names[self._guard.tripped]} exceeded '
+                'error_limit; call ~/reset')
+        elif not self._guard.enabled:
+            level, message = DiagnosticStatus.WARN, 'disabled; call ~/enable'
+        elif self._lost:
+            silence = (time.monotonic_ns() - self._arrived) / NANOSECONDS
+            level, message = DiagnosticStatus.ERROR, f'no state for {silence:.1f} s'
+        elif not self._seen:
+            level, message = DiagnosticStatus.WARN, f'waiting for {JOINT_STATES}'
+        elif self._waiting is not None:
+            level, message = DiagnosticStatus.WARN, f'waiting for {REFERENCE}'
+        elif self._late:
+            level, message = DiagnosticStatus.ERROR, (
+                f'no {REFERENCE} for {self._settings.reference_timeout:g} s; holding the '
+                'position')
+        return Status(level, message, {
+            'law': self._controller.config.law, 'switching': self._controller.config.switching,
+            'saturated samples': self._saturated, 'restarts': self._restarts,
+            **{f'timeouts, {name}': count for name, count in self._timeouts.items()},
+            'time': 'simulated' if self._simulated else 'real'})
 
     def _on_change(self) -> None:
         self._settings = self._tuning.get(ControllerSettings)
         self._controller.configure(self._tuning.get(ControllerConfig))
 
-    def _on_reference(self, data: bytes) -> None:
-        piece = self._reference_reader.read(data)
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response
+                   ) -> SetBool.Response:
+        if request.data and not self._guard.enabled:
+            self._controller.reset(bumpless=True)
+        self._guard.enabled = request.data
+        if not request.data:
+            self._stop('disabled by ~/enable', error=False)
+        response.success = True
+        response.message = 'enabled' if request.data else 'disabled'
+        if request.data and self._guard.tripped is not None:
+            response.message += ', but tripped: call ~/reset'
+        return response
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response
+                  ) -> Trigger.Response:
+        response.success = True
+        response.message = 'reset' if self._guard.tripped is not None else 'was not tripped'
+        if self._guard.tripped is not None:
+            self._guard.reset()
+            self._controller.reset(bumpless=True)
+        return response
+
+    def _on_reference(self, piece: wire.Piece, now: int) -> None:
         pick = self._reference_joints.pick(piece.names)
         n = len(piece.names)
-        if pick is None or not all(len(row) == n for point in piece.points for row in point):
-            self.get_logger().warning(
-                f'{REFERENCE}: refused a trajectory of joints {list(piece.names)}; needed: '
-                'every joint of the controller once, and position, velocity and acceleration',
-                throttle_duration_sec=1.0)
-            return
+        if pick is None:
+            raise Refused('joints', f'joints {list(piece.names)}; needed: each of '
+                          f'{list(self._names)} once')
+        if not all(len(row) == n for point in piece.points for row in point):
+            raise Refused('length', 'a point without position, velocity and acceleration of '
+                          'every joint')
+        if not isfinite(sum([sum(row) for point in piece.points for row in point])):
+            raise Refused('not_finite', 'a number that is not finite')
+        if any(b <= a for a, b in zip(piece.times, piece.times[1:])):
+            raise Refused('times', 'points whose times do not increase')
         self._trajectory.extend(
             piece.times, [(pick(q), pick(dq), pick(ddq)) for q, dq, ddq in piece.points])
         if self._waiting is not None:
-            self._answer(*self._waiting)
+            self._answer(self._waiting._replace(now=now))
 
-    def _on_state(self, data: bytes) -> None:
-        t, names, position, velocity, _ = self._state_reader.read(data)
+    def _on_state(self, state: wire.State, now: int) -> None:
+        t, names, position, velocity, _ = state
         pick = self._state_joints.pick(names)
-        if pick is not None and len(names) == len(position) == len(velocity):
-            q, dq = pick(position), pick(velocity)
-            if isfinite(sum(q) + sum(dq)):
-                if t < self._last:
-                    self._restart()
-                if t != self._last:
-                    self._answer(t, q, dq)
-                return
-        self.get_logger().warning(
-            f'{JOINT_STATES}: refused {list(position)}, {list(velocity)} for joints '
-            f'{list(names)}; needed: every joint of the controller once, a finite position and '
-            'velocity for each', throttle_duration_sec=1.0)
+        if pick is None:
+            raise Refused('joints', f'joints {list(names)}; needed: each of '
+                          f'{list(self._names)} once')
+        if not len(names) == len(position) == len(velocity):
+            raise Refused('length', f'{len(position)} positions and {len(velocity)} velocities '
+                          f'for {len(names)} joints')
+        q, dq = pick(position), pick(velocity)
+        if not isfinite(sum(q) + sum(dq)):
+            raise Refused('not_finite', f'{list(q)}, {list(dq)}')
+        if not self._seen:
+            self._clock_heard = self.count_publishers(CLOCK) > 0
+        self._simulated = self._clock_heard
+        verdict = self._stamps.judge(t, now, self._simulated)
+        if verdict != stamps.NEXT:
+            self._judged(verdict, t)
+        self._seen, self._lost, self._arrived = True, False, now
+        self._answer(_State(t, now, q, dq))
 
-    def _restart(self) -> None:
-        """
-        Forget the run before: time has gone back.
+    def _judged(self, verdict: str, t: int) -> None:
+        """Act on a stamp that does not follow the last one."""
+        if verdict not in stamps.TAKEN:
+            if verdict == stamps.REPEATED and self._simulated:
+                raise Refused(verdict, '')  # A plant that waits says it again.
+            raise Refused(verdict, f'{_WRONG_STAMP[verdict]}: {seconds(t):.9f} s')
+        if not self._seen:
+            return
+        self._restarts += 1
+        self._controller.reset(bumpless=not self._simulated)
+        self.pace.pause()
+        if verdict == stamps.ANEW:
+            self._count = 0
+            self._tuning.news = True
+            self.get_logger().info(f'time begins anew at {seconds(t):.3f} s')
 
-        The trajectory stays: what the reference says of the new run may have come first, and has
-        replaced what was known from its first instant on.
-        """
-        self._controller.reset()
-        self._last = -1
-        self._count = 0
-        self._tuning.news = True
-
-    def _answer(self, t: int, q: Vector, dq: Vector) -> None:
+    def _answer(self, state: _State) -> None:
+        """Send the torque that answers a state, or have the state wait."""
+        t = state.t
         point = self._trajectory.at(t)
         if not self._heard:
             self._heard = self.heard(
                 (self._commands, self._tracking, self._filter, self._torques),
                 self._settings.wait_for)
-        if point is None or not self._heard or self._must_wait(t):
-            self._waiting = (t, q, dq)
+        if point is None or not self._heard or not self._guard.allows or self._must_wait(t):
+            self._waiting = state
             return
         self._waiting = None
-        self._last = t
         ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]
-        sample = self._controller.step(q, dq, *point, ahead)
+        q = state.q
+        try:
+            sample = self._controller.step(q, state.dq, *point, ahead)
+        except (ValueError, OverflowError):  # sin(inf)
+            sample = None
+        if sample is None or not isfinite(sum(sample.tau) + sum(sample.v)):
+            self._controller.reset(bumpless=True)
+            self._state_inbox.refuse(
+                Refused('overflow', f'no torque can be computed for {list(q)}, '
+                        f'{list(state.dq)}'), state.now)
+            return
+        if not self._guard.check(sample.e, self._controller.config.error_limit):
+            self._stop(f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
+                       'error_limit; no torque until ~/reset')
+            self._waiting = state
+            return
         self._commands.publish(self._writer.write(sample.tau))
+        self._sending = True
+        if sample.excess is not None:
+            self._saturated += 1
         if self._count % self._settings.state_decimation == 0:
             self._publish_terms(t, q, sample, point)
             self._trajectory.forget(t)
+            self._note_late(t)
         self._count += 1
         if self._tuning.news:
             self._tuning.announce(t)
+        end = time.monotonic_ns()
+        self.pace.sample(state.now, end)
+        if end - state.now > self._period and not self._simulated:
+            self.pace.misses += 1
 
     def _must_wait(self, t: int) -> bool:
         """Return whether the reference lags behind, and time, being simulated, can wait."""
         end = self._trajectory.end
         needed = t + self._lags[-1] if self._lags else t
-        return end is not None and needed > end and self.count_publishers(CLOCK) > 0
+        return (end is not None and needed > end and self._simulated
+                and not self._trajectory.ends_at_rest)
+
+    def _note_late(self, t: int) -> None:
+        late = self._trajectory.overdue(t)
+        if late and not self._late:
+            self._timeouts['reference'] += 1
+            self.get_logger().error(
+                f'{REFERENCE}: nothing for {self._settings.reference_timeout:g} s; holding the '
+                'position')
+        self._late = late
+
+    def _stop(self, why: str = '', error: bool = True) -> None:
+        """Send no torque from now on; in real time a last one of 0, for those who hold it."""
+        if why:
+            logger = self.get_logger()
+            (logger.error if error else logger.info)(why)
+        if self._sending and not self._simulated:
+            self._commands.publish(self._writer.write((0.0,) * len(self._names)))
+        self._sending = False
+        self.pace.pause()
 
     def _publish_terms(self, t: int, q: Vector, s: Sample,
                        point: tuple[Vector, Vector, Vector]) -> None:

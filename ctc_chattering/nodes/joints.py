@@ -21,8 +21,13 @@ class Joints:
 
     def __init__(self, names: Sequence[str]) -> None:
         self._ours = tuple(names)
+        self._known = frozenset(names)
         self._theirs: tuple[str, ...] | None = None
         self._pick: Pick | None = None
+
+    def concerned(self, names: Sequence[str]) -> bool:
+        """Return whether any joint of ours is among `names`."""
+        return names is self._theirs or not self._known.isdisjoint(names)
 
     def pick(self, names: tuple[str, ...]) -> Pick | None:
         """
@@ -35,7 +40,7 @@ class Joints:
         return self._pick
 
     def _find(self, names: tuple[str, ...]) -> Pick | None:
-        if len(set(names)) != len(names) or not set(self._ours) <= set(names):
+        if len(set(names)) != len(names) or not self._known.issubset(names):
             return None
         if names == self._ours:
             return _all

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from math import isfinite
 import sys
+import time
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -14,13 +16,17 @@ from ctc_chattering.core.grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
+from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell
+from ctc_chattering.nodes.runtime import qos, run, Shell, Status
 from ctc_chattering.settings import PlantSettings
 
 #: Periods that one tick of the real-time clock makes good at the most.
 _CATCH_UP = 100
+#: Lockstep: time after which a state without an answer is sent again, and after which the node
+#: says what it waits for [ns].
+_REPEAT, _SAY = NANOSECONDS // 5, 3 * NANOSECONDS
 
 
 class PlantNode(Shell):
@@ -29,7 +35,7 @@ class PlantNode(Shell):
 
     In lockstep a state is followed by the next one as soon as its answer has come, and time is
     simulated. In real time the node's clock paces it; the robot stands still until the first
-    torque comes.
+    torque comes, and is braked when no more come.
     """
 
     def __init__(self) -> None:
@@ -44,27 +50,31 @@ class PlantNode(Shell):
         self._joints = Joints(config.joint_names)
         self._names = config.joint_names
         self._n = len(self._names)
-        self._latest: Vector = (0.0,) * self._n
-        self._writer = wire.StateWriter(config.joint_names)
-        self._reader = wire.EffortReader()
-        self._states = self.create_publisher(JointState, JOINT_STATES, qos())
+        self._rest: Vector = (0.0,) * self._n
+        self._latest: Vector = self._rest
         self._begun = self._held = False
         self._subscribers = [0, 0]
         self._start = 0
-        if config.pacing == 'lockstep':
-            self._ticker = self.create_publisher(Clock, CLOCK, qos())
-            self.create_subscription(
-                Float64MultiArray, COMMANDS, self._on_answer, qos(), raw=True)
-        else:
-            self._ticker = None
-            self.create_subscription(
-                Float64MultiArray, COMMANDS, self._on_command, qos(), raw=True)
+        self._asked = self._repeated = self._said = time.monotonic_ns()
+        self._commanded = 0
+        self._timeouts = 0
+        self._writer = wire.StateWriter(config.joint_names)
+        lockstep = config.pacing == 'lockstep'
+        # The clock first: who hears of it knows that a state can wait.
+        self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
+        self._states = self.create_publisher(JointState, JOINT_STATES, qos())
+        self._inbox = Inbox(
+            self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
+            self._on_answer if lockstep else self._on_command, qos(), trusting=lockstep)
+        self.inboxes = [self._inbox]
+        if not lockstep:
             self.create_timer(seconds(self._period), self._on_tick)
 
     def idle(self) -> None:
         """Begin once all are there; repeat the last message for those who came late."""
         if self._ticker is None:
             return
+        now = time.monotonic_ns()
         counts = [p.get_subscription_count() for p in (self._states, self._ticker)]
         if not self._begun:
             if counts[0] and self.heard((self._states, self._ticker), self._settings.wait_for):
@@ -73,9 +83,40 @@ class PlantNode(Shell):
         else:
             if counts[1] > self._subscribers[1]:
                 self._publish_clock()
-            if counts[0] > self._subscribers[0] and not self._held:
+            if now - max(self._asked, self._repeated) > _REPEAT and not self._held:
+                self._repeated = now
                 self._publish_state()
         self._subscribers = counts
+        if not self._held and now - max(self._asked, self._said) > _SAY:
+            self._said = now
+            self.get_logger().info(f'waiting for {self._awaited()}')
+
+    def _awaited(self) -> str:
+        """Return what simulated time waits for."""
+        if not self._begun:
+            return f'those who are to hear {JOINT_STATES}'
+        publishers = ', '.join(self._inbox.publishers())
+        return (f'the answer on {COMMANDS} to the state at t = {self._plant.t:g} s; '
+                + (f'published by {publishers}' if publishers else 'nobody publishes there'))
+
+    def status(self) -> Status:
+        """Return what the plant does and why."""
+        level, message = DiagnosticStatus.OK, 'running'
+        if self._ticker is not None:
+            waiting = time.monotonic_ns() - self._asked
+            if self._held:
+                message = f'held at t = {self._plant.t:g} s'
+            elif waiting > NANOSECONDS:
+                level, message = DiagnosticStatus.WARN, (
+                    f'waiting for {self._awaited()}, for {waiting / NANOSECONDS:.0f} s')
+        elif self._plant.braking:
+            level, message = DiagnosticStatus.ERROR, (
+                f'no command for {self._settings.command_timeout:g} s; torque 0, brakes on')
+        elif not self._begun:
+            level, message = DiagnosticStatus.WARN, f'waiting for {COMMANDS}'
+        return Status(level, message, {
+            'pacing': self._plant.config.pacing, 'time of the run [s]': self._plant.t,
+            'timeouts, command': self._timeouts})
 
     def _on_change(self) -> None:
         self._settings = self._tuning.get(PlantSettings)
@@ -86,14 +127,15 @@ class PlantNode(Shell):
 
     # Lockstep.
 
-    def _on_answer(self, data: bytes) -> None:
-        tau = self._torques(data)
-        if tau is None or not self._begun or self._held:
+    def _on_answer(self, efforts: wire.Efforts, now: int) -> None:
+        tau = self._torques(efforts)
+        if not self._begun or self._held:
             return
         if self._plant.k == self._last and self._last:
             self._end()
             return
         self._plant.step(tau)
+        self.pace.sample(now, time.monotonic_ns())
         self._publish_sample()
 
     def _publish_sample(self) -> None:
@@ -102,6 +144,7 @@ class PlantNode(Shell):
             self._held = True
             self._publish_clock()
             return
+        self._asked = time.monotonic_ns()
         self._publish_state()
         if self._plant.k % self._clock_every == 0 or self._plant.k == self._last:
             self._publish_clock()
@@ -114,34 +157,51 @@ class PlantNode(Shell):
 
     # Real time.
 
-    def _on_command(self, data: bytes) -> None:
-        tau = self._torques(data)
-        if tau is None:
-            return
+    def _on_command(self, efforts: wire.Efforts, now: int) -> None:
+        self._latest = self._torques(efforts)
+        self._commanded = now
         if not self._begun:
             self._begun = True
             self._start = self.get_clock().now().nanoseconds
             self._tuning.announce(self._start)
-        self._latest = tau
+        if self._plant.braking:
+            self._plant.braking = False
+            self.get_logger().info(f'{COMMANDS}: commands again, brakes off')
 
     def _on_tick(self) -> None:
+        begin = time.monotonic_ns()
         now = self.get_clock().now().nanoseconds
         if not self._begun:
             self._start = now
         else:
+            self._watch(begin)
             due = (now - self._start) // self._period - self._plant.k
+            self.pace.misses += max(0, due - 1)
             for _ in range(min(due, _CATCH_UP)):
                 if self._plant.k == self._last and self._last:
                     self._end()
                     return
                 self._plant.step(self._latest)
-            if due > _CATCH_UP:
+            if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
                 self._start = now - self._plant.k * self._period
             if self._tuning.news:
                 self._tuning.announce(self._start + self._plant.k * self._period)
             if due < 1:
                 return
         self._publish_state()
+        self.pace.sample(begin, time.monotonic_ns())
+
+    def _watch(self, now: int) -> None:
+        """Brake when no command has come for too long."""
+        if self._plant.braking or (
+                now - self._commanded <= self._settings.command_timeout * NANOSECONDS):
+            return
+        self._plant.braking = True
+        self._latest = self._rest
+        self._timeouts += 1
+        self.get_logger().error(
+            f'{COMMANDS}: no command for {self._settings.command_timeout:g} s; torque 0, '
+            'brakes on')
 
     # Both.
 
@@ -150,20 +210,20 @@ class PlantNode(Shell):
         self._states.publish(self._writer.write(
             self._start + plant.k * self._period, *plant.measured, plant.applied))
 
-    def _torques(self, data: bytes) -> Vector | None:
-        """Return the torques of a message in our order; None for one that is no answer."""
-        names, values = self._reader.read(data)
+    def _torques(self, efforts: wire.Efforts) -> Vector:
+        """Return the torques of a message in our order."""
+        names, values = efforts
         names = names or self._names
         pick = self._joints.pick(names)
-        if pick is not None and len(values) == len(names):
-            tau = pick(values)
-            if isfinite(sum(tau)):
-                return tau
-        self.get_logger().warning(
-            f'{COMMANDS}: refused {list(values)} for joints {list(names)}; needed: '
-            f'{self._n} finite torques, labelled with the joint names or not at all',
-            throttle_duration_sec=1.0)
-        return None
+        if pick is None:
+            raise Refused('joints', f'torques for joints {list(names)}; needed: each of '
+                          f'{list(self._names)} once, or no labels')
+        if len(values) != len(names):
+            raise Refused('length', f'{len(values)} torques for {len(names)} joints')
+        tau = pick(values)
+        if not isfinite(sum(tau)):
+            raise Refused('not_finite', f'{list(tau)}')
+        return tau
 
     def _end(self) -> None:
         if not self.done.done():

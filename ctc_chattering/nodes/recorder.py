@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from pathlib import Path
 import struct
 import sys
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
+
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
+from ctc_chattering.nodes.inbox import with_info
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import NAP, qos, run, Shell
+from ctc_chattering.nodes.runtime import NAP, qos, run, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.settings import RecorderSettings
 from ctc_chattering.wire import message_type
@@ -31,7 +35,8 @@ class RecorderNode(Shell):
 
     The log time is the simulated time of the last state received where somebody publishes
     ``clock``, so that a lockstep run plays back with its own timing, and the node clock's time
-    of reception otherwise.
+    of reception otherwise. Publishers number their messages; what is missing in the numbers was
+    dropped on the way, and the bag says how much.
     """
 
     def __init__(self) -> None:
@@ -39,6 +44,7 @@ class RecorderNode(Shell):
         tuning = NodeParameters(self, (RecorderSettings,), lambda: None)
         self._recording = Recording(Path(tuning.get(RecorderSettings).bag))
         self._received = 0
+        self._dropped: Counter[str] = Counter()
         self._flushed = time.monotonic()
         self._time = 0
         self._simulated: bool | None = None
@@ -47,28 +53,53 @@ class RecorderNode(Shell):
                 message_type(topic.kind), topic.name, self._callback(topic),
                 qos(_DEPTH, topic.latched), raw=True)
 
-    def _callback(self, topic: Topic) -> Callable[[bytes], None]:
+    def _callback(self, topic: Topic) -> Callable[..., None]:
         name = self.resolve_topic_name(topic.name)
         offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
         write, stamp = self._recording.write, struct.Struct('<iI').unpack_from
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
+        expected = 0
 
-        def on_message(data: bytes) -> None:
+        def on_message(data: bytes, info: Mapping[str, Any]) -> None:
+            nonlocal expected
             self._received += 1
             if self.failure is not None:
                 return
+            number = info.get('publication_sequence_number') or 0
+            if expected < number and expected and self.count_publishers(topic.name) == 1:
+                self._lose(name, number - expected)
+            expected = number + 1
             if self._simulated is None:
                 self._simulated = self.count_publishers(CLOCK) > 0
-            if is_state or is_clock:
+            if (is_state or is_clock) and len(data) >= 12:
                 sec, nanosec = stamp(data, 4)
-                self._time = sec * NANOSECONDS + nanosec
+                self._time = max(0, sec * NANOSECONDS + nanosec)
             t = self._time if self._simulated else self.get_clock().now().nanoseconds
             try:
                 write(name, topic.kind, t, data, offered)
             except OSError as error:
                 self._give_up(error)
 
-        return on_message
+        return with_info(on_message)
+
+    def _lose(self, topic: str, count: int) -> None:
+        """Count messages that never came."""
+        self._dropped[topic] += count
+        self._recording.note('dropped', str(dict(self._dropped)))
+        self.get_logger().error(
+            f'{topic}: {count} messages were dropped', throttle_duration_sec=1.0)
+
+    def status(self) -> Status:
+        """Return what was recorded."""
+        lost = sum(self._dropped.values())
+        level, message = DiagnosticStatus.OK, f'recording to {self._recording.path}'
+        if self.failure is not None:
+            level, message = DiagnosticStatus.ERROR, self.failure
+        elif lost:
+            level, message = DiagnosticStatus.ERROR, f'{lost} messages were dropped'
+        return Status(level, message, {
+            'messages': sum(self._recording.counts.values()), 'dropped': lost,
+            **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
 
     def spin(self, executor: Any) -> None:
         """Take all that has come, in batches."""
@@ -103,7 +134,9 @@ class RecorderNode(Shell):
             except OSError as error:
                 self._give_up(error)
         total = sum(self._recording.counts.values())
-        self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics')
+        lost = sum(self._dropped.values())
+        self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics'
+                               + (f', {lost} dropped' if lost else ''))
 
 
 def main() -> int:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import itertools
 from pathlib import Path
 import sys
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -18,21 +19,28 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from ctc_chattering import params, signals
+from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.core.pace import Pace
 from ctc_chattering.errors import CtcError
-from ctc_chattering.graph import TOPICS
+from ctc_chattering.graph import DIAGNOSTICS, TOPICS
+from ctc_chattering.nodes.inbox import Inbox
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor as Executor
 except ImportError:  # An rclpy from before it was there: slower, but the same.
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ['NAP', 'TICK', 'Executor', 'Shell', 'qos', 'run']
+__all__ = ['NAP', 'TICK', 'Executor', 'Shell', 'Status', 'qos', 'run']
 
 #: Longest time between two looks at signals and at `Shell.idle` [s]. It must be finite: see
 #: docs/design.md.
 TICK = 0.05
 #: Sleep between two batches [s].
 NAP = 0.02
+#: Time between two messages on /diagnostics [ns].
+_REPORT = NANOSECONDS
+#: What `run` waits at the end for the last messages to arrive, all together [s].
+_FAREWELL = 0.3
 
 
 def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
@@ -41,12 +49,29 @@ def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
         DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
 
 
+class Status(NamedTuple):
+    """What a node has to say of itself."""
+
+    #: One of the constants of `DiagnosticStatus`.
+    level: bytes
+    #: Its state in a few words.
+    message: str
+    #: Whatever else, by name.
+    values: Mapping[str, object]
+
+
 class Shell(Node):
     """
-    A node that `run` can drive.
+    A node that `run` can drive, and that reports on ``/diagnostics`` once a second.
 
     Attributes
     ----------
+    pace : Pace
+        Of its samples, where it has any.
+    inboxes : list of Inbox
+        Its topics, for the report.
+    tick : float
+        Longest time between two calls of `idle` [s].
     done : Future
         Complete it to end the process with status 0.
     failure : str or None
@@ -58,13 +83,50 @@ class Shell(Node):
         super().__init__(name)
         self.done = Future()
         self.failure: str | None = None
+        self.tick = TICK
+        self.pace = Pace()
+        self.inboxes: list[Inbox[Any]] = []
+        self._report_due = 0
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, qos(10))
 
     def idle(self) -> None:
-        """Do what need not wait for a message; called at least every `TICK`."""
+        """Do what need not wait for a message; called at least every `tick`."""
+
+    def status(self) -> Status:
+        """Return what is to be reported beside the pace and what the inboxes refused."""
+        return Status(DiagnosticStatus.OK, 'running', {})
+
+    def report(self, now: int) -> None:
+        """Publish on ``/diagnostics`` if a second has passed; `now` [ns] on any clock."""
+        if now < self._report_due:
+            return
+        self._report_due = max(self._report_due + _REPORT, now + _REPORT // 2)
+        self.pace.rotate(now)
+        level, message, values = self.status()
+        everything = dict(values)
+        if self.pace.samples:
+            everything |= self.pace.values()
+        for inbox in self.inboxes:
+            names = inbox.publishers()
+            everything[f'{inbox.topic}: publishers'] = ', '.join(names) or 'none'
+            everything[f'{inbox.topic}: refused'] = sum(inbox.refused.values())
+            for kind, count in sorted(inbox.refused.items()):
+                everything[f'{inbox.topic}: refused, {kind}'] = count
+            if inbox.contested(len(names)):
+                level = max(level, DiagnosticStatus.WARN)
+                message = f'{message}; {inbox.topic} has publishers beside {names[0]}: ' + (
+                    ', '.join(names[1:]))
+        name = self.get_fully_qualified_name()
+        array = DiagnosticArray(status=[DiagnosticStatus(
+            level=level, name=name, message=message, hardware_id=name,
+            values=[KeyValue(key=key, value=_shown(value))
+                    for key, value in everything.items()])])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
 
     def spin(self, executor: Any) -> None:
-        """Serve callbacks for at most `TICK`."""
-        executor.spin_until_future_complete(self.done, TICK)
+        """Serve callbacks for at most `tick`."""
+        executor.spin_until_future_complete(self.done, self.tick)
 
     def spin_in_batches(self, executor: Any) -> None:
         """
@@ -138,6 +200,7 @@ def run(make_node: Callable[[], Shell], name: str,
         while not (stop or node.done.done()) and rclpy.ok():
             node.spin(executor)
             node.idle()
+            node.report(time.monotonic_ns())
     except CtcError as error:
         print(f'{name}: {error}', file=sys.stderr, flush=True)
         return 1
@@ -151,11 +214,22 @@ def run(make_node: Callable[[], Shell], name: str,
             executor.remove_node(node)
         if node is not None:
             node.finish()
-            for publisher in list(node.publishers):
-                publisher.wait_for_all_acked(Duration(seconds=0.3))
+            _wait_for_all_acked(node)
             node.destroy_node()
         rclpy.try_shutdown()
     return 1 if node.failure else 0
+
+
+def _wait_for_all_acked(node: Node) -> None:
+    """Wait until the last messages have arrived, but not for peers that were killed."""
+    deadline = time.monotonic() + _FAREWELL
+    for publisher in list(node.publishers):
+        left = max(0.0, deadline - time.monotonic())
+        publisher.wait_for_all_acked(Duration(seconds=left))
+
+
+def _shown(value: object) -> str:
+    return f'{value:.4g}' if isinstance(value, float) else str(value)
 
 
 def _params_files(arguments: Sequence[str]) -> list[Path]:
