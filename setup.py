@@ -5,7 +5,12 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'ctc_chattering'
-CONFIG = sorted(str(path) for path in Path('config').iterdir())
+
+
+def files(directory):
+    """Return the files of a directory, without those below it."""
+    return sorted(str(path) for path in Path(directory).iterdir() if path.is_file())
+
 
 setup(
     name=NAME,
@@ -14,7 +19,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
-        (f'share/{NAME}/config', CONFIG),
+        (f'share/{NAME}/config', files('config')),
+        (f'share/{NAME}/config/trajectories', files('config/trajectories')),
     ],
     python_requires='>=3.10',
     install_requires=[

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 from pathlib import Path
-import re
 from typing import Any
 
 import yaml
@@ -16,23 +15,15 @@ from ctc_chattering.core.parameters import Config
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event
+from ctc_chattering.core.waypoints import Route
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.settings import BringupSettings, LOOP, NODES, parameters_of
+from ctc_chattering.trajectory_file import read_trajectory
+from ctc_chattering.yaml_file import Loader, read_yaml
 
 Values = dict[str, Any]
 #: Section whose parameters go to every node that knows them.
 EVERY_NODE = '/**'
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML with numbers as ROS reads them: 1e-3 is one."""
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?(\d[\d_]*\.?\d*([eE][-+]?\d+)|\d[\d_]*\.\d*([eE][-+]?\d+)?|'
-               r'\.\d+([eE][-+]?\d+)?|\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'),
-    list('-+0123456789.'))
 
 
 class _Dumper(yaml.SafeDumper):
@@ -40,7 +31,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.yaml_implicit_resolvers = {
-    key: [*_Loader.yaml_implicit_resolvers.get(key, []), *value]
+    key: [*Loader.yaml_implicit_resolvers.get(key, []), *value]
     for key, value in yaml.SafeDumper.yaml_implicit_resolvers.items()}
 
 
@@ -57,6 +48,8 @@ class Setup:
         Parameters that change during the run, in the order of time.
     values : mapping
         Every parameter's value, by executable and parameter.
+    route : Route or None
+        What the reference's `trajectory_file` holds, in the order of its joints.
 
     """
 
@@ -65,6 +58,7 @@ class Setup:
     reference: ReferenceConfig
     events: tuple[Event, ...]
     values: Mapping[str, Values]
+    route: Route | None = None
 
 
 def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> Setup:
@@ -82,7 +76,8 @@ def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = 
     ------
     CtcError
         If the file cannot be read, names a node or a parameter that does not exist, holds a
-        value that is not allowed, or values that contradict each other.
+        value that is not allowed, or values that contradict each other; or if the file of
+        waypoints that it names is wrong.
 
     """
     sections = read(path) if path is not None else {}
@@ -107,7 +102,10 @@ def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = 
     events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
     resolved = {node: {name: value for config in configs[node]
                        for name, value in config.as_mapping().items()} for node in NODES}
-    return Setup(plant, controller, reference, events, resolved)
+    route = None
+    if reference.trajectory_file:
+        route = read_trajectory(Path(reference.trajectory_file), reference.joint_names)
+    return Setup(plant, controller, reference, events, resolved, route)
 
 
 def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
@@ -142,14 +140,7 @@ def read(path: Path) -> dict[str, Values]:
         If the file cannot be read or is no parameter file.
 
     """
-    try:
-        with path.open(encoding='utf-8') as stream:
-            tree = yaml.load(stream, _Loader)
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
-    except (yaml.YAMLError, ValueError) as error:
-        text = ' '.join(str(error).split())
-        raise CtcError(f'{path}: not a YAML file: {text}') from None
+    tree = read_yaml(path)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
     sections: dict[str, Values] = {}
@@ -277,7 +268,7 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
         if not 0.0 <= time < float('inf'):
             raise ParameterError('events', line, 'a time >= 0')
         try:
-            parsed = yaml.load(value, _Loader)
+            parsed = yaml.load(value, Loader)
         except (yaml.YAMLError, ValueError):
             raise ParameterError('events', line, 'a value in YAML') from None
         if parsed is None:

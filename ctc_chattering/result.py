@@ -104,7 +104,8 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> 
         Called now and then with the simulated time [s].
 
     """
-    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress)
+    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress,
+                   route=setup.route)
     configs = [(0.0, setup.controller)]
     for event in setup.events:
         if event.node == 'controller':

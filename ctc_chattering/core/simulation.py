@@ -14,8 +14,9 @@ import numpy.typing as npt
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import period_ns, samples, seconds
 from ctc_chattering.core.plant import Plant, PlantConfig
-from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
+from ctc_chattering.core.reference import make_motion, ReferenceConfig
 from ctc_chattering.core.trajectory import Point
+from ctc_chattering.core.waypoints import Route
 from ctc_chattering.errors import CtcError
 
 Array = npt.NDArray[np.float64]
@@ -95,7 +96,8 @@ class Record:
 
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
-             progress: Callable[[float], None] | None = None, truth: bool = False) -> Run:
+             progress: Callable[[float], None] | None = None, truth: bool = False,
+             route: Route | None = None) -> Run:
     """
     Run the closed loop from t = 0 to the plant's `duration`, both samples included.
 
@@ -112,16 +114,20 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         Called now and then with the simulated time [s].
     truth : bool
         Record the true state in place of the one that the sensors show, as a bag has it.
+    route : Route, optional
+        Waypoints in place of the reference's sinusoid.
 
     Raises
     ------
     CtcError
-        If `duration` is 0, or the motion diverges.
+        If `duration` is 0, the motion diverges, or the waypoints are not allowed.
 
     """
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
-    robot, law, motion = Plant(plant), Controller(controller), Sinusoid(reference)
+    robot, law = Plant(plant), Controller(controller)
+    motion = make_motion(
+        reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
     straight = order == list(range(len(order)))
     period = period_ns(plant.control_period)
@@ -129,7 +135,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     delay = controller.input_delay
 
     def at(k: int) -> Point:
-        point = motion.at(seconds(k * period))
+        point = motion.at(k * period)
         if straight:
             return point
         q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
