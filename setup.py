@@ -40,10 +40,10 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'plant = ctc_chattering.nodes.plant:main',
-            'controller = ctc_chattering.nodes.controller:main',
-            'reference = ctc_chattering.nodes.reference:main',
-            'recorder = ctc_chattering.nodes.recorder:main',
+            'plant = ctc_chattering.cli.node:plant',
+            'controller = ctc_chattering.cli.node:controller',
+            'reference = ctc_chattering.cli.node:reference',
+            'recorder = ctc_chattering.cli.node:recorder',
             'bringup = ctc_chattering.cli.bringup:main',
             'ctc = ctc_chattering.cli.ctc:main',
         ],

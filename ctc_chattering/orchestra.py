@@ -79,7 +79,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
         observer = None
         try:
             for name in names:
-                argv = [sys.executable, '-m', f'ctc_chattering.nodes.{name}', *ros_args,
+                argv = [sys.executable, '-m', 'ctc_chattering.cli.node', name, *ros_args,
                         '--ros-args', '--params-file', str(resolved)]
                 children[name] = supervisor.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)

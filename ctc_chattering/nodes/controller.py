@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import isfinite
-import sys
 import time
 from typing import NamedTuple
 
@@ -32,7 +31,7 @@ from ctc_chattering.graph import (
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell, Status, TICK
+from ctc_chattering.nodes.runtime import qos, Shell, Status, TICK
 from ctc_chattering.settings import ControllerSettings
 
 #: Why a stamp is refused.
@@ -316,10 +315,5 @@ class ControllerNode(Shell):
             self._controller.lyapunov(q, s.v))))
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ControllerNode, 'controller')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+#: What the executable runs.
+NODE = ControllerNode

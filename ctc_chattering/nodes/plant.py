@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import isfinite
-import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -19,7 +18,7 @@ from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell, Status
+from ctc_chattering.nodes.runtime import qos, Shell, Status
 from ctc_chattering.settings import PlantSettings
 
 #: Periods that one tick of the real-time clock makes good at the most.
@@ -233,10 +232,5 @@ class PlantNode(Shell):
             self.done.set_result(None)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(PlantNode, 'plant')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+#: What the executable runs.
+NODE = PlantNode

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 import struct
-import sys
 import time
 from typing import Any
 
@@ -16,7 +15,7 @@ from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.nodes.inbox import with_info
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import NAP, qos, run, Shell, Status
+from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.settings import RecorderSettings
 from ctc_chattering.wire import message_type
@@ -139,10 +138,5 @@ class RecorderNode(Shell):
                                + (f', {lost} dropped' if lost else ''))
 
 
-def main() -> int:
-    """Run the node."""
-    return run(RecorderNode, 'recorder')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+#: What the executable runs.
+NODE = RecorderNode

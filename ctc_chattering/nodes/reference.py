@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -17,7 +16,7 @@ from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.graph import CLOCK, JOINT_STATES, REFERENCE
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell, Status
+from ctc_chattering.nodes.runtime import qos, Shell, Status
 from ctc_chattering.settings import ReferenceSettings
 
 
@@ -128,10 +127,5 @@ def _read_clock(data: bytes) -> int:
     return wire.nanoseconds_of(deserialize_message(data, Clock).clock)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ReferenceNode, 'reference')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+#: What the executable runs.
+NODE = ReferenceNode
