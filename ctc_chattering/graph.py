@@ -8,6 +8,8 @@ JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
 REFERENCE = 'reference'
 CLOCK = 'clock'
+#: Topic under ``~/`` of the reference: waypoints to go through.
+JOINT_TRAJECTORY = 'joint_trajectory'
 #: Where every node of a system says how it is; an absolute name, as ROS has it.
 DIAGNOSTICS = '/diagnostics'
 #: Topics under ``~/`` of the controller.
@@ -44,6 +46,8 @@ TOPICS = {topic.name: topic for topic in (
     Topic(COMMANDS, 'std_msgs/msg/Float64MultiArray', ('plant', 'recorder')),
     Topic(REFERENCE, 'trajectory_msgs/msg/JointTrajectory', ('controller', 'recorder')),
     Topic(CLOCK, 'rosgraph_msgs/msg/Clock', ('reference', 'bringup', 'recorder')),
+    Topic(f'reference/{JOINT_TRAJECTORY}', 'trajectory_msgs/msg/JointTrajectory',
+          ('reference', 'recorder')),
     *(Topic(f'controller/{name}', 'sensor_msgs/msg/JointState', ('recorder',))
       for name in (TRACKING, FILTER, TORQUES)),
     *(Topic(f'{node}/{PARAMETERS}', 'rcl_interfaces/msg/ParameterEvent', ('recorder',), True)
