@@ -28,7 +28,8 @@ setup(
     extras_require={
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'test': ['hypothesis', 'pytest', 'scipy'],
+        'mujoco': ['mujoco'],
+        'test': ['hypothesis', 'mujoco', 'pytest', 'scipy'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,

@@ -13,8 +13,11 @@ import numpy.typing as npt
 
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import period_ns, samples, seconds
-from ctc_chattering.core.plant import Plant, PlantConfig
+from ctc_chattering.core.model import Model
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.reference import make_motion, ReferenceConfig
+from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.trajectory import Point
 from ctc_chattering.core.waypoints import Route
 from ctc_chattering.errors import CtcError
@@ -97,7 +100,8 @@ class Record:
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None, truth: bool = False,
-             route: Route | None = None) -> Run:
+             route: Route | None = None, robot: Robot | None = None,
+             model: Model | None = None) -> Run:
     """
     Run the closed loop from t = 0 to the plant's `duration`, both samples included.
 
@@ -116,6 +120,10 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         Record the true state in place of the one that the sensors show, as a bag has it.
     route : Route, optional
         Waypoints in place of the reference's sinusoid.
+    robot : Robot, optional
+        At its start, made from `plant`; in place of the one that `plant` describes.
+    model : Model, optional
+        Of the controller, in place of the one that its configuration names.
 
     Raises
     ------
@@ -125,7 +133,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     """
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
-    robot, law = Plant(plant), Controller(controller)
+    robot = robot or make_plant(plant)
+    law = Controller(controller, model)
     motion = make_motion(
         reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
@@ -143,7 +152,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
 
     coming = deque(at(k) for k in range(delay))
     due = sorted(events, key=lambda event: event.time)
-    record = Record(robot.model.n)
+    record = Record(robot.n)
     every = max(1, last // 100)
     for k in range(last + 1):
         t = seconds(k * period)
@@ -163,7 +172,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     return record.run()
 
 
-def _apply(event: Event, robot: Plant, law: Controller) -> None:
+def _apply(event: Event, robot: Robot, law: Controller) -> None:
     if event.node == 'plant':
         robot.configure(robot.config.changed(event.values))
     else:
