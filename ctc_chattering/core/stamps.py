@@ -63,7 +63,10 @@ class Stamps:
             return self._take(t, now, ANEW)
         step = t - last
         if 0 < step <= self.limit:
-            if not simulated and self._is_stale(t, now):
+            if simulated:
+                self._last, self._arrived, self._candidate = t, now, None
+                return NEXT
+            if self._is_stale(t, now):
                 return STALE
             return self._take(t, now, NEXT)
         if step == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
 import time
 from typing import NamedTuple
 
@@ -65,6 +65,7 @@ class ControllerNode(Shell):
         self._settings = self._tuning.get(ControllerSettings)
         self._controller = Controller(config)
         self._guard = Guard(self._settings.enabled)
+        self._watched = min(config.error_limit) < inf
         names = self._names = config.joint_names
         self._period = period_ns(config.control_period)
         self._timeout = max(
@@ -155,7 +156,9 @@ class ControllerNode(Shell):
 
     def _on_change(self) -> None:
         self._settings = self._tuning.get(ControllerSettings)
-        self._controller.configure(self._tuning.get(ControllerConfig))
+        config = self._tuning.get(ControllerConfig)
+        self._controller.configure(config)
+        self._watched = min(config.error_limit) < inf
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response
                    ) -> SetBool.Response:
@@ -258,7 +261,8 @@ class ControllerNode(Shell):
                 Refused('overflow', f'no torque can be computed for {list(q)}, '
                         f'{list(state.dq)}'), state.now)
             return
-        if not self._guard.check(sample.e, self._controller.config.error_limit):
+        if self._watched and not self._guard.check(
+                sample.e, self._controller.config.error_limit):
             self._stop(f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
                        'error_limit; no torque until ~/reset')
             self._waiting = state
