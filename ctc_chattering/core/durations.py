@@ -1,4 +1,4 @@
-"""Mean and quantiles of durations over the last seconds; a sample costs no more than to keep it."""
+"""Mean and quantiles of durations over the last seconds, at the price of keeping them."""
 
 from __future__ import annotations
 
