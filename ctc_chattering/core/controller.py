@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import dataclasses
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
+from ctc_chattering.core.array_model import ArrayModel
+from ctc_chattering.core.array_step import ArrayStep
 from ctc_chattering.core.filter import ErrorFilter
 from ctc_chattering.core.grid import period_ns, seconds
 from ctc_chattering.core.model import dot, Model, times, Vector
-from ctc_chattering.core.models import check_model, make_model, MODELS
+from ctc_chattering.core.models import check_model, make_model
 from ctc_chattering.core.observer import PerturbationObserver
 from ctc_chattering.core.parameters import Config, matrix, parameter
 from ctc_chattering.core.predictor import predict
+from ctc_chattering.core.sample import ListSample, Sample
 from ctc_chattering.core.scaled import Scaled
 from ctc_chattering.core.switching import boundary_layer, implicit_term, sign, SWITCHINGS
 from ctc_chattering.core.trajectory import Point
+
+__all__ = ['LAWS', 'Controller', 'ControllerConfig', 'Sample']
 
 #: Values of the parameter ``law``: equation (2), equation (6).
 LAWS = ('compensation', 'chattering')
@@ -32,7 +37,8 @@ class ControllerConfig(Config):
         'joint_names', 'str[]', ('joint1', 'joint2'),
         'Joints in the order of the model, of the gains and of the torques.', read_only=True)
     model: str = parameter(
-        'model', 'str', 'two_link', 'Robot model: M, C and G.', choices=MODELS, read_only=True)
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
@@ -86,26 +92,6 @@ class ControllerConfig(Config):
         period_ns(self.control_period)
 
 
-class Sample(NamedTuple):
-    """What one control step computed; every vector has shape (n,)."""
-
-    #: Torque to send, within the effort limit [N·m].
-    tau: Vector
-    #: Position error e = q_d - q [rad].
-    e: Vector
-    #: Velocity error de = dq_d - dq [rad/s].
-    de: Vector
-    #: Filtered error [rad/s]. e, de and v belong to the state; what follows to the torque, which
-    #: under an input delay is for the state predicted over it.
-    v: Vector
-    #: M [ddq_d + Kv de + Kp e] + C dq + G [N·m].
-    inverse_dynamics: Vector
-    #: C v, which both laws subtract [N·m].
-    compensation: Vector
-    #: Ka sgn(v), however switched, which law (6) subtracts; 0 under law (2) [N·m].
-    chattering: Vector
-
-
 class Controller:
     """
     The sampled controller: one call of `step` per state.
@@ -123,7 +109,8 @@ class Controller:
     """
 
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
-        self.model = model or make_model(config.model, config.gravity)
+        self.model = model or make_model(
+            config.model, config.gravity, config.joint_names)
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         n = len(config.joint_names)
@@ -133,6 +120,11 @@ class Controller:
         self._drift: Vector = self._none
         #: Torques on their way, each with what the bound has cut off its chattering term.
         self._sent: deque[tuple[Vector, Vector | None]] = deque()
+        self._arrays = None
+        if isinstance(self.model, ArrayModel) and not config.input_delay:
+            self._arrays = ArrayStep(self.model, self.filter, self.observer)
+            # In the place of the method: a call through would cost as much as an array product.
+            self.step = self._arrays.step  # type: ignore[method-assign]
         self.configure(config)
         self.reset()
 
@@ -158,12 +150,18 @@ class Controller:
         self.filter.configure(config.lambda_, config.b, self._period)
         self.observer.configure(
             config.observer_bandwidth, self._period, config.b, config.ka)
+        if self._arrays:
+            self._arrays.configure(
+                self._errors, self._explicit(), self._observing, self.observer.gain, config.ka,
+                config.effort_limit if self._limited else None)
 
     def reset(self) -> None:
         """Begin anew: ξ = 0, no estimate, no torque on its way."""
         self.filter.reset()
         self.observer.reset()
         self._sent = deque([(self._none, None)] * self.config.input_delay)
+        if self._arrays:
+            self._arrays.forget()
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -206,7 +204,7 @@ class Controller:
             self._expect(*seen, inverse if not self._sent else None, tau)
         if self._sent:
             self._sent.popleft()
-        return Sample(tau, e, de, seen[4], inverse, coriolis, term)
+        return ListSample(tau, e, de, seen[4], inverse, coriolis, term)
 
     def _expect(self, q: Vector, dq: Vector, ddq_d: Vector, feedback: Vector, v: Vector,
                 inverse: Vector | None, tau: Vector) -> None:
@@ -239,6 +237,17 @@ class Controller:
                 self.model, q, dq, [t - p for t, p in zip(tau, estimate)], self._period)
             _, de, feedback = self._errors(q, dq, q_d, dq_d)
         return q, dq, feedback, self.filter.output(de, state)
+
+    def _explicit(self) -> Callable[[Vector], Vector] | None:
+        """Return the chattering term as a function of v; None where it is implicit."""
+        config, none = self.config, self._none
+        if not self._chattering:
+            return lambda _: none
+        if config.switching == 'sign':
+            return lambda v: sign(v, config.ka)
+        if config.switching == 'boundary_layer':
+            return lambda v: boundary_layer(v, config.ka, config.boundary_layer)
+        return None
 
     def _term(self, q: Vector, v: Vector, feedback: Vector, coriolis: Vector) -> Vector:
         """Return the chattering term, shape (n,) [N·m], within ±Ka."""

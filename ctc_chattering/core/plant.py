@@ -19,7 +19,7 @@ from ctc_chattering.core.disturbance import disturbance
 from ctc_chattering.core.friction import excess, locked, modes
 from ctc_chattering.core.grid import period_ns, samples, seconds
 from ctc_chattering.core.model import Model, Vector
-from ctc_chattering.core.models import check_model, make_model, MODELS
+from ctc_chattering.core.models import check_model, make_model
 from ctc_chattering.core.parameters import Config, parameter
 from ctc_chattering.core.root import first_negative
 from ctc_chattering.core.runge_kutta import Dynamics, step, step_two
@@ -42,7 +42,8 @@ class PlantConfig(Config):
         'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints in the order of the model.',
         read_only=True)
     model: str = parameter(
-        'model', 'str', 'two_link', 'Robot model: M, C and G.', choices=MODELS, read_only=True)
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
@@ -143,7 +144,8 @@ class Plant:
     """
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
-        self.model = model or make_model(config.model, config.gravity)
+        self.model = model or make_model(
+            config.model, config.gravity, config.joint_names)
         self.q: Vector = config.initial_position
         self.dq: Vector = config.initial_velocity
         self.k = 0
