@@ -29,7 +29,9 @@ setup(
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'mujoco': ['mujoco'],
-        'test': ['hypothesis', 'mujoco', 'pytest', 'scipy'],
+        # The model urdf; of apt, ros-jazzy-pinocchio.
+        'urdf': ['pin'],
+        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'pin', 'pytest', 'scipy'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,

@@ -62,6 +62,27 @@ def make_parser() -> argparse.ArgumentParser:
                     'there is kept beside it.')
     repair.add_argument('bag', type=Path, metavar='BAG')
 
+    check_model = commands.add_parser(
+        'check-model', help='test the dynamics of a robot model',
+        description='Test a robot model at random states: M symmetric and positive definite, '
+                    '½ dM/dt - C skew-symmetric, G a gradient, all products consistent. Status 1 '
+                    'if a test fails.')
+    check_model.add_argument(
+        '--model', metavar='NAME',
+        help='two_link, urdf, or package.module:Class; urdf by default if there is --urdf, else '
+             'two_link')
+    check_model.add_argument('--urdf', type=Path, metavar='FILE', help='model urdf: the URDF')
+    check_model.add_argument(
+        '--joints', metavar='A,B,C',
+        help='joints in the order of the model; by default all that the URDF has, or joint1, '
+             'joint2')
+    check_model.add_argument('--gravity', type=float, default=9.81, metavar='G',
+                             help='9.81 by default [m/s²]')
+    check_model.add_argument('--samples', type=int, default=100, metavar='N',
+                             help='number of states, 100 by default')
+    check_model.add_argument('--seed', type=int, default=0, metavar='S',
+                             help='seed of the states, 0 by default')
+
     commands.add_parser(
         'parameters', help='print all parameters of all nodes',
         description='Print all parameters of all nodes as a Markdown table.')
@@ -89,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     # Imported only now: each needs libraries that take time to load, or may not be there.
     from ctc_chattering.cli import commands
-    command = getattr(commands, options.command)
+    command = getattr(commands, options.command.replace('-', '_'))
     return guarded(f'ctc {options.command}', lambda: command(options))
 
 

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import dataclasses
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
+from ctc_chattering.core.array_model import ArrayModel
+from ctc_chattering.core.array_step import ArrayStep, Limits
 from ctc_chattering.core.filter import ErrorFilter
 from ctc_chattering.core.grid import period_ns, seconds
 from ctc_chattering.core.model import dot, Model, times, Vector
-from ctc_chattering.core.models import check_model, make_model, MODELS
+from ctc_chattering.core.models import check_model, make_model
 from ctc_chattering.core.observer import PerturbationObserver
 from ctc_chattering.core.parameters import Config, matrix, parameter
 from ctc_chattering.core.predictor import predict
+from ctc_chattering.core.sample import ListSample, Sample
 from ctc_chattering.core.scaled import Scaled
 from ctc_chattering.core.switching import boundary_layer, implicit_term, sign, SWITCHINGS
 from ctc_chattering.core.trajectory import Point
+
+__all__ = ['LAWS', 'Controller', 'ControllerConfig', 'Sample']
 
 #: Values of the parameter ``law``: equation (2), equation (6).
 LAWS = ('compensation', 'chattering')
@@ -32,7 +37,8 @@ class ControllerConfig(Config):
         'joint_names', 'str[]', ('joint1', 'joint2'),
         'Joints in the order of the model, of the gains and of the torques.', read_only=True)
     model: str = parameter(
-        'model', 'str', 'two_link', 'Robot model: M, C and G.', choices=MODELS, read_only=True)
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
@@ -97,28 +103,6 @@ class ControllerConfig(Config):
         period_ns(self.control_period)
 
 
-class Sample(NamedTuple):
-    """What one control step computed; every vector has shape (n,)."""
-
-    #: Torque to send, within the effort limit [N·m].
-    tau: Vector
-    #: Position error e = q_d - q [rad].
-    e: Vector
-    #: Velocity error de = dq_d - dq [rad/s].
-    de: Vector
-    #: Filtered error [rad/s]. e, de and v belong to the state; what follows to the torque, which
-    #: under an input delay is for the state predicted over it.
-    v: Vector
-    #: M [ddq_d + Kv de + Kp e] + C dq + G [N·m].
-    inverse_dynamics: Vector
-    #: C v, which both laws subtract [N·m].
-    compensation: Vector
-    #: Ka sgn(v), however switched, which law (6) subtracts; 0 under law (2) [N·m].
-    chattering: Vector
-    #: What the limits have cut off the torque [N·m]; None for nothing.
-    excess: Vector | None
-
-
 class Controller:
     """
     The sampled controller: one call of `step` per state.
@@ -136,7 +120,8 @@ class Controller:
     """
 
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
-        self.model = model or make_model(config.model, config.gravity)
+        self.model = model or make_model(
+            config.model, config.gravity, config.joint_names)
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         n = len(config.joint_names)
@@ -147,7 +132,14 @@ class Controller:
         #: Torques on their way, each with what the bound has cut off its chattering term, and
         #: what the effort limits have cut off the torque.
         self._sent: deque[tuple[Vector, Vector | None, Vector | None]] = deque()
-        self._bumpless = False
+        self._bumpless = self._limited = False
+        #: Torque sent last, for its rate; None where that was not limited.
+        self._previous: Vector | None = None
+        self._arrays = None
+        if isinstance(self.model, ArrayModel) and not config.input_delay:
+            self._arrays = ArrayStep(self.model, self.filter, self.observer)
+            # In the place of the method: a call through would cost as much as an array product.
+            self.step = self._arrays.step  # type: ignore[method-assign]
         self.configure(config)
         self.reset()
 
@@ -165,6 +157,8 @@ class Controller:
         if all(not m[i][j] for m in (self._kp, self._kv)
                for i in range(n) for j in range(n) if i != j):
             self._diagonal = [(self._kp[i][i], self._kv[i][i]) for i in range(n)]
+        if not self._limited:
+            self._previous = None
         self._limited = min((*config.effort_limit, *config.effort_rate_limit)) < float('inf')
         self._chattering = config.law == 'chattering'
         self._observing = self._chattering and config.switching == 'implicit_observer'
@@ -174,6 +168,10 @@ class Controller:
         self.filter.configure(config.lambda_, config.b, self._period)
         self.observer.configure(
             config.observer_bandwidth, self._period, config.b, config.ka)
+        if self._arrays:
+            self._arrays.configure(
+                self._errors, self._explicit(), self._observing, self.observer.gain, config.ka,
+                self._limits())
 
     def reset(self, bumpless: bool = False) -> None:
         """
@@ -188,8 +186,10 @@ class Controller:
         self.filter.reset()
         self.observer.reset()
         self._bumpless = bumpless
-        self._previous: Vector = self._none
+        self._previous = self._none
         self._sent = deque([(self._none, None, None)] * self.config.input_delay)
+        if self._arrays:
+            self._arrays.forget(bumpless)
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -243,10 +243,12 @@ class Controller:
             self._expect(*seen, inverse if not self._sent else None, tau, lost)
         if self._sent:
             self._sent.popleft()
-        return Sample(tau, e, de, seen[4], inverse, coriolis, term, excess)
+        return ListSample(tau, e, de, seen[4], inverse, coriolis, term, excess)
 
     def _within_limits(self, tau: Vector) -> Vector:
         """Return the torque that the effort limits leave of `tau`, shape (n,) [N·m]."""
+        if self._previous is None:
+            self._previous = tau
         tau = [min(max(min(max(x, p - step), p + step), -limit), limit)
                for x, p, step, limit in zip(
                    tau, self._previous, self._step_limit, self.config.effort_limit)]
@@ -299,6 +301,27 @@ class Controller:
                 self.model, q, dq, [t - p for t, p in zip(tau, estimate)], self._period)
             _, de, feedback = self._errors(q, dq, q_d, dq_d)
         return q, dq, feedback, self.filter.output(de, state)
+
+    def _limits(self) -> Limits | None:
+        """Return the limits of the torque; None without any."""
+        if not self._limited:
+            return None
+        config = self.config
+        within = config.effort_limit
+        if min(config.effort_rate_limit) < float('inf'):
+            within = (0.0,) * len(within)  # What may be sent depends on what was sent last.
+        return Limits(within, self._within_limits, config.anti_windup)
+
+    def _explicit(self) -> Callable[[Vector], Vector] | None:
+        """Return the chattering term as a function of v; None where it is implicit."""
+        config, none = self.config, self._none
+        if not self._chattering:
+            return lambda _: none
+        if config.switching == 'sign':
+            return lambda v: sign(v, config.ka)
+        if config.switching == 'boundary_layer':
+            return lambda v: boundary_layer(v, config.ka, config.boundary_layer)
+        return None
 
     def _term(self, q: Vector, v: Vector, feedback: Vector, coriolis: Vector) -> Vector:
         """Return the chattering term, shape (n,) [N·m], within ±Ka."""

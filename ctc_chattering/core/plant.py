@@ -16,7 +16,7 @@ from typing import ClassVar
 from ctc_chattering.core.friction import excess, locked, modes
 from ctc_chattering.core.grid import period_ns, samples
 from ctc_chattering.core.model import Model, Vector
-from ctc_chattering.core.models import check_model, make_model, MODELS
+from ctc_chattering.core.models import check_model, make_model
 from ctc_chattering.core.parameters import Config, parameter
 from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.root import first_negative
@@ -41,7 +41,8 @@ class PlantConfig(Config):
         'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints in the order of the model.',
         read_only=True)
     model: str = parameter(
-        'model', 'str', 'two_link', 'Robot model: M, C and G.', choices=MODELS, read_only=True)
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
     plant_backend: str = parameter(
         'plant_backend', 'str', 'builtin',
         'What moves the robot: the equations of `model`, or MuJoCo from `description`.',
@@ -149,7 +150,8 @@ class Plant(Robot):
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
         super().__init__(config)
-        self.model = model or make_model(config.model, config.gravity)
+        self.model = model or make_model(
+            config.model, config.gravity, config.joint_names)
         self.modes: tuple[int, ...] = (0,) * self.n
         self._step = step_two if self.n == 2 else step
         self.configure(config)
