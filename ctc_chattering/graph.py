@@ -12,6 +12,9 @@ CLOCK = 'clock'
 JOINT_TRAJECTORY = 'joint_trajectory'
 #: Where every node of a system says how it is; an absolute name, as ROS has it.
 DIAGNOSTICS = '/diagnostics'
+#: Where a robot's URDF (or MJCF) is published once for all; the controller says again under
+#: ``~/`` which one it uses.
+ROBOT_DESCRIPTION = 'robot_description'
 #: Topics under ``~/`` of the controller.
 TRACKING, FILTER, TORQUES = 'tracking', 'filter', 'torques'
 #: Topic under ``~/`` of plant, controller and reference: the parameters in force.
@@ -52,5 +55,7 @@ TOPICS = {topic.name: topic for topic in (
       for name in (TRACKING, FILTER, TORQUES)),
     *(Topic(f'{node}/{PARAMETERS}', 'rcl_interfaces/msg/ParameterEvent', ('recorder',), True)
       for node in ('plant', 'controller', 'reference')),
+    *(Topic(name, 'std_msgs/msg/String', ('recorder',), True)
+      for name in (ROBOT_DESCRIPTION, f'controller/{ROBOT_DESCRIPTION}')),
     Topic(DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', ('recorder',)),
 )}

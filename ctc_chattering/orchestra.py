@@ -14,10 +14,9 @@ from typing import Any
 
 from ctc_chattering import params, signals, supervisor
 from ctc_chattering.errors import CtcError
+from ctc_chattering.params import Overrides
 from ctc_chattering.settings import LOOP
 from ctc_chattering.share import config_directory
-
-Overrides = Mapping[str, Mapping[str, Any]]
 
 
 class Stopped(CtcError):

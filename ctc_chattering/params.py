@@ -16,12 +16,15 @@ from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.core.waypoints import Route
+from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.settings import BringupSettings, LOOP, NODES, parameters_of
 from ctc_chattering.trajectory_file import read_trajectory
 from ctc_chattering.yaml_file import Loader, read_yaml
 
 Values = dict[str, Any]
+#: Values by node and parameter that stand above a file's; node ``/**`` for all nodes.
+Overrides = Mapping[str, Mapping[str, Any]]
 #: Section whose parameters go to every node that knows them.
 EVERY_NODE = '/**'
 
@@ -50,6 +53,8 @@ class Setup:
         Every parameter's value, by executable and parameter.
     route : Route or None
         What the reference's `trajectory_file` holds, in the order of its joints.
+    descriptions : mapping
+        Text of the robot's description by node, for those that need one and name a file.
 
     """
 
@@ -59,9 +64,10 @@ class Setup:
     events: tuple[Event, ...]
     values: Mapping[str, Values]
     route: Route | None = None
+    descriptions: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
-def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> Setup:
+def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     """
     Read a parameter file for the whole graph.
 
@@ -70,7 +76,7 @@ def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = 
     path : Path or None
         None for the defaults: the paper's first experiment.
     overrides : mapping, optional
-        Values by node and parameter that stand above the file's; node ``/**`` for all nodes.
+        What stands above the file's.
 
     Raises
     ------
@@ -105,7 +111,10 @@ def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = 
     route = None
     if reference.trajectory_file:
         route = read_trajectory(Path(reference.trajectory_file), reference.joint_names)
-    return Setup(plant, controller, reference, events, resolved, route)
+    descriptions = {node: read_description(config.description)
+                    for node, config in (('plant', plant), ('controller', controller))
+                    if config.described and config.description}
+    return Setup(plant, controller, reference, events, resolved, route, descriptions)
 
 
 def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
@@ -217,7 +226,10 @@ def _build(config: type[Config], values: Values, node: str) -> Config:
 def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
                      reference: ReferenceConfig) -> None:
     """Raise `CtcError` where the nodes' values contradict each other."""
-    for name in ('joint_names', 'model', 'gravity'):
+    names = ['joint_names', 'gravity']
+    if plant.plant_backend == 'builtin':
+        names += ['model', 'locked']
+    for name in names:
         ours, theirs = getattr(controller, name), getattr(plant, name)
         if ours != theirs:
             raise _contradiction(name, 'controller', ours, 'plant', theirs)

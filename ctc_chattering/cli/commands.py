@@ -130,6 +130,39 @@ def study(options: argparse.Namespace) -> int:
     return 0
 
 
+def compare(options: argparse.Namespace) -> int:
+    """Run `ctc compare`."""
+    from tqdm import tqdm
+
+    from ctc_chattering.comparison import (
+        compare as runs,
+    )
+    from ctc_chattering.comparison import (
+        over_ros,
+        over_simulation,
+        to_markdown,
+        VARIANTS,
+    )
+
+    if options.out is not None:
+        prepare(options.out, ('compare.md',), options.overwrite)
+    backends: list[str | None] = options.backend or [None]
+    outcomes = []
+    with tqdm(total=len(options.files) * len(backends) * len(VARIANTS), unit='run',
+              mininterval=0.2 if sys.stderr.isatty() else 2.0) as bar:
+        for file in options.files:
+            for backend in backends:
+                for outcome in runs(file, backend,
+                                    over_ros if options.ros else over_simulation):
+                    outcomes.append(outcome)
+                    bar.update()
+    text = to_markdown(outcomes)
+    print(text)
+    if options.out is not None:
+        write_text(options.out / 'compare.md', text)
+    return 0
+
+
 def replay(options: argparse.Namespace) -> int:
     """Run `ctc replay`."""
     if not 0.0 < options.rate < float('inf'):

@@ -56,6 +56,17 @@ def make_parser() -> argparse.ArgumentParser:
     study.add_argument('--jobs', type=int, metavar='N',
                        help='processes, as many as there are processors by default')
 
+    compare = commands.add_parser(
+        'compare', help='compare both laws joint by joint, on any robot',
+        description='Run every parameter file with the original law and with every switching of '
+                    'the proposed one; print the RMS error of each joint.')
+    compare.add_argument('files', nargs='+', type=Path, metavar='F', help='parameter file')
+    compare.add_argument('--backend', action='append', metavar='X',
+                         help="plant in place of the file's: builtin | mujoco; may be repeated")
+    compare.add_argument('--ros', action='store_true',
+                         help='run the nodes and judge the bags, not the simulation')
+    _add_output(compare, None)
+
     repair = commands.add_parser(
         'repair', help='make a whole bag of one that was cut off',
         description='Rewrite a bag that was not closed, so that every tool reads it; what was '

@@ -160,10 +160,11 @@ class ArrayStep:
         if self._ahead is not None:
             self._write(self._known, 0, *self._ahead)
         self._combine()
+        tau: Vector
         filter_.state, tau, term, estimate = self._told()
         if self._term is not None:
             term = self._term(self._v.tolist())
-            tau: Vector = [x - s for x, s in zip(tau, term)]
+            tau = [x - s for x, s in zip(tau, term)]
             excess = None
             if self._limits is not None:
                 tau, excess = self._limited(tau)
@@ -195,7 +196,7 @@ class ArrayStep:
     def _whole(self, term: Vector, estimate: Vector, cut: Vector | None) -> Sample:
         """Return the sample where the torque may be beyond its limit, or the term was cut."""
         inverse, product = self._rows[15:17].tolist()
-        tau = [i - c - s for i, c, s in zip(inverse, product, term)]
+        tau: Vector = [i - c - s for i, c, s in zip(inverse, product, term)]
         excess = None
         if self._limits is not None:
             tau, excess = self._limited(tau)

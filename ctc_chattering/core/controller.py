@@ -12,7 +12,7 @@ from ctc_chattering.core.array_step import ArrayStep, Limits
 from ctc_chattering.core.filter import ErrorFilter
 from ctc_chattering.core.grid import period_ns, seconds
 from ctc_chattering.core.model import dot, Model, times, Vector
-from ctc_chattering.core.models import check_model, make_model
+from ctc_chattering.core.models import check_model, locked_positions, model_of
 from ctc_chattering.core.observer import PerturbationObserver
 from ctc_chattering.core.parameters import Config, matrix, parameter
 from ctc_chattering.core.predictor import predict
@@ -39,6 +39,14 @@ class ControllerConfig(Config):
     model: str = parameter(
         'model', 'str', 'two_link',
         'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
+    description: str = parameter(
+        'description', 'str', '',
+        "Model urdf: the robot's file, a path or package://NAME/PATH; empty for the topic "
+        'robot_description.', read_only=True)
+    locked: tuple[str, ...] = parameter(
+        'locked', 'str[]', ('',),
+        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
+        'left out.', shape='any', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
@@ -80,7 +88,8 @@ class ControllerConfig(Config):
         'gravity_scale', 'float', 1.0, 'Factor on G, to study model errors.', minimum=0.0,
         read_only=True)
     effort_limit: tuple[float, ...] = parameter(
-        'effort_limit', 'float[]', float('inf'), 'Largest torque sent; .inf for unlimited.',
+        'effort_limit', 'float[]', float('inf'),
+        'Largest torque sent; .inf for what the description says, or unlimited.',
         unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
     effort_rate_limit: tuple[float, ...] = parameter(
         'effort_rate_limit', 'float[]', float('inf'),
@@ -100,7 +109,13 @@ class ControllerConfig(Config):
     def validate(self) -> None:
         """Check the model's number of joints and the period."""
         check_model(self.model, self.joint_names)
+        locked_positions(self.locked)
         period_ns(self.control_period)
+
+    @property
+    def described(self) -> bool:
+        """Whether a description of the robot is needed."""
+        return self.model == 'urdf'
 
 
 class Controller:
@@ -120,8 +135,9 @@ class Controller:
     """
 
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
-        self.model = model or make_model(
-            config.model, config.gravity, config.joint_names)
+        self.model = model or model_of(config)
+        own = self.model.effort_limits or (float('inf'),) * len(config.joint_names)
+        self._own_limits = own
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         n = len(config.joint_names)
@@ -159,7 +175,9 @@ class Controller:
             self._diagonal = [(self._kp[i][i], self._kv[i][i]) for i in range(n)]
         if not self._limited:
             self._previous = None
-        self._limited = min((*config.effort_limit, *config.effort_rate_limit)) < float('inf')
+        self._effort_limit = [
+            a if a < float('inf') else b for a, b in zip(config.effort_limit, self._own_limits)]
+        self._limited = min((*self._effort_limit, *config.effort_rate_limit)) < float('inf')
         self._chattering = config.law == 'chattering'
         self._observing = self._chattering and config.switching == 'implicit_observer'
         self._cut: Vector | None = None
@@ -251,7 +269,7 @@ class Controller:
             self._previous = tau
         tau = [min(max(min(max(x, p - step), p + step), -limit), limit)
                for x, p, step, limit in zip(
-                   tau, self._previous, self._step_limit, self.config.effort_limit)]
+                   tau, self._previous, self._step_limit, self._effort_limit)]
         self._previous = tau
         return tau
 
@@ -307,9 +325,9 @@ class Controller:
         if not self._limited:
             return None
         config = self.config
-        within = config.effort_limit
+        within = self._effort_limit
         if min(config.effort_rate_limit) < float('inf'):
-            within = (0.0,) * len(within)  # What may be sent depends on what was sent last.
+            within = [0.0] * len(within)  # What may be sent depends on what was sent last.
         return Limits(within, self._within_limits, config.anti_windup)
 
     def _explicit(self) -> Callable[[Vector], Vector] | None:

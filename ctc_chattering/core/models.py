@@ -9,9 +9,11 @@ names and [m/s²], and its attribute ``n`` must be the number of names. `check_d
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import importlib
+from math import isfinite
 import re
+from typing import Protocol
 
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.two_link import TwoLink
@@ -52,10 +54,59 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
         return TwoLink(gravity)
     if name == 'urdf':
         if not urdf.strip():
-            raise CtcError('the model urdf needs a URDF')
+            raise CtcError('model urdf needs the parameter description, or the topic '
+                           'robot_description')
         from ctc_chattering.core.urdf import UrdfModel
         return UrdfModel(urdf, joint_names, gravity, locked)
     return _own(name, joint_names, gravity)
+
+
+class Described(Protocol):
+    """What a configuration says of its model."""
+
+    @property
+    def model(self) -> str:
+        """Name of the model."""
+
+    @property
+    def gravity(self) -> float:
+        """Acceleration of gravity [m/s²]."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints of the model."""
+
+    @property
+    def locked(self) -> tuple[str, ...]:
+        """Positions of joints that are locked."""
+
+
+def model_of(config: Described, description: str = '') -> Model:
+    """Return the model that a configuration names; `description` is the text of a URDF."""
+    return make_model(config.model, config.gravity, config.joint_names, description,
+                      locked_positions(config.locked))
+
+
+def locked_positions(lines: Sequence[str]) -> dict[str, float]:
+    """
+    Return joints and positions [rad or m] from lines "name position".
+
+    Raises
+    ------
+    ParameterError
+        For a line that is not of this form.
+
+    """
+    result = {}
+    for line in filter(None, lines):
+        try:
+            name, position = line.split()
+            result[name] = float(position)
+        except ValueError:
+            raise ParameterError('locked', line, '"name position"') from None
+        if not isfinite(result[name]):
+            raise ParameterError('locked', line, 'a finite position')
+    return result
 
 
 def check_model(name: str, joint_names: tuple[str, ...]) -> None:

@@ -16,7 +16,7 @@ from typing import ClassVar
 from ctc_chattering.core.friction import excess, locked, modes
 from ctc_chattering.core.grid import period_ns, samples
 from ctc_chattering.core.model import Model, Vector
-from ctc_chattering.core.models import check_model, make_model
+from ctc_chattering.core.models import check_model, locked_positions, model_of
 from ctc_chattering.core.parameters import Config, parameter
 from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.root import first_negative
@@ -49,8 +49,12 @@ class PlantConfig(Config):
         choices=BACKENDS, read_only=True)
     description: str = parameter(
         'description', 'str', '',
-        'Backend mujoco: path of the MJCF or URDF file; empty for the topic robot_description.',
-        read_only=True)
+        "Model urdf or backend mujoco: the robot's file, a path or package://NAME/PATH; empty for "
+        'the topic robot_description.', read_only=True)
+    locked: tuple[str, ...] = parameter(
+        'locked', 'str[]', ('',),
+        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
+        'left out.', shape='any', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
@@ -127,7 +131,13 @@ class PlantConfig(Config):
         elif any(self.stribeck_friction):
             raise ParameterError('stribeck_friction', self.stribeck_friction,
                                  f'0 with plant_backend {self.plant_backend}')
+        locked_positions(self.locked)
         samples(self.duration, period_ns(self.control_period))
+
+    @property
+    def described(self) -> bool:
+        """Whether a description of the robot is needed."""
+        return self.plant_backend != 'builtin' or self.model == 'urdf'
 
 
 class Plant(Robot):
@@ -150,8 +160,7 @@ class Plant(Robot):
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
         super().__init__(config)
-        self.model = model or make_model(
-            config.model, config.gravity, config.joint_names)
+        self.model = model or model_of(config)
         self.modes: tuple[int, ...] = (0,) * self.n
         self._step = step_two if self.n == 2 else step
         self.configure(config)

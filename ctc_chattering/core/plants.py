@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
+from ctc_chattering.core.models import locked_positions, model_of
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.robot import Robot
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError
 
 
 def make_plant(config: PlantConfig, description: str = '') -> Robot:
@@ -18,26 +17,20 @@ def make_plant(config: PlantConfig, description: str = '') -> Robot:
     config : PlantConfig
         Its `plant_backend` chooses.
     description : str
-        MJCF or URDF, as XML; empty for the file that the configuration names. The builtin plant
-        needs none.
+        Text of the MJCF or URDF, where one is needed.
 
     Raises
     ------
     CtcError
-        If there is no description, it cannot be read or does not have the joints, or the
-        backend is not installed.
+        If there is no description, it does not have the joints, or the backend is not
+        installed.
 
     """
     if config.plant_backend == 'builtin':
-        return Plant(config)
+        return Plant(config, model_of(config, description))
     if not description:
-        if not config.description:
-            raise ParameterError('description', '', 'the path of an MJCF or URDF file')
-        try:
-            description = Path(config.description).read_text(encoding='utf-8')
-        except (OSError, ValueError) as error:
-            reason = getattr(error, 'strerror', None) or 'not a text file'
-            raise CtcError(f'{config.description}: {reason}') from None
+        raise CtcError(f'plant_backend {config.plant_backend} needs the parameter description, '
+                       'or the topic robot_description')
     # Not above: the core does without what is outside of it, and this is needed seldom.
     from ctc_chattering.mujoco_plant import MujocoPlant
-    return MujocoPlant(config, description)
+    return MujocoPlant(config, description, locked_positions(config.locked))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -18,16 +18,19 @@ from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Vector
-from ctc_chattering.core.trajectory import Trajectory
+from ctc_chattering.core.models import model_of
+from ctc_chattering.core.trajectory import Point, Trajectory
 from ctc_chattering.graph import (
     CLOCK,
     COMMANDS,
     FILTER,
     JOINT_STATES,
     REFERENCE,
+    ROBOT_DESCRIPTION,
     TORQUES,
     TRACKING,
 )
+from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
@@ -63,7 +66,7 @@ class ControllerNode(Shell):
             self, (ControllerConfig, ControllerSettings), self._on_change)
         config = self._tuning.get(ControllerConfig)
         self._settings = self._tuning.get(ControllerSettings)
-        self._controller = Controller(config)
+        self._controller: Controller | None = None
         self._guard = Guard(self._settings.enabled)
         self._watched = min(config.error_limit) < inf
         names = self._names = config.joint_names
@@ -101,6 +104,17 @@ class ControllerNode(Shell):
         self._timeouts = {'state': 0, 'reference': 0}
         self.create_service(SetBool, '~/enable', self._on_enable)
         self.create_service(Trigger, '~/reset', self._on_reset)
+        self._description = Description(
+            self, config.described, config.description, self._begin)
+
+    def _begin(self, description: str) -> None:
+        """Make the law for a robot, and begin to listen."""
+        config = self._tuning.get(ControllerConfig)
+        self._controller = Controller(config, model_of(config, description))
+        if description:
+            self._described = self.create_publisher(
+                String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
+            self._described.publish(String(data=description))
         self._reference_inbox = Inbox(
             self, JointTrajectory, REFERENCE, wire.TrajectoryReader().read, self._on_reference,
             qos())
@@ -131,7 +145,9 @@ class ControllerNode(Shell):
     def status(self) -> Status:
         """Return what the controller does and why."""
         level, message = DiagnosticStatus.OK, 'running'
-        if self._guard.tripped is not None:
+        if self._description.problem:
+            level, message = DiagnosticStatus.ERROR, self._description.problem
+        elif self._guard.tripped is not None:
             level, message = DiagnosticStatus.ERROR, (
                 f'tripped: the position error of {self._names[self._guard.tripped]} exceeded '
                 'error_limit; call ~/reset')
@@ -148,8 +164,9 @@ class ControllerNode(Shell):
             level, message = DiagnosticStatus.ERROR, (
                 f'no {REFERENCE} for {self._settings.reference_timeout:g} s; holding the '
                 'position')
+        config = self._tuning.get(ControllerConfig)
         return Status(level, message, {
-            'law': self._controller.config.law, 'switching': self._controller.config.switching,
+            'law': config.law, 'switching': config.switching,
             'saturated samples': self._saturated, 'restarts': self._restarts,
             **{f'timeouts, {name}': count for name, count in self._timeouts.items()},
             'time': 'simulated' if self._simulated else 'real'})
@@ -157,13 +174,14 @@ class ControllerNode(Shell):
     def _on_change(self) -> None:
         self._settings = self._tuning.get(ControllerSettings)
         config = self._tuning.get(ControllerConfig)
-        self._controller.configure(config)
+        if self._controller is not None:
+            self._controller.configure(config)
         self._watched = min(config.error_limit) < inf
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response
                    ) -> SetBool.Response:
         if request.data and not self._guard.enabled:
-            self._controller.reset(bumpless=True)
+            self._restart()
         self._guard.enabled = request.data
         if not request.data:
             self._stop('disabled by ~/enable', error=False)
@@ -179,8 +197,12 @@ class ControllerNode(Shell):
         response.message = 'reset' if self._guard.tripped is not None else 'was not tripped'
         if self._guard.tripped is not None:
             self._guard.reset()
-            self._controller.reset(bumpless=True)
+            self._restart()
         return response
+
+    def _restart(self, bumpless: bool = True) -> None:
+        if self._controller is not None:
+            self._controller.reset(bumpless)
 
     def _on_reference(self, piece: wire.Piece, now: int) -> None:
         pick = self._reference_joints.pick(piece.names)
@@ -230,7 +252,7 @@ class ControllerNode(Shell):
         if not self._seen:
             return
         self._restarts += 1
-        self._controller.reset(bumpless=not self._simulated)
+        self._restart(bumpless=not self._simulated)
         self.pace.pause()
         if verdict == stamps.ANEW:
             self._count = 0
@@ -239,6 +261,8 @@ class ControllerNode(Shell):
 
     def _answer(self, state: _State) -> None:
         """Send the torque that answers a state, or have the state wait."""
+        law = self._controller
+        assert law is not None
         t = state.t
         point = self._trajectory.at(t)
         if not self._heard:
@@ -252,17 +276,16 @@ class ControllerNode(Shell):
         ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]
         q = state.q
         try:
-            sample = self._controller.step(q, state.dq, *point, ahead)
+            sample = law.step(q, state.dq, *point, ahead)
         except (ValueError, OverflowError):  # sin(inf)
             sample = None
         if sample is None or not isfinite(sum(sample.tau) + sum(sample.v)):
-            self._controller.reset(bumpless=True)
+            law.reset(bumpless=True)
             self._state_inbox.refuse(
                 Refused('overflow', f'no torque can be computed for {list(q)}, '
                         f'{list(state.dq)}'), state.now)
             return
-        if self._watched and not self._guard.check(
-                sample.e, self._controller.config.error_limit):
+        if self._watched and not self._guard.check(sample.e, law.config.error_limit):
             self._stop(f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
                        'error_limit; no torque until ~/reset')
             self._waiting = state
@@ -272,7 +295,7 @@ class ControllerNode(Shell):
         if sample.excess is not None:
             self._saturated += 1
         if self._count % self._settings.state_decimation == 0:
-            self._publish_terms(t, q, sample, point)
+            self._publish_terms(t, sample, point, law.lyapunov(q, sample.v))
             self._trajectory.forget(t)
             self._note_late(t)
         self._count += 1
@@ -309,14 +332,13 @@ class ControllerNode(Shell):
         self._sending = False
         self.pace.pause()
 
-    def _publish_terms(self, t: int, q: Vector, s: Sample,
-                       point: tuple[Vector, Vector, Vector]) -> None:
+    def _publish_terms(self, t: int, s: Sample, point: Point, lyapunov: float) -> None:
         self._tracking.publish(self._tracking_writer.write(
             t, (*point[0], *s.e), (*point[1], *s.de)))
         self._filter.publish(self._filter_writer.write(t, s.v))
         self._torques.publish(self._torque_writer.write(t, (
             *s.inverse_dynamics, *(-x for x in s.compensation), *(-x for x in s.chattering),
-            self._controller.lyapunov(q, s.v))))
+            lyapunov)))
 
 
 #: What the executable runs.
