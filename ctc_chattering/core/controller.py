@@ -175,7 +175,7 @@ class Controller:
         self.observer.configure(
             config.observer_bandwidth, self._period, config.b, config.ka)
 
-    def reset(self, bumpless: bool = False) -> None:
+    def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
         Begin anew: no estimate, no torque on its way, and ξ = 0.
 
@@ -183,12 +183,14 @@ class Controller:
         ----------
         bumpless : bool
             Begin with v = 0 instead, so that the first torque is the inverse dynamics alone.
+        held : sequence of float, shape (n,), optional
+            Torque that is still held, from which `effort_rate_limit` goes on; 0 if left out.
 
         """
         self.filter.reset()
         self.observer.reset()
         self._bumpless = bumpless
-        self._previous: Vector = self._none
+        self._previous: Vector = self._none if held is None else held
         self._sent = deque([(self._none, None, None)] * self.config.input_delay)
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
@@ -231,6 +233,7 @@ class Controller:
             wanted, tau = tau, self._within_limits(tau)
             if tau != wanted:
                 excess = [w - t for w, t in zip(wanted, tau)]
+        self._previous = tau
         if self._sent:
             self._sent.append((tau, self._cut, excess))
         self.filter.update(de, seen[3])
@@ -247,11 +250,9 @@ class Controller:
 
     def _within_limits(self, tau: Vector) -> Vector:
         """Return the torque that the effort limits leave of `tau`, shape (n,) [N·m]."""
-        tau = [min(max(min(max(x, p - step), p + step), -limit), limit)
-               for x, p, step, limit in zip(
-                   tau, self._previous, self._step_limit, self.config.effort_limit)]
-        self._previous = tau
-        return tau
+        return [min(max(min(max(x, p - step), p + step), -limit), limit)
+                for x, p, step, limit in zip(
+                    tau, self._previous, self._step_limit, self.config.effort_limit)]
 
     def _lost(self, q: Vector, dq: Vector, excess: Vector) -> Vector:
         """
