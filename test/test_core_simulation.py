@@ -294,3 +294,30 @@ def test_waypoints() -> None:
     assert np.abs(run.tau).max() < 300.0
     with pytest.raises(CtcError, match='has not been read'):
         _started(1.0, {'trajectory_file': 'x.yaml'})
+
+
+def test_error_limit_ends_the_run() -> None:
+    """Check joint, time and error of the message against a run without the limit."""
+    start = {'initial_position': [np.pi, np.pi / 2], 'initial_velocity': [np.pi, np.pi]}
+    free = _run(duration=1.0, law='compensation', plant=start)
+    e = free.q_d - free.q
+    for i, limit in ((0, [1e-3, np.inf]), (1, [np.inf, 0.02]), (1, [0.01, 0.02])):
+        k = int(np.flatnonzero((np.abs(e) > limit).any(axis=1))[0])
+        assert 5 < k < 900
+        found = f'joint{i + 1} at t = {free.t[k]:g} s, {e[k, i]:.4g} rad, exceeds error_limit'
+        with pytest.raises(CtcError, match=f'{found}, {limit[i]:g} rad'):
+            _run(duration=1.0, law='compensation', plant=start, controller={'error_limit': limit})
+        _run(duration=float(free.t[k - 1]), law='compensation', plant=start,
+             controller={'error_limit': limit})
+    wide = _run(duration=1.0, law='compensation', plant=start, controller={
+        'error_limit': np.abs(e).max(axis=0).tolist()})
+    assert (wide.tau == free.tau).all()
+
+
+def test_error_limit_at_the_start_and_by_an_event() -> None:
+    """Check that the first sample counts, and that a limit acts from its sample on."""
+    with pytest.raises(CtcError, match=r'joint1 at t = 0 s, 3\.142 rad, .* 3 rad'):
+        _run(duration=0.1, controller={'error_limit': [3.0, 3.0]})
+    event = Event(0.05, 'controller', {'error_limit': [np.inf, 1e-6]})
+    with pytest.raises(CtcError, match=r'joint2 at t = 0\.05 s'):
+        _run(duration=0.1, events=(event,))

@@ -3,8 +3,9 @@ Which publisher sent a message, where several publish on a topic that only one m
 
 A subscriber is not told who sent a message, but every publisher numbers its own: 1, 2, 3, … The
 first one heard has control; its next message is known by its number. All others are refused for as
-long as it speaks. If another one's number meets the owner's, it came from behind and so is the
-faster one: the owner is the one that stays behind.
+long as it speaks. Where another one's number meets the owner's, nobody can tell whose a message is
+until the numbers have drifted apart again; then the one that came from behind, being the faster
+one, is ahead. Two that stay level are never told apart.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from collections.abc import Callable
 
 #: Publishers beside the owner that are remembered.
 _MANY = 16
+#: How far apart two numbers must be again after they met.
+_APART = 3
 
 
 class Arbiter:
@@ -32,8 +35,14 @@ class Arbiter:
         self._lapse = lapse
         self._trusting = trusting
         self._next: int | None = None
+        #: The owner's next number if all messages were its that were passed over since.
+        self._reach = 0
         self._heard = 0
-        self._others: dict[int, int] = {}
+        self._others: dict[int, None] = {}
+        #: The next number of another one while it is in doubt which of the two is the owner's.
+        self._rival: int | None = None
+        #: Whether, where they last met, it was the owner that came from behind.
+        self._overtaking = False
 
     def admits(self, number: int | None, now: int, alone: Callable[[], bool]) -> bool:
         """
@@ -50,33 +59,62 @@ class Arbiter:
             Returns whether the topic has one publisher at the most; asked in doubt only.
 
         """
-        if number == self._next and number not in self._others and number is not None:
-            self._next = number + 1
-            self._heard = now
+        if (number is not None and self._next is not None and self._rival is None
+                and self._next <= number <= self._reach and number not in self._others):
+            self._follow(number, now)
             return True
         return self._judge(number, now, alone)
 
     def pass_over(self, number: int | None) -> None:
-        """Note a message that concerns nobody: only its number counts."""
-        if number is not None and number == self._next:
-            self._next = number + 1
+        """Note a message that concerns nobody, the owner's or not: only its number counts."""
+        if number is not None and number == self._reach:
+            self._reach = number + 1
 
     def _judge(self, number: int | None, now: int, alone: Callable[[], bool]) -> bool:
         if number is None:
             return alone()
-        if number == self._next:  # And one of the others' as well.
-            self._note(number, now)
-            return self._trusting
-        if self._next is None or now - self._heard > self._lapse or alone():
+        if self._next is None or now - self._heard > self._lapse:
             self._others.pop(number, None)
-            self._next, self._heard = number + 1, now
+            self._follow(number, now)
             return True
-        self._note(number, now)
+        if alone():
+            self._others.clear()
+            self._follow(number, now)
+            return True
+        if number == self._next and self._rival is None:  # And one of the others' as well.
+            self._others.pop(number, None)
+            self._rival = number
+        if self._rival is not None and number in (self._next, self._rival):
+            return self._doubt(number, now, self._next, self._rival)
+        self._note(number)
         return False
 
-    def _note(self, number: int, now: int) -> None:
+    def _follow(self, number: int, now: int) -> None:
+        """Know the owner by the number after this one."""
+        self._next = self._reach = number + 1
+        self._heard = now
+        self._rival = None
+        if self._next in self._others:
+            self._overtaking = True
+
+    def _note(self, number: int) -> None:
         """Remember what comes next from a publisher that has no control."""
         self._others.pop(number, None)
-        self._others[number + 1] = now
+        self._others[number + 1] = None
+        if number + 1 == self._next:
+            self._overtaking = False
         if len(self._others) > _MANY:
             del self._others[next(iter(self._others))]
+
+    def _doubt(self, number: int, now: int, a: int, b: int) -> bool:
+        """Let the one of two that is at this number go on; they are known once they are apart."""
+        self._heard = now
+        low, high = sorted((b if number == a else a, number + 1))
+        self._next, self._rival = low, high
+        if high - low < _APART:
+            return self._trusting
+        owner, other = (high, low) if self._overtaking else (low, high)
+        self._next = self._reach = owner
+        self._rival = None
+        self._others[other] = None
+        return owner == number + 1

@@ -45,8 +45,8 @@ class Limits(NamedTuple):
 
     #: Torques within this, shape (n,), are left alone for certain [N·m].
     within: Vector
-    #: Maps the torque wanted to the one allowed, in the order of time.
-    restrain: Callable[[Vector], Vector]
+    #: Maps the torque wanted and the one sent last to the one allowed.
+    restrain: Callable[[Vector, Vector], Vector]
     #: Whether what is cut off is kept out of the filter.
     anti_windup: bool
 
@@ -67,6 +67,7 @@ class ArrayStep:
     def __init__(self, model: ArrayModel, filter_: ErrorFilter,
                  observer: PerturbationObserver) -> None:
         n = model.n
+        self._previous: Vector = (0.0,) * n
         self._model, self._filter, self._observer = model, filter_, observer
         #: Row by row q, q_d, dq_d, ddq_d, ξ, dq; a, y / (b h), v, e, de, ξ⁺; torque, wanted
         #: term, P̂, inverse dynamics, C v.
@@ -135,9 +136,21 @@ class ArrayStep:
                                 self._terms, self._rows[12:17])
         self.forget()
 
-    def forget(self, bumpless: bool = False) -> None:
-        """Forget the last sample, and begin with v = 0 if `bumpless`; ξ and P̂ are not ours."""
+    def forget(self, bumpless: bool = False, previous: Vector | None = None) -> None:
+        """
+        Forget the last sample; ξ and P̂ are not ours.
+
+        Parameters
+        ----------
+        bumpless : bool
+            Whether to begin with v = 0.
+        previous : sequence of float, shape (n,), optional
+            Torque sent last [N·m].
+
+        """
         self._bumpless = bumpless
+        if previous is not None:
+            self._previous = previous
         self._matrices[2 * self._model.n:] = 0.0
         self._terms[13] = 0.0
         self._ahead: Vector | None = self._observer.estimate if self._observing else None
@@ -168,6 +181,7 @@ class ArrayStep:
             excess = None
             if self._limits is not None:
                 tau, excess = self._limited(tau)
+            self._previous = tau
             return _new(ArraySample, (tau, term, excess, self._keep()))
         for x, y, square in zip(term, estimate, self._squares):
             if not (x * x <= square and y * y <= square):
@@ -180,6 +194,7 @@ class ArrayStep:
             self._observer.estimate, self._ahead = estimate, None
             self._known[:] = self._estimate
             self._last[:] = self._mass
+        self._previous = tau
         return _new(ArraySample, (tau, term, None, self._keep()))
 
     def _bounded(self, wanted: Vector, estimate: Vector) -> Sample:
@@ -200,6 +215,7 @@ class ArrayStep:
         excess = None
         if self._limits is not None:
             tau, excess = self._limited(tau)
+        self._previous = tau
         if self._observing:
             lack, push = [i - t for i, t in zip(inverse, tau)], self._push.tolist()
             if excess is not None and self._limits is not None and self._limits.anti_windup:
@@ -212,7 +228,7 @@ class ArrayStep:
     def _limited(self, wanted: Vector) -> tuple[Vector, Vector | None]:
         """Return the torque within its limits and what they cut off; keep that out of ξ."""
         assert self._limits is not None
-        tau = self._limits.restrain(wanted)
+        tau = self._limits.restrain(wanted, self._previous)
         if tau == wanted:
             return tau, None
         excess = [w - t for w, t in zip(wanted, tau)]

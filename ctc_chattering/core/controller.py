@@ -149,8 +149,8 @@ class Controller:
         #: what the effort limits have cut off the torque.
         self._sent: deque[tuple[Vector, Vector | None, Vector | None]] = deque()
         self._bumpless = self._limited = False
-        #: Torque sent last, for its rate; None where that was not limited.
-        self._previous: Vector | None = None
+        #: Torque sent last.
+        self._previous: Vector = self._none
         self._arrays = None
         if isinstance(self.model, ArrayModel) and not config.input_delay:
             self._arrays = ArrayStep(self.model, self.filter, self.observer)
@@ -173,8 +173,6 @@ class Controller:
         if all(not m[i][j] for m in (self._kp, self._kv)
                for i in range(n) for j in range(n) if i != j):
             self._diagonal = [(self._kp[i][i], self._kv[i][i]) for i in range(n)]
-        if not self._limited:
-            self._previous = None
         self._effort_limit = [
             a if a < float('inf') else b for a, b in zip(config.effort_limit, self._own_limits)]
         self._limited = min((*self._effort_limit, *config.effort_rate_limit)) < float('inf')
@@ -191,7 +189,7 @@ class Controller:
                 self._errors, self._explicit(), self._observing, self.observer.gain, config.ka,
                 self._limits())
 
-    def reset(self, bumpless: bool = False) -> None:
+    def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
         Begin anew: no estimate, no torque on its way, and ξ = 0.
 
@@ -199,15 +197,17 @@ class Controller:
         ----------
         bumpless : bool
             Begin with v = 0 instead, so that the first torque is the inverse dynamics alone.
+        held : sequence of float, shape (n,), optional
+            Torque that is still held, from which `effort_rate_limit` goes on; 0 if left out.
 
         """
         self.filter.reset()
         self.observer.reset()
         self._bumpless = bumpless
-        self._previous = self._none
+        self._previous = self._none if held is None else held
         self._sent = deque([(self._none, None, None)] * self.config.input_delay)
         if self._arrays:
-            self._arrays.forget(bumpless)
+            self._arrays.forget(bumpless, self._previous)
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -246,9 +246,10 @@ class Controller:
             tau = [i - c for i, c in zip(inverse, coriolis)]
         excess = None
         if self._limited:
-            wanted, tau = tau, self._within_limits(tau)
+            wanted, tau = tau, self._within_limits(tau, self._previous)
             if tau != wanted:
                 excess = [w - t for w, t in zip(wanted, tau)]
+        self._previous = tau
         if self._sent:
             self._sent.append((tau, self._cut, excess))
         self.filter.update(de, seen[3])
@@ -263,15 +264,11 @@ class Controller:
             self._sent.popleft()
         return ListSample(tau, e, de, seen[4], inverse, coriolis, term, excess)
 
-    def _within_limits(self, tau: Vector) -> Vector:
-        """Return the torque that the effort limits leave of `tau`, shape (n,) [N·m]."""
-        if self._previous is None:
-            self._previous = tau
-        tau = [min(max(min(max(x, p - step), p + step), -limit), limit)
-               for x, p, step, limit in zip(
-                   tau, self._previous, self._step_limit, self._effort_limit)]
-        self._previous = tau
-        return tau
+    def _within_limits(self, tau: Vector, previous: Vector) -> Vector:
+        """Return what the limits leave of `tau` after the torque `previous`, (n,) [N·m]."""
+        return [min(max(min(max(x, p - step), p + step), -limit), limit)
+                for x, p, step, limit in zip(
+                    tau, previous, self._step_limit, self._effort_limit)]
 
     def _lost(self, q: Vector, dq: Vector, excess: Vector) -> Vector:
         """

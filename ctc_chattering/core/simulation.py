@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import period_ns, samples, seconds
+from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import make_plant
@@ -128,13 +129,14 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     Raises
     ------
     CtcError
-        If `duration` is 0, the motion diverges, or the waypoints are not allowed.
+        If `duration` is 0, the motion diverges, a position error exceeds `error_limit`, or the
+        waypoints are not allowed.
 
     """
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
     robot = robot or make_plant(plant)
-    law = Controller(controller, model)
+    law, guard = Controller(controller, model), Guard(enabled=True)
     motion = make_motion(
         reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
@@ -162,6 +164,11 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         q, dq = robot.measured
         desired = coming.popleft()
         sample = law.step(q, dq, *desired, coming)
+        if not guard.check(sample.e, law.config.error_limit):
+            i = guard.tripped or 0
+            raise CtcError(
+                f'the position error of {controller.joint_names[i]} at t = {t:g} s, '
+                f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')
         if truth:
             q, dq = robot.q, robot.dq
         record.add(t, q, dq, *desired, sample.tau, sample.v)

@@ -92,8 +92,8 @@ class ControllerNode(Shell):
         self._count = 0
         self._heard = False
         self._waiting: _State | None = None
-        #: Whether torques are being sent, and nothing has stopped them since.
-        self._sending = False
+        #: The torque sent last; None where nothing has been sent, or a last one of 0.
+        self._held: Vector | None = None
         #: Whether somebody publishes the clock, and whether somebody did at the last state.
         self._clock_heard = self._simulated = False
         self._arrived = 0
@@ -202,7 +202,7 @@ class ControllerNode(Shell):
 
     def _restart(self, bumpless: bool = True) -> None:
         if self._controller is not None:
-            self._controller.reset(bumpless)
+            self._controller.reset(bumpless, self._held if bumpless else None)
 
     def _on_reference(self, piece: wire.Piece, now: int) -> None:
         pick = self._reference_joints.pick(piece.names)
@@ -238,7 +238,7 @@ class ControllerNode(Shell):
             self._clock_heard = self.count_publishers(CLOCK) > 0
         self._simulated = self._clock_heard
         verdict = self._stamps.judge(t, now, self._simulated)
-        if verdict != stamps.NEXT:
+        if verdict != stamps.NEXT or self._lost:  # Lost: a torque of 0 was sent since.
             self._judged(verdict, t)
         self._seen, self._lost, self._arrived = True, False, now
         self._answer(_State(t, now, q, dq))
@@ -280,7 +280,7 @@ class ControllerNode(Shell):
         except (ValueError, OverflowError):  # sin(inf)
             sample = None
         if sample is None or not isfinite(sum(sample.tau) + sum(sample.v)):
-            law.reset(bumpless=True)
+            law.reset(bumpless=True, held=self._held)
             self._state_inbox.refuse(
                 Refused('overflow', f'no torque can be computed for {list(q)}, '
                         f'{list(state.dq)}'), state.now)
@@ -291,7 +291,7 @@ class ControllerNode(Shell):
             self._waiting = state
             return
         self._commands.publish(self._writer.write(sample.tau))
-        self._sending = True
+        self._held = sample.tau
         if sample.excess is not None:
             self._saturated += 1
         if self._count % self._settings.state_decimation == 0:
@@ -327,9 +327,9 @@ class ControllerNode(Shell):
         if why:
             logger = self.get_logger()
             (logger.error if error else logger.info)(why)
-        if self._sending and not self._simulated:
+        if self._held is not None and not self._simulated:
             self._commands.publish(self._writer.write((0.0,) * len(self._names)))
-        self._sending = False
+        self._held = None
         self.pace.pause()
 
     def _publish_terms(self, t: int, s: Sample, point: Point, lyapunov: float) -> None:
