@@ -65,6 +65,9 @@ class Arbiter:
         if number is None:
             return alone()
         if number == self._next:  # And one of the others' as well.
+            if now - self._others.pop(number) > self._lapse:  # One that has gone since.
+                self._next, self._heard = number + 1, now
+                return True
             self._note(number, now)
             return self._trusting
         if self._next is None or now - self._heard > self._lapse or alone():
