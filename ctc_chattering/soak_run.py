@@ -210,7 +210,8 @@ class _Graph:
                 self._start(name)
             failure, _ = self._recover(0, _START)
             if failure:
-                raise CtcError(f'the graph did not begin within {_START:g} s: {failure}')
+                raise CtcError(f'the graph did not begin within {_START:g} s: {failure}; for a '
+                               'slow machine, choose a larger --control-period')
             self._begun = time.monotonic()
             for name in PROCESSES:
                 self._memory[name].begin(0.0)
