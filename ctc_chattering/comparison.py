@@ -47,8 +47,8 @@ class Outcome:
     peak: float
 
 
-def compare(path: Path, backend: str | None, run: Runner, overrides: Overrides | None = None
-            ) -> Iterator[Outcome]:
+def run_variants(path: Path, backend: str | None, run: Runner,
+                 overrides: Overrides | None = None) -> Iterator[Outcome]:
     """
     Yield the outcome of every variant.
 

@@ -71,7 +71,8 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
     turns = None
     if lockstep and setup.values['bringup']['one_processor']:
         turns = one_processor()
-    with _signals() as caught, tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
+    with (stop_signals() as caught,
+          tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         resolved = Path(scratch) / 'params.yaml'
         params.dump(values, _namespace(ros_args), resolved)
         children: dict[str, supervisor.Child] = {}
@@ -127,7 +128,7 @@ def _namespace(ros_args: Sequence[str]) -> str:
 
 
 @contextmanager
-def _signals() -> Any:
+def stop_signals() -> Any:
     """Collect SIGINT and SIGTERM in the list that is yielded."""
     before = {number: signal.getsignal(number) for number in signals.STOP}
     try:

@@ -255,3 +255,16 @@ def test_many_intruders() -> None:
             assert not arbiter.admits(1000 * who + k, k * MS, _several)
     remembered: dict[int, None] = getattr(arbiter, '_others')  # noqa: B009
     assert len(remembered) <= 16
+
+
+def test_one_that_has_gone_costs_the_owner_nothing() -> None:
+    """The owner's numbers meet those that another one would have sent next, long ago."""
+    arbiter = Arbiter(500 * MS, trusting=False)
+    now = 0
+    for k in range(1, 3):
+        assert arbiter.admits(k, now, lambda: False)
+    for k in range(40, 50):
+        assert not arbiter.admits(k, now, lambda: False)
+    for k in range(3, 100):
+        now += 20 * MS
+        assert arbiter.admits(k, now, lambda: False)

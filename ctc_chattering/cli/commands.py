@@ -18,7 +18,7 @@ from ctc_chattering.core.simulation import Run
 from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.output import prepare
-from ctc_chattering.result import Result, simulated, write_metrics, write_text
+from ctc_chattering.result import finite, Result, simulated, write_metrics, write_text
 from ctc_chattering.settings import parameter_table
 
 #: What is simulated of a run without an end [s].
@@ -135,11 +135,9 @@ def compare(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from ctc_chattering.comparison import (
-        compare as runs,
-    )
-    from ctc_chattering.comparison import (
         over_ros,
         over_simulation,
+        run_variants,
         to_markdown,
         VARIANTS,
     )
@@ -152,8 +150,8 @@ def compare(options: argparse.Namespace) -> int:
               mininterval=0.2 if sys.stderr.isatty() else 2.0) as bar:
         for file in options.files:
             for backend in backends:
-                for outcome in runs(file, backend,
-                                    over_ros if options.ros else over_simulation):
+                for outcome in run_variants(
+                        file, backend, over_ros if options.ros else over_simulation):
                     outcomes.append(outcome)
                     bar.update()
     text = to_markdown(outcomes)
@@ -161,6 +159,30 @@ def compare(options: argparse.Namespace) -> int:
     if options.out is not None:
         write_text(options.out / 'compare.md', text)
     return 0
+
+
+def soak(options: argparse.Namespace) -> int:
+    """Run `ctc soak`."""
+    import json
+    import random
+
+    from ctc_chattering.soak import complaints, to_markdown
+    from ctc_chattering.soak_run import perform
+
+    if not 0.0 < options.minutes < float('inf'):
+        raise ParameterError('--minutes', options.minutes, 'a finite number > 0')
+    seed = random.randrange(1 << 31) if options.seed is None else options.seed
+    out = prepare(options.out, (_BAGS, 'soak.md', 'soak.json', 'soak.log'), options.overwrite)
+    duration = 60.0 * options.minutes
+    with Progress(f'soak, seed {seed}', duration) as progress:
+        document = perform(duration, seed, out, options.control_period, progress)
+    text = to_markdown(document)
+    found = complaints(document)
+    write_text(out / 'soak.json', json.dumps(
+        finite({**document, 'complaints': found}), indent=2, ensure_ascii=False) + '\n')
+    write_text(out / 'soak.md', text)
+    print(text, end='', flush=True)
+    return 1 if found else 0
 
 
 def replay(options: argparse.Namespace) -> int:

@@ -38,7 +38,7 @@ class Arbiter:
         #: The owner's next number if all messages were its that were passed over since.
         self._reach = 0
         self._heard = 0
-        self._others: dict[int, None] = {}
+        self._others: dict[int, int] = {}
         #: The next number of another one while it is in doubt which of the two is the owner's.
         self._rival: int | None = None
         #: Whether, where they last met, it was the owner that came from behind.
@@ -82,11 +82,13 @@ class Arbiter:
             self._follow(number, now)
             return True
         if number == self._next and self._rival is None:  # And one of the others' as well.
-            self._others.pop(number, None)
+            if now - self._others.pop(number) > self._lapse:  # One that has gone since.
+                self._follow(number, now)
+                return True
             self._rival = number
         if self._rival is not None and number in (self._next, self._rival):
             return self._doubt(number, now, self._next, self._rival)
-        self._note(number)
+        self._note(number, now)
         return False
 
     def _follow(self, number: int, now: int) -> None:
@@ -97,10 +99,10 @@ class Arbiter:
         if self._next in self._others:
             self._overtaking = True
 
-    def _note(self, number: int) -> None:
+    def _note(self, number: int, now: int) -> None:
         """Remember what comes next from a publisher that has no control."""
         self._others.pop(number, None)
-        self._others[number + 1] = None
+        self._others[number + 1] = now
         if number + 1 == self._next:
             self._overtaking = False
         if len(self._others) > _MANY:
@@ -116,5 +118,5 @@ class Arbiter:
         owner, other = (high, low) if self._overtaking else (low, high)
         self._next = self._reach = owner
         self._rival = None
-        self._others[other] = None
+        self._others[other] = now
         return owner == number + 1

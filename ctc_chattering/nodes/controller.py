@@ -324,9 +324,11 @@ class ControllerNode(Shell):
 
     def _stop(self, why: str = '', error: bool = True) -> None:
         """Send no torque from now on; in real time a last one of 0, for those who hold it."""
-        if why:
-            logger = self.get_logger()
-            (logger.error if error else logger.info)(why)
+        # A line each: ROS takes no second severity from the same line, and raises.
+        if why and error:
+            self.get_logger().error(why)
+        elif why:
+            self.get_logger().info(why)
         if self._held is not None and not self._simulated:
             self._commands.publish(self._writer.write((0.0,) * len(self._names)))
         self._held = None
