@@ -298,9 +298,10 @@ class ControllerNode(Shell):
 
     def _stop(self, why: str = '', error: bool = True) -> None:
         """Send no torque from now on; in real time a last one of 0, for those who hold it."""
-        if why:
-            logger = self.get_logger()
-            (logger.error if error else logger.info)(why)
+        if why and error:  # Each severity a line of its own: rclpy remembers it by the line.
+            self.get_logger().error(why)
+        elif why:
+            self.get_logger().info(why)
         if self._sending and not self._simulated:
             self._commands.publish(self._writer.write((0.0,) * len(self._names)))
         self._sending = False
