@@ -314,7 +314,7 @@ def recorded(bag: Path, node: str) -> list[dict[str, str]]:
     with closing(open_bag(bag)) as reader:
         connections = [x for x in reader.connections if x.topic == DIAGNOSTICS]
         arrays: list[Any] = [reader.deserialize(data, connection.msgtype)
-                  for connection, _, data in reader.messages(connections)]
+                             for connection, _, data in reader.messages(connections)]
     found = [status for array in arrays for status in array.status if status.name == f'/{node}']
     return [{x.key: x.value for x in status.values} for status in found]
 
