@@ -5,12 +5,15 @@ Converting a message field by field between Python and C costs more than everyth
 computes. A writer lays a message out once and afterwards replaces only the numbers in it.
 A reader has ROS deserialize the first message and learns from it where the numbers stand; on every
 later message it checks that all bytes between the numbers are those it has learned, and leaves any
-other message to ROS. Nothing is judged here: lengths and values may be anything.
+other message to ROS. Nothing is judged here: lengths and values may be anything. Only a message
+that counts more elements than it has bytes for never gets to ROS, which would print a line about
+each one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 import importlib
 import struct
 from typing import Any, NamedTuple
@@ -27,6 +30,14 @@ from ctc_chattering.core.grid import NANOSECONDS
 _LITTLE = b'\x00\x01\x00\x00'
 #: Where a header's stamp stands, and the first byte behind it.
 _STAMP, _BEHIND = 4, 12
+#: What a message consists of: so many bytes in words of four, a string, a sequence of doubles, or
+#: a sequence of what the inner tuple says.
+_HEADER = (8, 'string')
+_LAYOUTS: dict[Any, tuple[Any, ...]] = {
+    JointState: (*_HEADER, ('string',), 'doubles', 'doubles', 'doubles'),
+    Float64MultiArray: (('string', 8), 4, 'doubles'),
+    JointTrajectory: (
+        *_HEADER, ('string',), ('doubles', 'doubles', 'doubles', 'doubles', 8))}
 #: Messages of other layouts after which a reader leaves them all to ROS.
 _PATIENCE = 1000
 
@@ -77,6 +88,38 @@ class Piece(NamedTuple):
     points: list[Point]
     #: Stamp of the message; 0 for now [ns].
     start: int = 0
+
+
+def _deserialize(data: bytes, kind: Any) -> Any:
+    """Have ROS read a message, unless a sequence in it cannot be as long as it says."""
+    order = {b'\0\0': '>I', b'\0\1': '<I'}.get(bytes(data[:2]))
+    if order is None:
+        raise RuntimeError('failed to deserialize: the encapsulation is not CDR')
+    with suppress(struct.error):  # It ends too early; ROS says so.
+        _walk(data, struct.Struct(order), _LAYOUTS[kind], _STAMP)
+    return deserialize_message(data, kind)
+
+
+def _walk(data: bytes, word: struct.Struct, layout: tuple[Any, ...], at: int) -> int:
+    """Return where what begins at byte `at` ends."""
+    for part in layout:
+        at += -at % 4
+        if isinstance(part, int):
+            at += part
+            continue
+        count, = word.unpack_from(data, at)
+        at += 4
+        if part == 'string':
+            at += count
+        elif count > len(data) - at:
+            raise RuntimeError(
+                f'failed to deserialize: {count} elements in {len(data) - at} bytes')
+        elif part != 'doubles':
+            for _ in range(count):
+                at = _walk(data, word, part, at)
+        elif count:
+            at += (_STAMP - at) % 8 + 8 * count
+    return at
 
 
 class _Writer:
@@ -227,7 +270,7 @@ class _Reader:
 def _says(data: bytes, message: Any) -> bool:
     """Return whether ROS reads `message` from `data`."""
     try:
-        return bool(deserialize_message(data, type(message)) == message)
+        return bool(_deserialize(data, type(message)) == message)
     except RuntimeError:
         return False
 
@@ -250,7 +293,7 @@ class StateReader(_Reader):
         return self._learn(data)
 
     def _learn(self, data: bytes) -> State:
-        message = deserialize_message(data, JointState)
+        message = _deserialize(data, JointState)
         state = State(nanoseconds_of(message.header.stamp), tuple(message.name),
                       tuple(message.position), tuple(message.velocity), tuple(message.effort))
         self._length = -1
@@ -280,7 +323,7 @@ class EffortReader(_Reader):
         """Return what a serialized message says."""
         if len(data) == self._length and data.startswith(self._frame):
             return Efforts(self._names, self._unpack(data, len(self._frame)))
-        message = deserialize_message(data, Float64MultiArray)
+        message = _deserialize(data, Float64MultiArray)
         efforts = Efforts(tuple(x.label for x in message.layout.dim), tuple(message.data))
         n = len(efforts.values)
         unpack = struct.Struct(f'<{n}d').unpack_from
@@ -333,7 +376,7 @@ class TrajectoryReader:
         return Piece(self._names, times, points, t)
 
     def _learn(self, data: bytes) -> Piece:
-        message = deserialize_message(data, JointTrajectory)
+        message = _deserialize(data, JointTrajectory)
         start = nanoseconds_of(message.header.stamp)
         piece = Piece(
             tuple(message.joint_names),

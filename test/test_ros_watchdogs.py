@@ -1,0 +1,385 @@
+"""What stops the robot when somebody falls silent, and what starts it again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from faults import Diagnostics, ERROR, nodes_of, OK, WARN
+import pytest
+from ros import bringup, CONFIG, PATIENCE, Probe, probe, wait_for
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+from test_ros_lockstep import assert_equal
+from test_ros_nodes import COMMANDS, MS, reference, state
+from trajectory_msgs.msg import JointTrajectory
+
+from ctc_chattering import params, supervisor
+from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.core.model import Vector
+from ctc_chattering.core.plant import Plant, PlantConfig
+from ctc_chattering.core.trajectory import Point, Trajectory
+from ctc_chattering.graph import DIAGNOSTICS
+from ctc_chattering.result import simulated
+
+pytestmark = pytest.mark.ros
+ZERO = [0.0, 0.0]
+#: For the silence that stops the controller, so that a loaded machine does not [s].
+STATE_TIMEOUT, REFERENCE_TIMEOUT = 0.25, 0.1
+
+
+def ns(time: Time) -> int:
+    return int(time.sec) * 10 ** 9 + int(time.nanosec)
+
+
+def after_an_outage(q: Vector, dq: Vector, point: Point) -> list[float]:
+    """Return the first torque of a law that begins anew without a bump."""
+    law = Controller(ControllerConfig())
+    law.reset(bumpless=True)
+    sample = law.step(q, dq, *point)
+    assert list(sample.v) == ZERO
+    assert list(sample.tau) == list(sample.inverse_dynamics)
+    return list(sample.tau)
+
+
+class Graph:
+    """Plant, controller and reference in real time, and all that is said on their topics."""
+
+    def __init__(self, it: Probe) -> None:
+        self.probe = it
+        self.diagnostics = Diagnostics(it)
+        self.states = it.listen(JointState, 'joint_states', 10_000)
+        self.commands = it.listen(Float64MultiArray, COMMANDS, 10_000)
+        self.pieces = it.listen(JointTrajectory, 'reference', 10_000)
+        self.tracking = it.listen(JointState, 'controller/tracking')
+        self.children: dict[str, supervisor.Child] = {}
+        for name in ('plant', 'controller', 'reference'):
+            self.start(name)
+        self.until_well()
+
+    def start(self, name: str) -> None:
+        more = ('-p', f'state_timeout:={STATE_TIMEOUT}') if name == 'controller' else ()
+        self.children[name] = self.probe.start(name, *more)
+
+    def kill(self, name: str) -> None:
+        self.children[name].signal(signal.SIGKILL)
+        self.children[name].process.wait(PATIENCE)
+
+    def until_well(self) -> None:
+        """Wait until all say that they run, and the plant feels torques."""
+        for name in ('plant', 'controller', 'reference'):
+            self.diagnostics.until(  # One killed is counted as a publisher for a while.
+                name, lambda r: r.level in (OK, WARN) and r.message.startswith('running'),
+                'health')
+        self.states.clear()
+        self.probe.until(lambda: any(any(m.effort) for m in self.states), 'torques')
+
+    def until_silent(self) -> None:
+        """Wait until no command comes any more; the last one must be zero."""
+        seen, since = -1, time.monotonic()
+
+        def silent() -> bool:
+            nonlocal seen, since
+            if len(self.commands) != seen:
+                seen, since = len(self.commands), time.monotonic()
+            return time.monotonic() - since > 0.2
+
+        self.probe.until(silent, 'silence')
+        assert list(self.commands[-1].data) == ZERO
+        assert any(self.commands[-2].data)
+
+    def clear(self) -> None:
+        for heard in (self.states, self.commands, self.tracking):
+            heard.clear()
+
+    def log(self, name: str, text: str) -> list[str]:
+        """Return the lines of a node that have `text` in them."""
+        return [x for x in self.probe.lines if x.startswith(f'[{name}]') and text in x]
+
+
+@pytest.fixture(scope='module')
+def graph() -> Iterator[Graph]:
+    """Yield a running graph; every test leaves it running."""
+    with probe() as it:
+        yield Graph(it)
+        assert not any('Traceback' in line for line in it.lines)
+
+
+@pytest.fixture(autouse=True)
+def nobody_else_dies(request: pytest.FixtureRequest) -> Iterator[None]:
+    yield
+    if 'graph' in request.fixturenames:
+        children = request.getfixturevalue('graph').children
+        assert [name for name, child in children.items() if child.status is not None] == []
+
+
+def motion(graph: Graph) -> Trajectory:
+    """Return the desired motion by all pieces heard, as the controller sees it."""
+    trajectory = Trajectory(round(REFERENCE_TIMEOUT * 1e9))
+    for piece in graph.pieces:
+        start = ns(piece.header.stamp)
+        trajectory.extend(
+            [start + p.time_from_start.sec * 10 ** 9 + p.time_from_start.nanosec
+             for p in piece.points],
+            [(list(p.positions), list(p.velocities), list(p.accelerations))
+             for p in piece.points])
+    return trajectory
+
+
+@pytest.mark.parametrize('number', [signal.SIGSTOP, signal.SIGKILL])
+def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
+        graph: Graph, number: signal.Signals) -> None:
+    """One torque of zero, silence, an error; then the inverse dynamics, and on from there."""
+    before = graph.diagnostics.next('controller')
+    plant = graph.children['plant']
+    plant.signal(number)
+    try:
+        if number == signal.SIGKILL:
+            plant.process.wait(PATIENCE)
+        report = graph.diagnostics.until(
+            'controller', lambda r: r.level == ERROR and 'no state' in r.message, 'the error')
+        graph.until_silent()
+    finally:
+        last = ns(graph.states[-1].header.stamp)
+        graph.clear()
+        if number == signal.SIGKILL:
+            graph.start('plant')
+        plant.signal(signal.SIGCONT)
+    assert report.count('timeouts, state') > before.count('timeouts, state')
+    assert graph.log('controller', 'no state for')
+    graph.probe.until(lambda: len(graph.commands) > 10 and len(graph.states) > 10, 'torques')
+    if number == signal.SIGSTOP:  # Of a new plant's states it is unknown which one is heard first.
+        first = next(m for m in graph.states if ns(m.header.stamp) > last + STATE_TIMEOUT * 1e9)
+        point = motion(graph).at(ns(first.header.stamp))
+        assert point is not None
+        assert list(graph.commands[0].data) == after_an_outage(
+            first.position, first.velocity, point)
+    graph.until_well()
+    after = graph.diagnostics.next('controller')
+    assert after.count('restarts') > before.count('restarts')
+
+
+def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
+    before = graph.diagnostics.next('controller')
+    graph.kill('reference')
+    report = graph.diagnostics.until(
+        'controller', lambda r: r.level == ERROR and 'no reference for 0.1 s' in r.message,
+        'the error')
+    assert 'holding the position' in report.message
+    assert report.count('timeouts, reference') == before.count('timeouts, reference') + 1
+    assert len(graph.log('controller', 'holding the position')) == 1
+    graph.clear()
+    graph.probe.until(lambda: len(graph.tracking) > 5, 'the errors')
+    last = graph.pieces[-1].points[-1]
+    held = [q + REFERENCE_TIMEOUT * dq for q, dq in zip(last.positions, last.velocities)]
+    for message in graph.tracking:
+        assert list(message.velocity[:2]) == ZERO
+        assert list(message.position[:2]) == held
+    assert any(any(m.data) for m in graph.commands)
+    graph.start('reference')
+    graph.until_well()
+    graph.clear()
+    graph.probe.until(lambda: any(any(m.velocity[:2]) for m in graph.tracking), 'motion')
+
+
+def test_without_commands_the_plant_brakes(graph: Graph) -> None:
+    before = graph.diagnostics.next('plant')
+    graph.kill('controller')
+    report = graph.diagnostics.until(
+        'plant', lambda r: r.level == ERROR and 'no command for 0.1 s' in r.message, 'the error')
+    assert 'torque 0, brakes on' in report.message
+    assert report.count('timeouts, command') == before.count('timeouts, command') + 1
+    assert len(graph.log('plant', 'no command for')) == report.count('timeouts, command')
+    robot = Plant(PlantConfig())
+    robot.braking = True
+    idle = [i for i, m in enumerate(graph.states) if list(m.effort) == ZERO]
+    begin = graph.states[idle[0]]
+    # Of the brakes' first samples some may be made good in one tick and published as one.
+    robot.q, robot.dq = list(begin.position), list(begin.velocity)
+    for message in graph.states[idle[0] + 1:idle[0] + 50]:
+        for _ in range(round((ns(message.header.stamp) - ns(begin.header.stamp)) / MS) - robot.k):
+            robot.step(ZERO)
+        assert list(message.effort) == ZERO
+        assert list(message.position) == pytest.approx(robot.q, abs=1e-9)
+        assert list(message.velocity) == pytest.approx(robot.dq, abs=1e-9)
+    graph.start('controller')
+    graph.until_well()
+    assert graph.log('plant', 'commands again, brakes off')
+
+
+def test_an_error_beyond_its_limit_trips_until_reset(graph: Graph) -> None:
+    it = graph.probe
+    assert it.set('controller', 'error_limit', [1e-9, 1e-9]).successful
+    graph.until_silent()
+    report = graph.diagnostics.until(
+        'controller', lambda r: r.level == ERROR and 'tripped' in r.message, 'the trip')
+    assert 'joint1 exceeded error_limit; call ~/reset' in report.message
+    assert len(graph.log('controller', 'exceed error_limit')) == 1
+    assert it.set('controller', 'error_limit', [float('inf')] * 2).successful
+    silent = len(graph.commands)
+    assert 'tripped' in graph.diagnostics.next('controller').message
+    assert len(graph.commands) == silent
+    answer = it.call(Trigger, '/controller/reset', Trigger.Request())
+    assert answer.success and answer.message == 'reset'
+    graph.until_well()
+    answer = it.call(Trigger, '/controller/reset', Trigger.Request())
+    assert answer.success and answer.message == 'was not tripped'
+
+
+def test_a_disabled_controller_publishes_nothing(graph: Graph) -> None:
+    it = graph.probe
+    assert it.call(SetBool, '/controller/enable', SetBool.Request(data=False)).success
+    graph.until_silent()
+    graph.tracking.clear()
+    silent = len(graph.commands)
+    report = graph.diagnostics.next('controller')
+    assert report.level == WARN and 'disabled' in report.message
+    assert len(graph.commands) == silent
+    assert graph.tracking == []
+    assert it.call(SetBool, '/controller/enable', SetBool.Request(data=True)).success
+    graph.until_well()
+    assert len(graph.commands) > silent
+
+
+def test_torques_at_their_limit_are_counted(graph: Graph) -> None:
+    it = graph.probe
+    before = graph.diagnostics.next('controller').count('saturated samples')
+    assert it.set('controller', 'effort_limit', [5.0, 4.0]).successful
+    graph.commands.clear()
+    it.until(lambda: len(graph.commands) > 100, 'torques')
+    graph.diagnostics.until(
+        'controller', lambda r: r.count('saturated samples') > before + 50, 'a count')
+    assert all(abs(x) <= most for m in graph.commands[-50:] for x, most in zip(m.data, (5.0, 4.0)))
+    assert it.set('controller', 'effort_limit', [float('inf')] * 2).successful
+    graph.until_well()
+
+
+class PlayedPlant:
+    """The test as the plant in real time, before a controller."""
+
+    def __init__(self, it: Probe, timeout: float) -> None:
+        self.probe = it
+        self.diagnostics = Diagnostics(it)
+        self.commands = it.listen(Float64MultiArray, COMMANDS)
+        self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
+        self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
+        it.start('controller', '-p', f'state_timeout:={timeout}')
+        it.until(lambda: self.states.get_subscription_count()
+                 and self.references.get_subscription_count()
+                 and it.node.count_publishers(COMMANDS), 'the controller')
+        self.references.publish(reference(
+            ['joint1', 'joint2'], [[[1.0, -0.5], ZERO, ZERO]]))
+
+    def answer(self, q: Vector, dq: Vector) -> list[float]:
+        before = len(self.commands)
+        self.states.publish(state(
+            time.time_ns(), joint1=(q[0], dq[0]), joint2=(q[1], dq[1])))
+        self.probe.until(lambda: len(self.commands) > before, 'a torque')
+        return list(self.commands[-1].data)
+
+
+def test_every_outage_begins_the_law_anew_and_a_motion_at_rest_is_held() -> None:
+    """The last point of the reference, long past, is at rest: nothing is missing."""
+    point, law = ([1.0, -0.5], ZERO, ZERO), Controller(ControllerConfig())
+    with probe() as it:
+        plant = PlayedPlant(it, 0.5)
+        for outage in range(2):
+            law.reset(bumpless=outage > 0)
+            for k in range(5):
+                q, dq = [0.1 * k, 0.2 + outage], [0.3, -0.1 * k]
+                expected = law.step(q, dq, *point)
+                assert plant.answer(q, dq) == list(expected.tau)
+                if outage and not k:
+                    assert list(expected.tau) == after_an_outage(q, dq, point)
+            sent = len(plant.commands)
+            report = plant.diagnostics.until(
+                'controller', lambda r: 'no state for' in r.message, 'the error')
+            assert report.level == ERROR
+            assert report.count('timeouts, state') == outage + 1
+            assert report.count('timeouts, reference') == 0
+            assert report.count('restarts') == outage
+            assert [list(m.data) for m in plant.commands[sent:]] == [ZERO]
+
+
+def recorded(bag: Path, node: str) -> list[dict[str, str]]:
+    """Return what a node said in the diagnostics that a bag holds."""
+    with closing(open_bag(bag)) as reader:
+        connections = [x for x in reader.connections if x.topic == DIAGNOSTICS]
+        arrays: list[Any] = [reader.deserialize(data, connection.msgtype)
+                             for connection, _, data in reader.messages(connections)]
+    found = [status for array in arrays for status in array.status if status.name == f'/{node}']
+    return [{x.key: x.value for x in status.values} for status in found]
+
+
+def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
+    """Hold each process still for a second, as long as fifty timeouts."""
+    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
+    with bringup('--params-file', str(file), '--duration', '4', '--record', str(bag)) as process:
+        wait_for(lambda: (bag / 'bag.mcap').exists()
+                 and (bag / 'bag.mcap').stat().st_size > 20_000, 'a part of the bag')
+        pids = nodes_of(process.pid)
+        for victim in ('plant', 'controller'):
+            os.kill(pids[victim], signal.SIGSTOP)
+            time.sleep(1.0)
+            os.kill(pids[victim], signal.SIGCONT)
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert_equal(read_bag(bag), simulated(params.load(file, {'plant': {'duration': 4.0}})))
+    reports = recorded(bag, 'controller')
+    assert reports
+    for report in reports:
+        assert report['restarts'] == report['timeouts, state'] == '0'
+        assert report['timeouts, reference'] == '0'
+
+
+def test_in_lockstep_time_goes_on_where_the_motion_ends_at_rest() -> None:
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states')
+        pieces = it.node.create_publisher(JointTrajectory, 'reference', 10)
+        it.start('controller')
+        it.until(pieces.get_subscription_count, 'the controller')
+        pieces.publish(reference(['joint1', 'joint2'], [
+            [[0.1 * k, 0.0], [0.1, 0.0] if k < 2 else ZERO, ZERO] for k in range(3)]))
+        it.start('plant', '-p', 'pacing:=lockstep')
+        it.until(lambda: states and ns(states[-1].header.stamp) > 300 * MS, 'time')
+        report = diagnostics.until('controller', lambda r: r.level == OK, 'health')
+        assert report.message == 'running'
+        assert report.count('timeouts, reference') == 0
+        assert report.count('restarts') == 0
+
+
+def test_in_lockstep_the_plant_says_what_it_waits_for() -> None:
+    """Kill the controller: simulated time stands still until there is another one."""
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states', 10_000)
+        it.start('plant', '-p', 'pacing:=lockstep')
+        controller = it.start('controller')
+        it.start('reference')
+        it.until(lambda: len(states) > 100, 'motion')
+        controller.signal(signal.SIGKILL)
+
+        def said() -> list[float]:
+            """Return when the plant said what it waits for [s]."""
+            return [float(line.split('[')[3].split(']')[0]) for line in it.lines
+                    if 'waiting for the answer on effort_controller/commands to the state' in line]
+
+        it.until(lambda: len(said()) >= 2, 'two reports')
+        assert 2.5 < said()[1] - said()[0] < 5.0
+        report = diagnostics.next('plant')
+        assert report.level == WARN
+        assert 'waiting for the answer on effort_controller/commands' in report.message
+        stood = states[-1].header.stamp
+        it.until(lambda: len(states) > 0, 'the last state')
+        it.start('controller')
+        it.until(lambda: ns(states[-1].header.stamp) > ns(stood) + 200 * MS, 'motion')
+        assert diagnostics.until('plant', lambda r: 'running' in r.message, 'health')
