@@ -90,10 +90,11 @@ def _pairs(draw: st.DrawFn) -> tuple[Stream, Stream]:
 
 
 def _while_it_speaks(owner: Stream, intruder: Stream) -> tuple[Stream, Stream]:
-    """Return the two with the intruder cut off before the owner has been silent for a lapse."""
+    """Return the two with an intruder that ends where the owner does."""
     last = max(now for now, _ in owner.times())
-    count = sum(now < last + LAPSE for now, _ in intruder.times())
-    return owner, dataclasses.replace(intruder, count=count)
+    endless = dataclasses.replace(intruder, count=last // intruder.period + 1)
+    return owner, dataclasses.replace(
+        intruder, count=sum(now < last for now, _ in endless.times()))
 
 
 @settings(max_examples=300, deadline=None)
@@ -129,6 +130,36 @@ def test_numbers_that_cross(owner: Stream, intruder: Stream, trusting: bool) -> 
     assert sum(not taken for who, taken, _ in rows if who == 0) <= 5
 
 
+def test_first_overtaking_and_then_overtaken() -> None:
+    """Check that who is ahead is decided anew at every meeting: by who came from behind."""
+    owner = Stream(10 * MS, 0, 1, 300)
+    slow, fast = Stream(25 * MS, MS, 50, 60), Stream(4 * MS, 1501 * MS, 100, 300)
+    arbiter, lost = Arbiter(LAPSE, False), 0
+    for now, who, number in _merged(owner, slow, fast):
+        taken = arbiter.admits(number, now, _several)
+        assert not taken or who == 0
+        lost += who == 0 and not taken
+    assert 0 < lost < 15
+    assert taken == (who == 0)
+
+
+def test_those_who_have_gone_are_forgotten() -> None:
+    """Check that being alone clears the number of an intruder; without that it costs messages."""
+    for gone in (True, False):
+        arbiter = Arbiter(LAPSE, False)
+        assert arbiter.admits(1, 0, _several)
+        assert not arbiter.admits(10, 0, _several)
+        assert arbiter.admits(2, 1, _several)
+        if gone:
+            assert arbiter.admits(5, 2, _alone)
+        else:
+            for number in (3, 4, 5):
+                assert arbiter.admits(number, 2, _several)
+        taken = [arbiter.admits(number, number, _several) for number in range(6, 20)]
+        assert all(taken) == gone
+        assert taken.count(False) <= 2
+
+
 @pytest.mark.parametrize('trusting', [False, True])
 def test_two_that_stay_level(trusting: bool) -> None:
     """Check equal numbers at equal rates for longer than the lapse: nobody is heard, or both."""
@@ -162,6 +193,20 @@ def test_takeover_after_the_lapse(silence: int, taken: bool) -> None:
     for k in range(1, 20):
         assert arbiter.admits(10 + k, now, _several) != taken
         assert arbiter.admits(110 + k, now + k * MS, _several) == taken
+
+
+@settings(deadline=None)
+@given(_pairs())
+def test_one_of_two_that_ends(pair: tuple[Stream, Stream]) -> None:
+    """Check that the other one has control soon after, wherever the numbers meet."""
+    last = [max(now for now, _ in stream.times()) for stream in pair]
+    for who in (0, 1):
+        longer = [stream if i != who else dataclasses.replace(
+            stream, count=stream.count + (last[1 - i] + 3 * LAPSE) // stream.period)
+            for i, stream in enumerate(pair)]
+        rows = _play(Arbiter(LAPSE, False), *longer)
+        assert {sender for sender, _, _ in rows[-5:]} == {who}
+        assert any(taken for _, taken, _ in rows[-5:])  # All, but where it meets a number left.
 
 
 def test_a_pause_of_the_owner_is_forgiven() -> None:

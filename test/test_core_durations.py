@@ -11,9 +11,7 @@ from ctc_chattering.core.durations import Durations
 
 #: Binary fractions, so that numpy's count of samples is ours.
 SHARES = (0.0, 0.25, 0.5, 0.984375, 1.0)
-#: To which a quantile is given.
-ACCURACY = 0.0202
-DURATION = st.floats(1e-8, 0.9)
+DURATION = st.floats(0.0, 1e3)
 MANY = st.lists(DURATION, min_size=1, max_size=200)
 
 
@@ -29,10 +27,10 @@ def _filled(*windows: Sequence[float], size: int = 10) -> Durations:
 
 def _check(made: Durations, samples: Sequence[float]) -> None:
     assert made.count == len(samples)
-    assert made.mean() == pytest.approx(np.mean(samples), rel=1e-12)
+    assert made.mean() == pytest.approx(np.mean(samples), rel=1e-12, abs=1e-300)
     for share in SHARES:
         exact = np.quantile(samples, share, method='inverted_cdf')
-        assert made.quantile(share) == pytest.approx(exact, rel=ACCURACY)
+        assert made.quantile(share) == exact
 
 
 @given(MANY)
@@ -57,7 +55,7 @@ def test_a_log_normal_loop() -> None:
     samples = np.random.default_rng(0).lognormal(np.log(2e-4), 0.7, 100_000)
     made = _filled(*samples.reshape(5, -1).tolist())
     exact = float(np.quantile(samples, 0.999, method='inverted_cdf'))
-    assert made.quantile(0.999) == pytest.approx(exact, rel=ACCURACY)
+    assert made.quantile(0.999) == exact
     assert exact > 5.0 * made.mean()
     assert made.mean() == pytest.approx(samples.mean())
 
@@ -65,17 +63,8 @@ def test_a_log_normal_loop() -> None:
 def test_one_outlier_is_the_maximum_and_no_quantile() -> None:
     """Check that one late sample in a thousand shows above 99.9 % and not on it."""
     made = _filled([1e-3] * 999 + [0.5])
-    assert made.quantile(0.999) == pytest.approx(1e-3, rel=ACCURACY)
-    assert made.quantile(0.9995) == pytest.approx(0.5, rel=ACCURACY)
-
-
-@pytest.mark.parametrize('duration', [0.0, 1e-300])
-def test_a_clock_that_stands_still(duration: float) -> None:
-    """Check that durations of 0 are counted and are next to nothing."""
-    made = _filled([duration] * 3 + [1.0])
-    assert made.count == 4
-    assert made.mean() == pytest.approx(0.25)
-    assert 0.0 <= made.quantile(0.5) < 1.1e-9
+    assert made.quantile(0.999) == 1e-3
+    assert made.quantile(0.9995) == 0.5
 
 
 def test_nothing_yet() -> None:

@@ -8,7 +8,6 @@ import pytest
 from ctc_chattering.core.pace import Pace
 
 MS = 1_000_000
-ACCURACY = 0.0202
 
 
 def _loop(begins: list[int], ends: list[int]) -> Pace:
@@ -29,7 +28,7 @@ def test_periods_and_computing_times(steps: list[tuple[int, int]], start: int) -
     assert values['deadline misses'] == 0
     for name, exact in (('period', np.diff(begins)), ('computing time', np.array(spent))):
         assert values[f'{name}, mean [ms]'] == pytest.approx(exact.mean() / MS)
-        assert values[f'{name}, 99.9 % [ms]'] == pytest.approx(exact.max() / MS, rel=ACCURACY)
+        assert values[f'{name}, 99.9 % [ms]'] == pytest.approx(exact.max() / MS)
 
 
 def test_a_pause_is_no_period() -> None:
