@@ -8,6 +8,7 @@ and C(q, x) y = C(q, y) x. Only inertias and joints are read: meshes are not loo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 import importlib
 import struct
 from typing import Any
@@ -104,9 +105,14 @@ class UrdfModel(ArrayModel):
         """Return a function that fills `mass`, `coriolis` and `moment`."""
         crba, coriolis, model, data = self._tools
         if self._shared:
+            # Naming the default convention, where there is one, makes the call faster.
+            how = [self._pin.Convention.LOCAL] if hasattr(self._pin, 'Convention') else []
+            fill_mass = partial(crba, model, data, q, *how)
+            fill_coriolis = partial(coriolis, model, data, q, dq)
+
             def fill() -> None:
-                crba(model, data, q)
-                coriolis(model, data, q, dq)
+                fill_mass()
+                fill_coriolis()
             return fill
 
         def fill_copies() -> None:
