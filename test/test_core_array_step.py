@@ -160,7 +160,8 @@ def test_changes_while_it_runs() -> None:
     """Check that filter and estimate live on through every law, and are gone after reset."""
     made, listed, plant = pair(config())
     first = 0
-    for changes in ({}, {'switching': 'sign'}, {}, {'ka': FRICTION}, {'ka': (0.5,) * 7}, {'kp': (70.0,) * 7},
+    for changes in ({}, {'switching': 'sign'}, {}, {'ka': FRICTION}, {'ka': (0.5,) * 7},
+                    {'kp': (70.0,) * 7},
                     {'law': 'compensation'}, {'switching': 'implicit'}, {'b': 1.2}, {}):
         for controller in (made, listed):
             controller.configure(config(**changes))

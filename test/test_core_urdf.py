@@ -280,6 +280,23 @@ def test_gravity() -> None:
         np.testing.assert_allclose(model.moment, hand_g([0.5, 0.2]) / G)
 
 
+def test_arrays_are_pinocchio_s_own_where_the_order_allows() -> None:
+    """Check that nothing is copied then, and that copies hold the same otherwise."""
+    q, dq = np.array([0.5, 0.2]), np.array([1.0, -2.0])
+    made = []
+    for copied in (False, True):
+        model = UrdfModel(two_links(), ('a', 'b'))
+        assert model._shared
+        if copied:
+            model._shared = False
+            model.mass, model.coriolis, model.moment = (
+                np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2))
+        model.evaluator(q, dq)()
+        made.append((model.mass, model.coriolis, model.moment))
+    for own, copy in zip(*made):
+        np.testing.assert_allclose(own, copy, rtol=1e-14)
+
+
 @pytest.mark.parametrize('names', [(), ('a', 'a'), ('',)])
 def test_names(names: tuple[str, ...]) -> None:
     with pytest.raises(ParameterError, match='joint_names'):
