@@ -3,11 +3,11 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from oracles import Array, box_by_enumeration, random_spd
+from oracles import Array, box_by_enumeration, inclusion_by_enumeration, random_spd
 import pytest
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
 
-from ctc_chattering.core.box import solve_box
+from ctc_chattering.core.box import nearest, solve_box
 
 
 def _solve(a: Array, b: Array, bound: Array) -> Array:
@@ -110,3 +110,47 @@ def test_reaching_one_bound_moves_the_other_joint() -> None:
     z = _solve(a, b, bound)
     assert z == pytest.approx([1.0, -0.95])
     assert np.abs(z - clipped).max() > 1.0
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 4])
+@pytest.mark.parametrize('decades', [0.5, 4.0])
+def test_nearest_against_enumeration(n: int, decades: float) -> None:
+    """Check against the inclusion M x = wanted - z, z ∈ bound Sgn(x), and `solve_box`."""
+    rng = np.random.default_rng(20 * n)
+    for _ in range(80):
+        mass, wanted = random_spd(rng, n, decades), rng.normal(size=n) * 3.0
+        bound = rng.uniform(0.0, 3.0, n) * rng.integers(0, 4, n).clip(0, 1)
+        z = np.array(nearest(mass.tolist(), wanted.tolist(), bound.tolist()))
+        np.testing.assert_allclose(
+            z, inclusion_by_enumeration(mass, wanted, bound), rtol=1e-8, atol=1e-9)
+        inverse: Array = np.linalg.inv(mass).astype(np.float64)
+        np.testing.assert_allclose(
+            z, _solve(inverse, -inverse @ wanted, bound), rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize('spread', [0.0, 6.0])
+def test_nearest_of_seven(spread: float) -> None:
+    """Check the conditions with seven joints, alike and of very different inertia."""
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        scale = 10.0 ** rng.uniform(-spread / 2, spread / 2, 7)
+        mass = random_spd(rng, 7, 3.0) * np.outer(scale, scale)
+        bound = rng.uniform(0.1, 3.0, 7) * scale
+        wanted = rng.normal(size=7) * 3.0 * scale
+        z = np.array(nearest(mass.tolist(), wanted.tolist(), bound.tolist()))
+        x = np.linalg.solve(mass / np.outer(scale, scale), (wanted - z) / scale)
+        assert (np.abs(z) <= bound).all()
+        inner = np.abs(z) < bound * (1 - 1e-12)
+        assert (np.abs(x[inner]) <= 1e-9).all()
+        assert (x * z >= -1e-9 * np.abs(z)).all()
+
+
+def test_nearest_on_the_edge() -> None:
+    """Check wanted values at the bound, bounds of 0, and none that is exceeded."""
+    rng = np.random.default_rng(4)
+    mass = random_spd(rng, 5).tolist()
+    bound = [1.0, 2.0, 0.0, 4.0, 0.0]
+    assert nearest(mass, [1.0, -2.0, 0.0, 3.0, 0.0], bound) == [1.0, -2.0, 0.0, 3.0, 0.0]
+    assert nearest(mass, [5.0] * 5, [0.0] * 5) == [0.0] * 5
+    held = (np.array(mass) @ [0.0, 0.0, 1.0, 0.0, 0.0] + [1.0, 2.0, 0.0, 1.0, 0.0]).tolist()
+    np.testing.assert_allclose(nearest(mass, held, bound), [1.0, 2.0, 0.0, 1.0, 0.0], atol=1e-12)

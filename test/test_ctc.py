@@ -12,6 +12,7 @@ from typing import Any
 from bags import entries, write_bag
 import numpy as np
 import pytest
+from urdfs import two_links
 
 from ctc_chattering import __version__, params
 from ctc_chattering.core.metrics import metrics
@@ -264,3 +265,41 @@ def test_closed_pipe(short: Path) -> None:
              str(short)], cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE, timeout=60, check=False)
     assert b'Traceback' not in result.stderr
     assert b'Broken' not in result.stderr
+
+
+def test_check_model(tmp_path: Path) -> None:
+    """Check the table and the status, for the paper's arm, a URDF, and a class with a fault."""
+    result = ctc('check-model', cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith('two_link, 2 joints: joint1, joint2\n')
+    assert result.stdout.count('\nok ') == 12
+    file = tmp_path / 'arm.urdf'
+    file.write_text(two_links())
+    result = ctc('check-model', '--urdf', file, '--gravity', 1.6, '--samples', 3, '--seed', 7)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith('urdf, 2 joints: a, b\n')
+    result = ctc('check-model', '--urdf', file, '--joints', 'b')
+    assert result.stdout.startswith('urdf, 1 joints: b\n')
+    (tmp_path / 'mine.py').write_text(
+        'from ctc_chattering.core.two_link import TwoLink\n'
+        'class Arm(TwoLink):\n'
+        '    def __init__(self, names, gravity):\n'
+        '        super().__init__(gravity)\n'
+        '    def potential_energy(self, q):\n'
+        '        return 0.0\n')
+    result = ctc('check-model', '--model', 'mine:Arm', cwd=tmp_path)
+    assert result.returncode == 1
+    assert result.stdout.count('FAILED') == 1
+    assert 'G is the gradient of the potential: worst at q = ' in result.stdout
+    assert result.stderr == ''
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['--model', 'puma'], ['model', 'puma', 'two_link | urdf | package.module:Class']),
+    (['--model', 'urdf'], ['--urdf']), (['--urdf', 'nowhere.urdf'], ['nowhere.urdf']),
+    (['--model', 'two_link', '--urdf', 'README.md'], ['--urdf', 'two_link']),
+    (['--urdf', 'README.md'], ['URDF', 'not XML']), (['--joints', 'a,b,c'], ['joint_names']),
+    (['--joints', 'a,a'], ['joint_names']), (['--samples', '0'], ['--samples', '>= 1']),
+    (['--seed', '-1'], ['--seed', '>= 0']), (['--gravity', 'nan'], ['--gravity', '>= 0'])])
+def test_check_model_refuses(arguments: list[str], words: list[str]) -> None:
+    refused(ctc('check-model', *arguments), 'ctc check-model', *words)

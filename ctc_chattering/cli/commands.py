@@ -246,7 +246,8 @@ def check_model(options: argparse.Namespace) -> int:
         for x in findings])
     failed = [x for x in findings if not x.passed]
     for x in failed:
-        print(f'{x.name}: worst at q = {_numbers(list(x.q))}, dq = {_numbers(list(x.dq))}')
+        print(f'{x.name}: worst at q = {_numbers(list(x.q))}, dq = {_numbers(list(x.dq))}'
+              + (f': {x.error}' if x.error else ''))
     return 1 if failed else 0
 
 

@@ -27,17 +27,17 @@ import numpy as np
 
 from ctc_chattering.core.array_model import Array, ArrayModel
 from ctc_chattering.core.filter import ErrorFilter
-from ctc_chattering.core.model import Rows, Vector
+from ctc_chattering.core.model import Vector
 from ctc_chattering.core.observer import PerturbationObserver
 from ctc_chattering.core.sample import ArraySample, Sample
-from ctc_chattering.core.switching import within
+from ctc_chattering.core.switching import bounded
 from ctc_chattering.core.trajectory import Point
 
 _new = tuple.__new__
 #: Maps q, dq, q_d, dq_d to e, de and Kv de + Kp e.
 Errors = Callable[[Vector, Vector, Vector, Vector], tuple[Vector, Vector, Vector]]
-#: Maps v to the chattering term, where that is a function.
-Term = Callable[[Vector], Vector]
+#: Writes the chattering term, where that is a function of v, into an array.
+Term = Callable[[Array, Array], None]
 
 
 class Limits(NamedTuple):
@@ -89,11 +89,11 @@ class ArrayStep:
         self._m, self._mass = _flat(self._matrices[n:2 * n]), _flat(model.mass)
         self._last = _flat(self._matrices[2 * n:])
         self._weight, self._moment = self._terms[12].data, model.moment.data
-        self._v, self._told, self._keep = (
-            self._rows[8], self._rows[11:15].tolist, self._rows[8:17].copy)
+        self._v, self._explicit, self._told, self._keep = (
+            self._rows[8], self._terms[13], self._rows[11:15].tolist, self._rows[8:17].copy)
 
-    def configure(self, errors: Errors, term: Term | None, observing: bool, gain: float,
-                  ka: Vector, limits: Limits | None) -> None:
+    def configure(self, errors: Errors, law: Term | None, observing: bool, ka: Vector,
+                  limits: Limits | None) -> None:
         """
         Set the law.
 
@@ -101,23 +101,22 @@ class ArrayStep:
         ----------
         errors : callable
             Maps q, dq, q_d, dq_d to e, de and Kv de + Kp e, linearly.
-        term : callable or None
-            Maps v to the chattering term; None for the implicit ones.
+        law : callable or None
+            Writes the chattering term for the array v into another; None for the implicit ones.
         observing : bool
             Whether the perturbation is estimated.
-        gain : float
-            Part of the residual that the estimate takes up per sample.
         ka : sequence of float, shape (n,)
             Bounds of the chattering term.
         limits : Limits or None
             Those of the torque.
 
         """
-        self._term, self._observing = term, observing
+        self._law, self._observing = law, observing
         self._ka, self._limits = ka, limits
-        self._within = limits.within if limits else None
-        # What is within these is within ±Ka; 0 has nothing within.
-        self._squares = [k * k * (1.0 - 1e-15) - 5e-324 for k in ka]
+        # What has a square within these is within the bounds; 0 has nothing within.
+        self._squares, self._most = (
+            [k * k * (1.0 - 1e-15) - 5e-324 for k in bound]
+            for bound in (ka, limits.within if limits else ()))
         linear, n = self._linear(errors), self._model.n
         self._prepare = partial(linear.dot, self._rows[:6].reshape(-1),
                                 self._rows[6:12].reshape(-1))
@@ -127,13 +126,11 @@ class ArrayStep:
         products = np.eye(14)
         c_dq, m_a, m_y, c_v, last_v, weight, known = products[[0, 4, 7, 9, 11, 12, 13]]
         inverse = c_dq + m_a + self._model.gravity * weight
-        estimate = (known - gain / self._filter.scale * last_v) * observing
-        wanted = m_y - c_v - estimate
-        tau = inverse - c_v
-        if term is None:
-            tau = tau - wanted
-        self._combine = partial(np.array([tau, wanted, estimate, inverse, c_v]).dot,
-                                self._terms, self._rows[12:17])
+        share = self._observer.gain / self._filter.scale
+        estimate = (known - share * last_v) * observing
+        wanted = known if law else m_y - c_v - estimate
+        results = np.array([inverse - c_v - wanted, wanted, estimate, inverse, c_v])
+        self._combine = partial(results.dot, self._terms, self._rows[12:17])
         self.forget()
 
     def forget(self, bumpless: bool = False, previous: Vector | None = None) -> None:
@@ -162,34 +159,37 @@ class ArrayStep:
         filter_ = self._filter
         if self._bumpless:
             filter_.settle([a - b for a, b in zip(dq_d, dq)])
-            self._bumpless = False
         self._write_inputs(self._inputs, 0, *q, *q_d, *dq_d, *ddq_d, *filter_.state, *dq)
         self._prepare()
+        if self._bumpless:
+            self._v[:] = 0.0  # It is, but for rounding, of which sgn would make ±1.
+            self._bumpless = False
         self._evaluate()
         self._c[:] = self._coriolis
         self._m[:] = self._mass
         self._weight[:] = self._moment
         self._multiply()
-        if self._ahead is not None:
+        if self._law:
+            self._law(self._v, self._explicit)
+        elif self._ahead is not None:
             self._write(self._known, 0, *self._ahead)
         self._combine()
         tau: Vector
         filter_.state, tau, term, estimate = self._told()
-        if self._term is not None:
-            term = self._term(self._v.tolist())
-            tau = [x - s for x, s in zip(tau, term)]
+        if self._law:
             excess = None
-            if self._limits is not None:
+            if self._limits:
                 tau, excess = self._limited(tau)
             self._previous = tau
             return _new(ArraySample, (tau, term, excess, self._keep()))
-        for x, y, square in zip(term, estimate, self._squares):
-            if not (x * x <= square and y * y <= square):
-                return self._bounded(term, estimate)
-        if self._within is not None:
-            for x, limit in zip(tau, self._within):
-                if not -limit <= x <= limit:
-                    return self._whole(term, estimate, None)
+        if self._limits:
+            for x, y, z, square, most in zip(term, estimate, tau, self._squares, self._most):
+                if not (x * x <= square and y * y <= square and z * z <= most):
+                    return self._bounded(term, estimate)
+        else:
+            for x, y, square in zip(term, estimate, self._squares):
+                if not (x * x <= square and y * y <= square):
+                    return self._bounded(term, estimate)
         if self._observing:
             self._observer.estimate, self._ahead = estimate, None
             self._known[:] = self._estimate
@@ -198,27 +198,24 @@ class ArrayStep:
         return _new(ArraySample, (tau, term, None, self._keep()))
 
     def _bounded(self, wanted: Vector, estimate: Vector) -> Sample:
-        """Return the sample where P̂ or the term may be beyond ±Ka."""
-        if self._observing:
-            bounded = within(self._last_mass, estimate, self._ka)
-            if bounded is not estimate:
-                wanted = [w + p - x for w, p, x in zip(wanted, estimate, bounded)]
-                estimate = bounded
-        term = within(self._model.mass.tolist, wanted, self._ka)
-        cut = None if term is wanted else [w - z for w, z in zip(wanted, term)]
-        return self._whole(term, estimate, cut)
-
-    def _whole(self, term: Vector, estimate: Vector, cut: Vector | None) -> Sample:
-        """Return the sample where the torque may be beyond its limit, or the term was cut."""
+        """Return the sample where P̂ or the term may be beyond ±Ka, or the torque its limit."""
+        n, ka = self._model.n, self._ka
+        last = self._matrices[2 * n:].tolist()
+        if self._observing and last[0][0]:  # Else nothing was learnt since the law was set.
+            kept = bounded(last, estimate, ka)
+            wanted = [w + p - x for w, p, x in zip(wanted, estimate, kept)]
+            estimate = kept
+        term = bounded(self._model.mass.tolist(), wanted, ka)
+        cut = [w - z for w, z in zip(wanted, term)]
         inverse, product = self._rows[15:17].tolist()
         tau: Vector = [i - c - s for i, c, s in zip(inverse, product, term)]
         excess = None
-        if self._limits is not None:
+        if self._limits:
             tau, excess = self._limited(tau)
         self._previous = tau
         if self._observing:
             lack, push = [i - t for i, t in zip(inverse, tau)], self._push.tolist()
-            if excess is not None and self._limits is not None and self._limits.anti_windup:
+            if excess is not None and self._limits and self._limits.anti_windup:
                 push = [m + x for m, x in zip(push, excess)]  # M times what went to ξ, / (b h).
             self._ahead = self._observer.followed(estimate, push, lack, cut)
             self._observer.estimate = estimate
@@ -236,11 +233,6 @@ class ArrayStep:
             lost = self._filter.shift(np.linalg.solve(self._model.mass, excess).tolist())
             self._filter.state = [x + y for x, y in zip(self._filter.state, lost)]
         return tau, excess
-
-    def _last_mass(self) -> Rows:
-        """Return M of the last sample."""
-        rows: Rows = self._matrices[2 * self._model.n:].tolist()
-        return rows
 
     def _linear(self, errors: Errors) -> Array:
         """Return K: the law in lists asked for each column."""
@@ -260,3 +252,31 @@ class ArrayStep:
 def _flat(x: Array) -> memoryview:
     """Return a contiguous array as it lies in memory."""
     return (x if x.flags.c_contiguous else x.T).data.cast('B')
+
+
+def no_term(v: Array, out: Array) -> None:
+    """Write the term of law (2)."""
+    del v
+    out[:] = 0.0
+
+
+def sign_term(ka: Vector) -> Term:
+    """Return a function that writes Ka sgn(v)."""
+    gains = np.array(ka)
+
+    def write(v: Array, out: Array) -> None:
+        np.sign(v, out)
+        np.multiply(out, gains, out)
+    return write
+
+
+def boundary_layer_term(ka: Vector, width: float) -> Term:
+    """Return a function that writes Ka sat(v / width)."""
+    gains = np.array(ka)
+
+    def write(v: Array, out: Array) -> None:
+        np.divide(v, width, out)
+        np.minimum(out, 1.0, out=out)
+        np.maximum(out, -1.0, out=out)
+        np.multiply(out, gains, out)
+    return write

@@ -34,6 +34,8 @@ class Finding(NamedTuple):
     #: Position and velocity where it was.
     q: tuple[float, ...]
     dq: tuple[float, ...]
+    #: What the model raised there, if that is why.
+    error: str = ''
 
 
 class _State:
@@ -42,12 +44,13 @@ class _State:
     def __init__(self, model: Model, q: Array, dq: Array, x: Array) -> None:
         self.model, self.q, self.dq, self.x = model, q, dq, x
         self.at: tuple[list[float], list[float]] = (q.tolist(), dq.tolist())
+
+    def shaped(self) -> bool:
+        """Ask for M, C and G; return whether they are what they should be."""
+        n, model = self.model.n, self.model
         self.mass = np.array(model.mass_matrix(self.at[0]), dtype=float)
         self.coriolis = np.array(model.coriolis_matrix(*self.at), dtype=float)
         self.weight = np.array(model.gravity_torque(self.at[0]), dtype=float)
-
-    def shaped(self) -> bool:
-        n = self.model.n
         shapes = [x.shape for x in (self.mass, self.coriolis, self.weight)]
         return shapes == [(n, n), (n, n), (n,)] and all(
             np.isfinite(x).all() for x in (self.mass, self.coriolis, self.weight))
@@ -122,13 +125,17 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Findi
 
 def _worst(name: str, tolerance: float, states: Sequence[_State],
            error: Callable[[_State], float]) -> Finding:
-    worst, where = -1.0, states[0]
+    worst, where, why = -1.0, states[0], ''
     for state in states:
-        value = error(state)
+        text = ''
+        try:
+            value = error(state)
+        except Exception as exception:  # Whatever a model raises, it is no model.
+            value, text = np.inf, f'{type(exception).__name__}: {exception}'
         if not value <= worst:  # NaN is the worst.
-            worst, where = value if value == value else np.inf, state
+            worst, where, why = value if value == value else np.inf, state, text
     return Finding(name, worst <= tolerance, float(worst), tolerance,
-                   tuple(where.at[0]), tuple(where.at[1]))
+                   tuple(where.at[0]), tuple(where.at[1]), why)
 
 
 def _masks(n: int, rng: np.random.Generator) -> Iterator[int]:

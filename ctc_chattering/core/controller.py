@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import dataclasses
 from typing import ClassVar
 
 from ctc_chattering.core.array_model import ArrayModel
-from ctc_chattering.core.array_step import ArrayStep, Limits
+from ctc_chattering.core.array_step import (
+    ArrayStep,
+    boundary_layer_term,
+    Limits,
+    no_term,
+    sign_term,
+    Term,
+)
 from ctc_chattering.core.filter import ErrorFilter
 from ctc_chattering.core.grid import period_ns, seconds
 from ctc_chattering.core.model import dot, Model, times, Vector
@@ -186,8 +193,7 @@ class Controller:
             config.observer_bandwidth, self._period, config.b, config.ka)
         if self._arrays:
             self._arrays.configure(
-                self._errors, self._explicit(), self._observing, self.observer.gain, config.ka,
-                self._limits())
+                self._errors, self._explicit(), self._observing, config.ka, self._limits())
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
@@ -327,15 +333,15 @@ class Controller:
             within = [0.0] * len(within)  # What may be sent depends on what was sent last.
         return Limits(within, self._within_limits, config.anti_windup)
 
-    def _explicit(self) -> Callable[[Vector], Vector] | None:
-        """Return the chattering term as a function of v; None where it is implicit."""
-        config, none = self.config, self._none
+    def _explicit(self) -> Term | None:
+        """Return what writes the chattering term as a function of v; None where it is implicit."""
+        config = self.config
         if not self._chattering:
-            return lambda _: none
+            return no_term
         if config.switching == 'sign':
-            return lambda v: sign(v, config.ka)
+            return sign_term(config.ka)
         if config.switching == 'boundary_layer':
-            return lambda v: boundary_layer(v, config.ka, config.boundary_layer)
+            return boundary_layer_term(config.ka, config.boundary_layer)
         return None
 
     def _term(self, q: Vector, v: Vector, feedback: Vector, coriolis: Vector) -> Vector:

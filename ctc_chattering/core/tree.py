@@ -65,6 +65,8 @@ class Tree:
     def __init__(self, urdf: str) -> None:
         self._robot = _parse(urdf)
         elements = self._check_names()
+        for link in self._robot.findall('link'):
+            _check_inertia(link)
         self.joints: dict[str, Joint] = {}
         for element in self._outwards(elements):
             name, kind = element.get('name', ''), element.get('type', '')
@@ -113,7 +115,7 @@ class Tree:
         for name, value in positions.items():
             if name not in free or not abs(value) < _INF:
                 raise ParameterError(
-                    'locked_joints', f'{name}: {value}',
+                    'locked', f'{name}: {value}',
                     f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
         return {name: self._stands(name, chosen, positions, ())
                 for name in self.joints if name not in chosen}
@@ -224,11 +226,40 @@ def _link(joint: ET.Element, tag: str, links: set[str]) -> str:
     return name
 
 
+def _check_inertia(link: ET.Element) -> None:
+    """Raise unless inertias can be read; the parser would leave them out."""
+    for inertial in link.findall('inertial'):
+        where = f'inertial of link {link.get("name")}'
+        for tag, keys in (('mass', ('value',)),
+                          ('inertia', ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))):
+            element = inertial.find(tag)
+            if element is None:
+                raise CtcError(f'URDF: {where} has no {tag}')
+            for key in keys:
+                _numbers(where, f'{tag} {key}', element.get(key, ''), 1)
+        origin = inertial.find('origin')
+        if origin is not None:
+            for key in ('xyz', 'rpy'):
+                _numbers(where, key, origin.get(key, '0 0 0'), 3)
+
+
+def _numbers(where: str, what: str, text: str, count: int, most: float = 1e300) -> list[float]:
+    """Return the numbers of an attribute, none of them larger than `most`."""
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(x) <= most for x in values):
+        raise CtcError(f'URDF: {where}: {what} is {text!r}, not '
+                       f'{"a number" if count == 1 else f"{count} numbers"}')
+    return values
+
+
 def _joint(element: ET.Element) -> Joint:
     name, kind = element.get('name', ''), element.get('type', '')
     limit, follows = element.find('limit'), element.find('mimic')
     low, high, velocity, effort = (
-        _number(name, limit, key, 0.0) for key in ('lower', 'upper', 'velocity', 'effort'))
+        _number(name, limit, key, 0.0, _INF) for key in ('lower', 'upper', 'velocity', 'effort'))
     if kind == 'continuous' or low == high == 0.0:
         low, high = -_INF, _INF
     mimic = None
@@ -238,10 +269,8 @@ def _joint(element: ET.Element) -> Joint:
     return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, mimic)
 
 
-def _number(joint: str, element: ET.Element | None, key: str, default: float) -> float:
+def _number(joint: str, element: ET.Element | None, key: str, default: float,
+            most: float = 1e300) -> float:
     """Return an attribute of an element within a joint."""
     text = None if element is None else element.get(key)
-    try:
-        return default if text is None else float(text)
-    except ValueError:
-        raise CtcError(f'URDF: {key} of joint {joint} is {text!r}, not a number') from None
+    return default if text is None else _numbers(f'joint {joint}', key, text, 1, most)[0]

@@ -8,6 +8,7 @@ and C(q, x) y = C(q, y) x. Only inertias and joints are read: meshes are not loo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 import importlib
 import struct
 from typing import Any
@@ -76,7 +77,6 @@ class UrdfModel(ArrayModel):
         self.n = n = len(joints)
         self.gravity = gravity
         self._pin, self._model = pin, _reduced(pin, tree, stand)
-        self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         data = self._data = self._model.createData()
         order = [self._model.joints[self._model.getJointId(name)].idx_v
                  for name in self.joint_names]
@@ -88,12 +88,11 @@ class UrdfModel(ArrayModel):
         #: Row 2 of the momentum matrix is the gradient of Σ m z.
         self.mass, self.coriolis, self.moment = data.M, data.C, data.Ag[2]
         #: Whether those are Pinocchio's own arrays, and not copies.
-        self._shared = self._order is None and all(
-            np.shares_memory(x, y) for x, y in ((data.M, data.M), (data.C, data.C),
-                                                (data.Ag, data.Ag)))
+        self._shared = self._order is None and self._arrays_are_good()
         if not self._shared:
             self.mass, self.coriolis, self.moment = (
                 np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+        self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._q, self._dq, self._x = (np.zeros(n) for _ in range(3))
         self._write = struct.Struct(f'{n}d').pack_into
         self._mass_at: tuple[float, ...] = ()
@@ -104,16 +103,22 @@ class UrdfModel(ArrayModel):
         """Return a function that fills `mass`, `coriolis` and `moment`."""
         crba, coriolis, model, data = self._tools
         if self._shared:
+            # Naming the default convention, where there is one, makes the call faster.
+            how = [self._pin.Convention.LOCAL] if hasattr(self._pin, 'Convention') else []
+            fill_mass = partial(crba, model, data, q, *how)
+            fill_coriolis = partial(coriolis, model, data, q, dq)
+
             def fill() -> None:
-                crba(model, data, q)
-                coriolis(model, data, q, dq)
+                fill_mass()
+                fill_coriolis()
             return fill
 
         def fill_copies() -> None:
             at, going = (q, dq) if self._order is None else (q[self._order], dq[self._order])
             self.mass[:] = crba(model, data, at)[self._square]
             self.coriolis[:] = coriolis(model, data, at, going)[self._square]
-            self.moment[:] = data.Ag[2][self._back]
+            weight = self._pin.computeGeneralizedGravity(model, data, at)
+            self.moment[:] = weight[self._back] / (self.gravity or 1.0)
         return fill_copies
 
     def mass_matrix(self, q: Vector) -> Rows:
@@ -166,6 +171,18 @@ class UrdfModel(ArrayModel):
             for i, value in zip(free, a.tolist()):
                 ddq[i] = value
         return ddq
+
+    def _arrays_are_good(self) -> bool:
+        """Return whether Pinocchio's arrays hold what they are taken for, in any version."""
+        crba, coriolis, model, data = self._tools
+        q = np.linspace(0.3, 0.9, self.n)
+        mass, rates = crba(model, data, q).copy(), coriolis(model, data, q, q).copy()
+        moment = self.moment.copy()
+        model.gravity.linear = np.array([0.0, 0.0, -1.0])
+        weight = self._pin.computeGeneralizedGravity(model, model.createData(), q)
+        return bool((self.mass == mass).all() and (self.mass == mass.T).all()
+                    and (self.coriolis == rates).all()
+                    and np.allclose(moment, weight, rtol=1e-9, atol=1e-12))
 
     def _put(self, buffer: Array, x: Vector) -> Array:
         """Return `x` as an array in Pinocchio's order: `buffer`, or a new one."""

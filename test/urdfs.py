@@ -1,0 +1,85 @@
+"""URDFs for the tests: real robots, and small ones made here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+import importlib.metadata
+from pathlib import Path
+
+PANDA = tuple(f'panda_joint{i}' for i in range(1, 8))
+UR5 = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_joint',
+       'wrist_2_joint', 'wrist_3_joint')
+
+
+@cache
+def robot(name: str) -> str:
+    """Return the URDF of a robot of the package example-robot-data."""
+    files = importlib.metadata.files('example-robot-data') or []
+    found = [file for file in files if file.match(f'robots/*/urdf/{name}.urdf')]
+    return Path(str(found[0].locate())).read_text(encoding='utf-8')
+
+
+def panda() -> str:
+    """Return the URDF of the Panda, whose second finger mimics the first."""
+    return robot('panda')
+
+
+def ur5() -> str:
+    """Return the URDF of the UR5."""
+    return robot('ur5_robot')
+
+
+def link(name: str, mass: float = 0.0, center: tuple[float, float, float] = (0.0, 0.0, 0.0),
+         inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
+    """Return a link; without inertia if it has no mass."""
+    if not mass:
+        return f'<link name="{name}"/>'
+    x, y, z = center
+    xx, yy, zz = inertia
+    return (f'<link name="{name}"><inertial><origin xyz="{x} {y} {z}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>'
+            '<visual><geometry><mesh filename="package://nowhere/no.dae"/></geometry></visual>'
+            '</link>')
+
+
+def joint(name: str, kind: str, parent: str, child: str, axis: str = '0 0 1',
+          xyz: str = '0 0 0', more: str = '<limit effort="0" velocity="0"/>',
+          rpy: str = '0 0 0') -> str:
+    """Return a joint."""
+    return (f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/>'
+            f'<parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>{more}</joint>')
+
+
+def urdf(parts: Iterable[str]) -> str:
+    """Return a URDF of links and joints."""
+    return f'<?xml version="1.0" encoding="utf-8"?><robot name="r">{"".join(parts)}</robot>'
+
+
+#: Lengths [m], masses [kg], centres of mass [m] and inertias [kg·m²] of `two_links`.
+L1, M1, R1, I1, M2, R2, I2 = 0.7, 3.0, 0.3, 0.2, 1.5, 0.25, 0.05
+
+
+def two_links(kind: str = 'revolute') -> str:
+    """Return an arm in the x-z plane that hangs straight down at 0 and turns about -y."""
+    return urdf([
+        link('base', 5.0, inertia=(1.0, 1.0, 1.0)), link('upper', M1, (0, 0, -R1), (I1, I1, 0.1)),
+        link('lower', M2, (0, 0, -R2), (I2, I2, 0.01)), link('tool'),
+        joint('a', kind, 'base', 'upper', '0 -1 0',
+              more='<limit lower="-2" upper="3" effort="40" velocity="0"/>'),
+        joint('b', kind, 'upper', 'lower', '0 -1 0', f'0 0 {-L1}',
+              more='<limit effort="0" velocity="1.5"/>'),
+        joint('c', 'fixed', 'lower', 'tool', more='')])
+
+
+def grip(kind: str = 'prismatic', mimic: str = '<mimic joint="f1" multiplier="-2" offset="0.01"/>'
+         ) -> str:
+    """Return an arm of one joint with two fingers, of which the second mimics the first."""
+    return urdf([
+        link('base'), link('arm', 2.0, (0.2, 0, 0), (0.1, 0.1, 0.1)),
+        link('left', 0.3, (0.1, 0, 0), (0.01, 0.01, 0.01)),
+        link('right', 0.4, (0.1, 0, 0), (0.01, 0.01, 0.01)),
+        joint('turn', 'revolute', 'base', 'arm', '0 1 0'),
+        joint('f1', kind, 'arm', 'left', '0 0 1', '0.5 0 0'),
+        joint('f2', kind, 'arm', 'right', '0 0 1', '0.5 0 0',
+              more=f'<limit effort="0" velocity="0"/>{mimic}')])
