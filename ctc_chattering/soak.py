@@ -307,7 +307,8 @@ class Memory:
     now : float
         At last [kB].
     start, end : float
-        Of the longest-lived generation: at its start and at last [kB].
+        Of the longest-lived generation: after `WARM_UP`, or at its start if it did not live so
+        long, and at last [kB].
     fit : Fit
         Of the longest-lived generation, after `WARM_UP`: [s] and [kB].
 
@@ -327,6 +328,7 @@ class Memory:
         """Take a measurement: `t` [s], `size` [kB]."""
         self._first, self.now = self._first or size, size
         if t - self._begun >= WARM_UP:
+            self._first = self._first if self._fit.count else size
             self._fit.add(t, size)
         if t - self._begun > self._longest:
             self._longest = t - self._begun
@@ -479,8 +481,8 @@ def to_markdown(document: Mapping[str, Any]) -> str:
         ('**all**', *totals, _shown(max(longest, default=None), '.1f'))))
     lines += ['', '## Processes', '',
               'Samples, misses, refused messages and timeouts over all generations of a process; '
-              f'memory (resident) of the longest-lived one, its growth fitted from {WARM_UP:g} s '
-              f'on. Allowed: {GROWTH:g} kB/min, or {GROWN:g} kB in all.', '']
+              f'memory (resident) of the longest-lived one and its growth, fitted, from '
+              f'{WARM_UP:g} s on. Allowed: {GROWTH:g} kB/min, or {GROWN:g} kB in all.', '']
     lines += _table(
         ('process', 'samples', 'misses', 'refused', 'timeouts', 'restarts', 'deaths',
          'waited for a processor [s]', 'memory [MB]', 'growth [kB/min]', 'over [s]'),

@@ -22,7 +22,9 @@ from ctc_chattering.soak import Fault, Outage, PROCESSES, Report, SELF
 
 #: The run: the paper's first experiment, in real time, with a tame start.
 OVERRIDES: dict[str, dict[str, Any]] = {
-    'plant': {'pacing': 'real_time', 'duration': 0.0},
+    'plant': {'pacing': 'real_time', 'duration': 0.0,
+              # Bytes changed at random may say 1e200 N·m, under which no motion can be computed.
+              'torque_saturation': [800.0, 200.0]},
     'controller': {'ka': [12.0, 12.0], 'switching': 'implicit_observer',
                    'effort_limit': [400.0, 100.0]}}
 #: What is waited for the graph to begin, and for the answer of a service [s].
@@ -33,6 +35,8 @@ _OVERLAP = 0.3
 _TINY = 1e-12
 #: What was dropped so long after the recorder was stopped was dropped because of that [s].
 _AFTERMATH = 5.0
+#: In which one that has died begins anew [ns].
+_REVIVAL = 10 * NANOSECONDS
 #: Between two lines of the log about memory [s].
 _NOTES = 30.0
 #: Deaths that are reported one by one.
@@ -152,6 +156,9 @@ class _Graph:
                 if len(self._deaths) < _MANY:
                     self._deaths.append(f'{" ".join(child.obituary().split())}')
                 self._note(f'DIED: {child.obituary()}')
+                if name in ('plant', 'recorder'):
+                    t = time.time_ns()
+                    self.outages.append(Outage(t - NANOSECONDS, t + _REVIVAL))
                 self._bury(name)
                 self._start(name)
         if now - self._measured >= 1.0:

@@ -93,7 +93,8 @@ def test_memory_is_that_of_the_longest_lived_generation_after_its_warm_up() -> N
             # It grows much in the warm-up, which does not count.
             memory.add(begin + k, 1000.0 + 100.0 * min(k, soak.WARM_UP) + slope * k)
     assert memory.growth == pytest.approx(60.0 * 2.0)
-    assert (memory.start, memory.end) == (1000.0, 1000.0 + 100.0 * soak.WARM_UP + 800.0)
+    warm = 1000.0 + 100.0 * soak.WARM_UP
+    assert (memory.start, memory.end) == (warm + 2.0 * soak.WARM_UP, warm + 800.0)
     assert memory.fit.span == 400.0 - soak.WARM_UP
     short = soak.Memory()
     short.add(1.0, 5.0)
