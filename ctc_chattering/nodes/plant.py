@@ -15,6 +15,7 @@ from ctc_chattering import wire
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import Plant, PlantConfig
+from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
@@ -134,9 +135,9 @@ class PlantNode(Shell):
         if self._plant.k == self._last and self._last:
             self._end()
             return
-        self._plant.step(tau)
-        self.pace.sample(now, time.monotonic_ns())
-        self._publish_sample()
+        if self._step(tau):
+            self.pace.sample(now, time.monotonic_ns())
+            self._publish_sample()
 
     def _publish_sample(self) -> None:
         hold = self._settings.hold_at
@@ -181,7 +182,8 @@ class PlantNode(Shell):
                 if self._plant.k == self._last and self._last:
                     self._end()
                     return
-                self._plant.step(self._latest)
+                if not self._step(self._latest):
+                    return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
                 self._start = now - self._plant.k * self._period
             if self._tuning.news:
@@ -204,6 +206,18 @@ class PlantNode(Shell):
             'brakes on')
 
     # Both.
+
+    def _step(self, tau: Vector) -> bool:
+        """Go on by one period; return whether the robot still has a motion, and end if not."""
+        if self.failure is not None:
+            return False
+        try:
+            self._plant.step(tau)
+        except CtcError as error:
+            self.failure = str(error)
+            self.get_logger().fatal(self.failure)
+            self.done.set_result(None)
+        return self.failure is None
 
     def _publish_state(self) -> None:
         plant = self._plant
