@@ -26,6 +26,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.core.grid import NANOSECONDS
 
+#: Latest time that we take from a stamp, an hour before those of messages end [ns].
+LATEST = (2 ** 31 - 3600) * NANOSECONDS
 #: Encapsulation of little-endian CDR.
 _LITTLE = b'\x00\x01\x00\x00'
 #: Where a header's stamp stands, and the first byte behind it.

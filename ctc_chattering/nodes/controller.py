@@ -210,6 +210,8 @@ class ControllerNode(Shell):
         q, dq = pick(position), pick(velocity)
         if not isfinite(sum(q) + sum(dq)):
             raise Refused('not_finite', f'{list(q)}, {list(dq)}')
+        if t > wire.LATEST:
+            raise Refused('stamp', f'no stamp is as late as {seconds(t):.9f} s')
         if not self._seen:
             self._clock_heard = self.count_publishers(CLOCK) > 0
         self._simulated = self._clock_heard
@@ -233,7 +235,8 @@ class ControllerNode(Shell):
         if verdict == stamps.ANEW:
             self._count = 0
             self._tuning.news = True
-            self.get_logger().info(f'time begins anew at {seconds(t):.3f} s')
+            self.get_logger().info(
+                f'time begins anew at {seconds(t):.3f} s', throttle_duration_sec=1.0)
 
     def _answer(self, state: _State) -> None:
         """Send the torque that answers a state, or have the state wait."""

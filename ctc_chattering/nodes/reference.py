@@ -85,6 +85,8 @@ class ReferenceNode(Shell):
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
             raise Refused('real_time', 'the motion follows real time since its start')
+        if now > wire.LATEST:
+            raise Refused('stamp', f'no time is as late as {seconds(now):.9f} s')
         self._simulated, self._start = True, 0
         self._advance(now)
         self._extend()
