@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -59,6 +60,11 @@ def stamp(nanoseconds: int) -> Time:
 def nanoseconds_of(time: Time | Duration) -> int:
     """Return a time message in nanoseconds."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
+
+
+def read_clock(data: bytes) -> int:
+    """Return the time that a serialized `Clock` says [ns]."""
+    return nanoseconds_of(deserialize_message(data, Clock).clock)
 
 
 class State(NamedTuple):

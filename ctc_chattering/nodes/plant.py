@@ -66,7 +66,8 @@ class PlantNode(Shell):
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())
         self._inbox = Inbox(
             self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
-            self._on_answer if lockstep else self._on_command, qos(), trusting=lockstep)
+            self._on_answer if lockstep else self._on_command, qos(),
+            plausible=self._is_valid if lockstep else None)
         self.inboxes = [self._inbox]
         if not lockstep:
             self.create_timer(seconds(self._period), self._on_tick)
@@ -223,6 +224,12 @@ class PlantNode(Shell):
         plant = self._plant
         self._states.publish(self._writer.write(
             self._start + plant.k * self._period, *plant.measured, plant.applied))
+
+    def _is_valid(self, efforts: wire.Efforts) -> bool:
+        try:
+            return bool(self._torques(efforts))
+        except Refused:
+            return False
 
     def _torques(self, efforts: wire.Efforts) -> Vector:
         """Return the torques of a message in our order."""

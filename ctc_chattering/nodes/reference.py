@@ -6,7 +6,6 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -49,7 +48,7 @@ class ReferenceNode(Shell):
         self._next = self._pieces = 0
         self._subscribers = 0
         self._clock_inbox = Inbox(
-            self, Clock, CLOCK, _read_clock, self._on_clock, qos(), trusting=True)
+            self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), plausible=self._is_next)
         self._states: Inbox[wire.State] | None = Inbox(
             self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(10),
             lambda state: not self._mine.isdisjoint(state.names))
@@ -81,6 +80,10 @@ class ReferenceNode(Shell):
         if not self._subscribers:
             return Status(DiagnosticStatus.WARN, f'nobody listens to {REFERENCE}', values)
         return Status(DiagnosticStatus.OK, 'running', values)
+
+    def _is_next(self, now: int) -> bool:
+        """Return whether a time is within the motion that is published already."""
+        return self._now is not None and self._now <= now < self._next * self._period
 
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
@@ -124,10 +127,6 @@ class ReferenceNode(Shell):
             (self._start or 0) + first * self._period,
             [self._motion.at(seconds((first + k) * self._period))
              for k in range(self._piece)]))
-
-
-def _read_clock(data: bytes) -> int:
-    return wire.nanoseconds_of(deserialize_message(data, Clock).clock)
 
 
 def main() -> int:
