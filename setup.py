@@ -5,7 +5,12 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'ctc_chattering'
-CONFIG = sorted(str(path) for path in Path('config').iterdir())
+
+
+def files(directory):
+    """Return the files of a directory, without those below it."""
+    return sorted(str(path) for path in Path(directory).iterdir() if path.is_file())
+
 
 setup(
     name=NAME,
@@ -14,7 +19,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
-        (f'share/{NAME}/config', CONFIG),
+        (f'share/{NAME}/config', files('config')),
+        (f'share/{NAME}/config/trajectories', files('config/trajectories')),
     ],
     python_requires='>=3.10',
     install_requires=[
@@ -22,7 +28,10 @@ setup(
     extras_require={
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-        'test': ['hypothesis', 'pytest', 'scipy'],
+        'mujoco': ['mujoco'],
+        # The model urdf; of apt, ros-jazzy-pinocchio.
+        'urdf': ['pin'],
+        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'pin', 'pytest', 'scipy'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,
@@ -34,10 +43,10 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'plant = ctc_chattering.nodes.plant:main',
-            'controller = ctc_chattering.nodes.controller:main',
-            'reference = ctc_chattering.nodes.reference:main',
-            'recorder = ctc_chattering.nodes.recorder:main',
+            'plant = ctc_chattering.cli.node:plant',
+            'controller = ctc_chattering.cli.node:controller',
+            'reference = ctc_chattering.cli.node:reference',
+            'recorder = ctc_chattering.cli.node:recorder',
             'bringup = ctc_chattering.cli.bringup:main',
             'ctc = ctc_chattering.cli.ctc:main',
         ],

@@ -17,12 +17,20 @@ from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.grid import NANOSECONDS, seconds
+from ctc_chattering.core.model import Model
+from ctc_chattering.core.models import model_of
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.simulation import Run
 from ctc_chattering.core.terms import terms
 from ctc_chattering.core.trajectory import Trajectory
 from ctc_chattering.errors import CtcError
-from ctc_chattering.graph import COMMANDS, JOINT_STATES, PARAMETERS, REFERENCE
+from ctc_chattering.graph import (
+    COMMANDS,
+    JOINT_STATES,
+    PARAMETERS,
+    REFERENCE,
+    ROBOT_DESCRIPTION,
+)
 from ctc_chattering.result import Result
 from ctc_chattering.salvage import is_damaged, rewrite
 
@@ -124,8 +132,13 @@ class _Topics:
         configs = [(seconds(t - start), config) for t, config in history]
         plants = self._parameters('plant', PlantConfig)
         experiment = plants[0][1].experiment if plants else self._path.name
-        computed = terms(run, configs)
+        computed = terms(run, configs, self._model(history[0][1]))
         return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed)
+
+    def _model(self, config: ControllerConfig) -> Model:
+        """Return the controller's model, from the description that it published."""
+        texts = [message.data for message in self._messages(f'controller/{ROBOT_DESCRIPTION}')]
+        return model_of(config, texts[-1] if texts else '')
 
     def _connections(self, name: str) -> list[Connection]:
         return [x for x in self._reader.connections
@@ -196,8 +209,7 @@ class _Topics:
                             if labels else message.data)
         if len(commands) == len(states.t):
             return np.array(commands)
-        last = commands[-1:] or [states.effort[-1]]
-        return np.concatenate([states.effort[1:], last])
+        return np.concatenate([states.effort[1:], states.effort[-1:]])
 
 
 def _nanoseconds(time: Any) -> int:

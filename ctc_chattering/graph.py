@@ -8,8 +8,13 @@ JOINT_STATES = 'joint_states'
 COMMANDS = 'effort_controller/commands'
 REFERENCE = 'reference'
 CLOCK = 'clock'
+#: Topic under ``~/`` of the reference: waypoints to go through.
+JOINT_TRAJECTORY = 'joint_trajectory'
 #: Where every node of a system says how it is; an absolute name, as ROS has it.
 DIAGNOSTICS = '/diagnostics'
+#: Where a robot's URDF (or MJCF) is published once for all; the controller says again under
+#: ``~/`` which one it uses.
+ROBOT_DESCRIPTION = 'robot_description'
 #: Topics under ``~/`` of the controller.
 TRACKING, FILTER, TORQUES = 'tracking', 'filter', 'torques'
 #: Topic under ``~/`` of plant, controller and reference: the parameters in force.
@@ -44,9 +49,13 @@ TOPICS = {topic.name: topic for topic in (
     Topic(COMMANDS, 'std_msgs/msg/Float64MultiArray', ('plant', 'recorder')),
     Topic(REFERENCE, 'trajectory_msgs/msg/JointTrajectory', ('controller', 'recorder')),
     Topic(CLOCK, 'rosgraph_msgs/msg/Clock', ('reference', 'bringup', 'recorder')),
+    Topic(f'reference/{JOINT_TRAJECTORY}', 'trajectory_msgs/msg/JointTrajectory',
+          ('reference', 'recorder')),
     *(Topic(f'controller/{name}', 'sensor_msgs/msg/JointState', ('recorder',))
       for name in (TRACKING, FILTER, TORQUES)),
     *(Topic(f'{node}/{PARAMETERS}', 'rcl_interfaces/msg/ParameterEvent', ('recorder',), True)
       for node in ('plant', 'controller', 'reference')),
+    *(Topic(name, 'std_msgs/msg/String', ('recorder',), True)
+      for name in (ROBOT_DESCRIPTION, f'controller/{ROBOT_DESCRIPTION}')),
     Topic(DIAGNOSTICS, 'diagnostic_msgs/msg/DiagnosticArray', ('recorder',)),
 )}

@@ -14,10 +14,9 @@ from typing import Any
 
 from ctc_chattering import params, signals, supervisor
 from ctc_chattering.errors import CtcError
+from ctc_chattering.params import Overrides
 from ctc_chattering.settings import LOOP
 from ctc_chattering.share import config_directory
-
-Overrides = Mapping[str, Mapping[str, Any]]
 
 
 class Stopped(CtcError):
@@ -72,14 +71,15 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
     turns = None
     if lockstep and setup.values['bringup']['one_processor']:
         turns = one_processor()
-    with _signals() as caught, tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
+    with (stop_signals() as caught,
+          tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         resolved = Path(scratch) / 'params.yaml'
         params.dump(values, _namespace(ros_args), resolved)
         children: dict[str, supervisor.Child] = {}
         observer = None
         try:
             for name in names:
-                argv = [sys.executable, '-m', f'ctc_chattering.nodes.{name}', *ros_args,
+                argv = [sys.executable, '-m', 'ctc_chattering.cli.node', name, *ros_args,
                         '--ros-args', '--params-file', str(resolved)]
                 children[name] = supervisor.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)
@@ -128,7 +128,7 @@ def _namespace(ros_args: Sequence[str]) -> str:
 
 
 @contextmanager
-def _signals() -> Any:
+def stop_signals() -> Any:
     """Collect SIGINT and SIGTERM in the list that is yielded."""
     before = {number: signal.getsignal(number) for number in signals.STOP}
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 from pathlib import Path
-import re
 from typing import Any
 
 import yaml
@@ -16,23 +15,18 @@ from ctc_chattering.core.parameters import Config
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event
+from ctc_chattering.core.waypoints import Route
+from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.settings import BringupSettings, LOOP, NODES, parameters_of
+from ctc_chattering.trajectory_file import read_trajectory
+from ctc_chattering.yaml_file import Loader, read_yaml
 
 Values = dict[str, Any]
+#: Values by node and parameter that stand above a file's; node ``/**`` for all nodes.
+Overrides = Mapping[str, Mapping[str, Any]]
 #: Section whose parameters go to every node that knows them.
 EVERY_NODE = '/**'
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML with numbers as ROS reads them: 1e-3 is one."""
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float',
-    re.compile(r'^[-+]?(\d[\d_]*\.?\d*([eE][-+]?\d+)|\d[\d_]*\.\d*([eE][-+]?\d+)?|'
-               r'\.\d+([eE][-+]?\d+)?|\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'),
-    list('-+0123456789.'))
 
 
 class _Dumper(yaml.SafeDumper):
@@ -40,7 +34,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.yaml_implicit_resolvers = {
-    key: [*_Loader.yaml_implicit_resolvers.get(key, []), *value]
+    key: [*Loader.yaml_implicit_resolvers.get(key, []), *value]
     for key, value in yaml.SafeDumper.yaml_implicit_resolvers.items()}
 
 
@@ -57,6 +51,10 @@ class Setup:
         Parameters that change during the run, in the order of time.
     values : mapping
         Every parameter's value, by executable and parameter.
+    route : Route or None
+        What the reference's `trajectory_file` holds, in the order of its joints.
+    descriptions : mapping
+        Text of the robot's description by node, for those that need one and name a file.
 
     """
 
@@ -65,9 +63,11 @@ class Setup:
     reference: ReferenceConfig
     events: tuple[Event, ...]
     values: Mapping[str, Values]
+    route: Route | None = None
+    descriptions: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
-def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = None) -> Setup:
+def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     """
     Read a parameter file for the whole graph.
 
@@ -76,13 +76,14 @@ def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = 
     path : Path or None
         None for the defaults: the paper's first experiment.
     overrides : mapping, optional
-        Values by node and parameter that stand above the file's; node ``/**`` for all nodes.
+        What stands above the file's.
 
     Raises
     ------
     CtcError
         If the file cannot be read, names a node or a parameter that does not exist, holds a
-        value that is not allowed, or values that contradict each other.
+        value that is not allowed, or values that contradict each other; or if the file of
+        waypoints that it names is wrong.
 
     """
     sections = read(path) if path is not None else {}
@@ -107,7 +108,13 @@ def load(path: Path | None, overrides: Mapping[str, Mapping[str, Any]] | None = 
     events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
     resolved = {node: {name: value for config in configs[node]
                        for name, value in config.as_mapping().items()} for node in NODES}
-    return Setup(plant, controller, reference, events, resolved)
+    route = None
+    if reference.trajectory_file:
+        route = read_trajectory(Path(reference.trajectory_file), reference.joint_names)
+    descriptions = {node: read_description(config.description)
+                    for node, config in (('plant', plant), ('controller', controller))
+                    if config.described and config.description}
+    return Setup(plant, controller, reference, events, resolved, route, descriptions)
 
 
 def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
@@ -142,14 +149,7 @@ def read(path: Path) -> dict[str, Values]:
         If the file cannot be read or is no parameter file.
 
     """
-    try:
-        with path.open(encoding='utf-8') as stream:
-            tree = yaml.load(stream, _Loader)
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
-    except (yaml.YAMLError, ValueError) as error:
-        text = ' '.join(str(error).split())
-        raise CtcError(f'{path}: not a YAML file: {text}') from None
+    tree = read_yaml(path)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
     sections: dict[str, Values] = {}
@@ -226,7 +226,10 @@ def _build(config: type[Config], values: Values, node: str) -> Config:
 def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
                      reference: ReferenceConfig) -> None:
     """Raise `CtcError` where the nodes' values contradict each other."""
-    for name in ('joint_names', 'model', 'gravity'):
+    names = ['joint_names', 'gravity']
+    if plant.plant_backend == 'builtin':
+        names += ['model', 'locked']
+    for name in names:
         ours, theirs = getattr(controller, name), getattr(plant, name)
         if ours != theirs:
             raise _contradiction(name, 'controller', ours, 'plant', theirs)
@@ -277,7 +280,7 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
         if not 0.0 <= time < float('inf'):
             raise ParameterError('events', line, 'a time >= 0')
         try:
-            parsed = yaml.load(value, _Loader)
+            parsed = yaml.load(value, Loader)
         except (yaml.YAMLError, ValueError):
             raise ParameterError('events', line, 'a value in YAML') from None
         if parsed is None:

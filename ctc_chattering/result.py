@@ -12,6 +12,8 @@ from typing import Any
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.metrics import metrics
+from ctc_chattering.core.models import model_of
+from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.simulation import Run, simulate
 from ctc_chattering.core.terms import Terms, terms
 from ctc_chattering.errors import CtcError
@@ -104,7 +106,10 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> 
         Called now and then with the simulated time [s].
 
     """
-    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress)
+    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress,
+                   route=setup.route,
+                   robot=make_plant(setup.plant, setup.descriptions.get('plant', '')),
+                   model=model_of(setup.controller, setup.descriptions.get('controller', '')))
     configs = [(0.0, setup.controller)]
     for event in setup.events:
         if event.node == 'controller':

@@ -153,4 +153,6 @@ def _shown(spec: Parameter) -> str:
             f'{x:.6g}' if isinstance(x, float) else x or "''" for x in spec.default) + ']'
     if isinstance(spec.default, float):
         return f'{spec.default:g}'.replace('inf', '.inf')
-    return str(spec.default).lower() if isinstance(spec.default, bool) else str(spec.default)
+    if isinstance(spec.default, bool):
+        return str(spec.default).lower()
+    return str(spec.default) or "''"

@@ -94,6 +94,8 @@ class Piece(NamedTuple):
     names: tuple[str, ...]
     times: list[int]
     points: list[Point]
+    #: Stamp of the message; 0 for now [ns].
+    start: int = 0
 
 
 def _deserialize(data: bytes, kind: Any) -> Any:
@@ -379,7 +381,7 @@ class TrajectoryReader:
                 return None
             points.append((x[1:n + 1], x[n + 2:2 * n + 2], x[2 * n + 3:3 * n + 3]))
             times.append(t + x[-2] * NANOSECONDS + x[-1])
-        return Piece(self._names, times, points)
+        return Piece(self._names, times, points, t)
 
     def _learn(self, data: bytes) -> Piece:
         message = _deserialize(data, JointTrajectory)
@@ -388,7 +390,7 @@ class TrajectoryReader:
             tuple(message.joint_names),
             [start + nanoseconds_of(p.time_from_start) for p in message.points],
             [(tuple(p.positions), tuple(p.velocities), tuple(p.accelerations))
-             for p in message.points])
+             for p in message.points], start)
         self._start = -1
         n = len(piece.names)
         if n and piece.points and data[:_STAMP] == _LITTLE:

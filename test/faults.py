@@ -165,7 +165,7 @@ def malformed(kind: Kind, count: int, seed: int = 1) -> list[bytes]:
 
 def nodes_of(pid: int) -> dict[str, int]:
     """Return the processes of the nodes that bringup has started, by name."""
-    mark = 'ctc_chattering.nodes.'
+    mark = 'ctc_chattering.cli.node '
     return {line.split(mark)[1].split()[0]: child for child, line in descendants(pid).items()
             if mark in line}
 

@@ -5,7 +5,15 @@ import math
 from typing import Any
 
 import numpy as np
-from oracles import Array, Generic, inclusion_by_enumeration, paper_c, paper_g, paper_m
+from oracles import (
+    Array,
+    Generic,
+    inclusion_by_enumeration,
+    Masses,
+    paper_c,
+    paper_g,
+    paper_m,
+)
 import pytest
 
 from ctc_chattering.core.controller import Controller, ControllerConfig, LAWS, Sample
@@ -297,3 +305,253 @@ def test_switching_is_bumpless(before: str, after: str) -> None:
         np.testing.assert_allclose(np.subtract(b.tau, a.tau), step, atol=1e-9)
         differs += bool(np.abs(step).max() > 0.01)
     assert (differs > 5) == (before != after)
+
+
+STILL = ([0.0, 0.0], [0.0, 0.0])
+AWAY = ([3.0, -3.0], [0.0, 0.0], [0.0, 0.0])
+
+
+def test_rate_limit_is_a_ramp_and_is_off_by_default() -> None:
+    """Check min(k r h, |wanted|) on each joint at its own rate, from 0 on and on the way back."""
+    assert ControllerConfig().effort_rate_limit == (math.inf, math.inf)
+    free = Controller(_config(law='compensation')).step(*STILL, *AWAY)
+    assert free.excess is None
+    assert min(np.abs(free.tau)) > 30.0
+    rates = np.array([5e5, 4e3])
+    limited = Controller(_config(law='compensation', effort_rate_limit=rates.tolist()))
+    for k in range(1, 60):
+        sample = limited.step(*STILL, *AWAY)
+        ramp = np.sign(free.tau) * np.minimum(k * rates * 1e-3, np.abs(free.tau))
+        np.testing.assert_allclose(sample.tau, ramp, rtol=1e-12)
+        assert (sample.excess is None) == bool((np.abs(ramp) == np.abs(free.tau)).all())
+        if sample.excess is not None:
+            np.testing.assert_allclose(sample.excess, free.tau - ramp, atol=1e-9)
+    assert sample.excess is None
+    back = limited.step(*STILL, [-3.0, 3.0], *AWAY[1:])
+    np.testing.assert_allclose(
+        np.subtract(back.tau, sample.tau), -np.sign(free.tau) * rates * 1e-3, rtol=1e-9)
+
+
+@pytest.mark.parametrize('delay', [0, 2])
+@pytest.mark.parametrize('switching', SWITCHINGS)
+@pytest.mark.parametrize('limits', [
+    {'effort_limit': [60.0, 9.0]}, {'effort_rate_limit': [2e4, 3e3]},
+    {'effort_limit': [60.0, 9.0], 'effort_rate_limit': [2e4, 3e3]},
+    {'effort_limit': [60.0, math.inf], 'effort_rate_limit': [math.inf, 3e3]}, {}])
+def test_effort_and_rate_limit_together(
+        limits: dict[str, list[float]], switching: str, delay: int) -> None:
+    """Check every torque of a random run against numpy's clip, first by the rate, then by size."""
+    rng = np.random.default_rng(13)
+    law = Controller(_config(switching=switching, input_delay=delay, **limits, **FULL))
+    most = np.array(limits.get('effort_limit', [math.inf] * 2))
+    step = np.array(limits.get('effort_rate_limit', [math.inf] * 2)) * 0.002
+    last, cut, whole = np.zeros(2), 0, 0
+    for k in range(100):
+        rows = _near(rng, 1e-3) if k % 2 else _inputs(rng)
+        s = law.step(*rows, [_near(rng)[2:] for _ in range(delay)])
+        wanted = np.array(s.inverse_dynamics) - s.compensation - s.chattering
+        tau = np.clip(np.clip(wanted, last - step, last + step), -most, most)
+        assert list(s.tau) == tau.tolist()
+        assert (s.excess is None) == (tau == wanted).all()
+        if s.excess is not None:
+            assert list(s.excess) == (wanted - tau).tolist()
+            cut += 1
+        else:
+            whole += 1
+        last = tau
+    assert (cut > 20) == bool(limits)
+    assert limits or whole == 100
+
+
+def test_a_rate_limit_set_while_running_goes_on_from_the_torque_in_force() -> None:
+    """Check that the first torque under it is a step away from the last one without."""
+    law = Controller(_config(law='compensation'))
+    before = law.step(*STILL, *AWAY).tau
+    law.configure(law.config.changed({'effort_rate_limit': [1e3, 2e3]}))
+    after = law.step(*STILL, [-3.0, 3.0], *AWAY[1:]).tau
+    np.testing.assert_allclose(
+        np.subtract(after, before), -np.sign(before) * [1.0, 2.0], rtol=1e-9)
+
+
+@pytest.mark.parametrize('held', [None, [70.0, -5.0]])
+def test_after_reset_the_rate_limit_goes_on_from_what_is_held(held: list[float] | None) -> None:
+    """Check the torque given, or 0, and not the one before the reset."""
+    law = Controller(_config(effort_rate_limit=[1e3, 1e3]))
+    for _ in range(20):
+        law.step(*STILL, *AWAY)
+    law.reset(bumpless=True, held=held)
+    gap = np.subtract(law.step(*STILL, *AWAY).tau, held or [0.0, 0.0])
+    assert np.abs(gap) == pytest.approx([1.0, 1.0])
+
+
+def test_limits_that_are_not_reached_change_nothing() -> None:
+    """Check that torques are bit-equal, and the filter too, without anti_windup or with."""
+    rng = np.random.default_rng(14)
+    wide = {'effort_limit': [1e9, 1e9], 'effort_rate_limit': [1e12, 1e12]}
+    laws = [Controller(_config(switching='implicit_observer', **FULL, **values))
+            for values in ({}, wide, {**wide, 'anti_windup': False})]
+    for _ in range(50):
+        rows = _inputs(rng)
+        a, b, c = (law.step(*rows) for law in laws)
+        assert a == b == c
+        assert a.excess is None
+
+
+LIMITS = {'effort_limit': [6.0, 2.0], 'effort_rate_limit': [2e3, 1e3]}
+MASS = np.array([[2.0, 0.7], [0.7, 0.5]])
+
+
+def _saturated(switching: str, delay: int, law: str, **values: Any) -> tuple[Array, Array, int]:
+    """
+    Return by how much v misses a v without limits, the least it could by what is cut, and cuts.
+
+    The plant is two masses in closed form; without limits, the v after next is exactly
+    exp(-λ h) v + (b h - c) u - b h M⁻¹ (N - w), with w the torque wanted `delay` samples ago.
+    """
+    h, b, pole = 1e-3, 1.3, 7.0
+    made = Controller(_config(
+        switching=switching, input_delay=delay, law=law, b=b, ka=[3.0, 1.0],
+        **{'lambda': pole}, **values), Masses(MASS.tolist()))
+    decay = math.exp(-pole * h)
+    rng, q, dq = np.random.default_rng(19), np.array([0.0, 0.3]), np.array([0.4, 0.0])
+    q_d, dq_d = np.zeros(2), np.zeros(2)
+    on_way = [(np.zeros(2), np.zeros(2))] * delay
+    wanted_v, misses, effects, cuts = None, [], [], 0
+    for _ in range(300):
+        ddq_d = rng.normal(size=2) * [5.0, 9.0]
+        goal = q_d.tolist(), dq_d.tolist(), ddq_d.tolist()
+        s = made.step(q.tolist(), dq.tolist(), *goal, [goal] * delay)
+        if wanted_v is not None:
+            misses.append(np.abs(s.v - wanted_v))
+        u = 50.0 * np.array(s.de) + 100.0 * np.array(s.e)
+        excess = np.zeros(2) if s.excess is None else np.array(s.excess)
+        cuts += s.excess is not None
+        on_way.append((np.array(s.tau), excess))
+        tau, excess = on_way.pop(0)
+        lack = MASS @ (ddq_d + u) - tau - excess
+        wanted_v = (decay * np.array(s.v) + b * (h - (1.0 - decay) / pole) * u
+                    - b * h * np.linalg.solve(MASS, lack))
+        effects.append(np.abs(b * h * np.linalg.solve(MASS, excess)))
+        a = np.linalg.solve(MASS, tau)
+        q, dq = q + h * dq + h * h / 2 * a, dq + h * a
+        q_d, dq_d = q_d + h * dq_d, dq_d + h * ddq_d
+    return np.array(misses), np.array(effects[:-1]), cuts
+
+
+@pytest.mark.parametrize('delay', [0, 1, 3])
+@pytest.mark.parametrize(('switching', 'law'), [
+    *((name, 'chattering') for name in SWITCHINGS), ('sign', 'compensation')])
+def test_anti_windup_keeps_what_is_cut_off_out_of_v(
+        switching: str, law: str, delay: int) -> None:
+    """Check v at every sample: on, as if nothing were cut; off, less what the cut has cost."""
+    misses, _, cuts = _saturated(switching, delay, law, **LIMITS)
+    assert cuts > 200
+    assert misses.max() < 1e-10
+    misses, effects, cuts = _saturated(switching, delay, law, anti_windup=False, **LIMITS)
+    assert cuts > 200
+    assert effects.max() > 0.02
+    np.testing.assert_allclose(misses, effects, atol=1e-10)
+    misses, effects, cuts = _saturated(switching, delay, law)
+    assert (cuts, effects.max()) == (0, 0.0)
+    assert misses.max() < 1e-10
+
+
+@pytest.mark.parametrize('switching', SWITCHINGS)
+def test_the_prediction_knows_what_was_cut_off(switching: str) -> None:
+    """Check a limited torque sent ahead against the undelayed law of the state it arrives in."""
+    h, delay = 1e-3, 3
+    values: dict[str, Any] = {'switching': switching, 'ka': [5.0, 5.0], 'observer_bandwidth': 1e-9}
+    limit = {'effort_limit': [4.0, 1.5]}
+    late = Controller(_config(input_delay=delay, **values, **limit), Masses(MASS.tolist()))
+    prompt = Controller(_config(**values), Masses(MASS.tolist()))
+    q, dq, sent, cuts = np.array([0.1, -0.1]), np.array([0.3, 0.4]), [np.zeros(2)] * delay, 0
+    goals = [([0.1 * math.sin(3.0 * k * h), 0.2], [0.3 * math.cos(3.0 * k * h), 0.0],
+              [-0.9 * math.sin(3.0 * k * h), 0.0]) for k in range(1000 + delay)]
+    for k in range(1000):
+        if k == delay:  # Until then, what was applied is no torque of a limited law.
+            prompt.configure(prompt.config.changed(limit))
+        s = late.step(q.tolist(), dq.tolist(), *goals[k], goals[k + 1:k + 1 + delay])
+        seen = prompt.step(q.tolist(), dq.tolist(), *goals[k])
+        assert s.v == pytest.approx(list(seen.v), abs=1e-9)
+        sent.append(np.array(s.tau))
+        if k >= delay and (switching != 'sign' or np.abs(s.v).min() > 1e-6):
+            np.testing.assert_allclose(sent[k], seen.tau, atol=1e-6)
+        cuts += s.excess is not None
+        a = np.linalg.solve(MASS, sent[k])
+        q, dq = q + h * dq + h * h / 2 * a, dq + h * a
+    assert 50 < cuts < 950 or switching == 'sign'
+
+
+@pytest.mark.parametrize('switching', ['sign', 'boundary_layer'])
+@pytest.mark.parametrize('gains', [{}, {'b': 0.5}])
+def test_bumpless_reset_begins_with_the_inverse_dynamics(
+        switching: str, gains: dict[str, float]) -> None:
+    """Check the first torque to the last bit from a random state; v = -b de without `bumpless`."""
+    rng = np.random.default_rng(15)
+    law = Controller(_config(**{**FULL, **gains}, switching=switching))
+    for _ in range(20):
+        law.step(*_inputs(rng))
+        law.reset(bumpless=True)
+        s = law.step(*_inputs(rng))
+        assert list(s.v) == list(s.chattering) == [0.0, 0.0]
+        assert list(s.tau) == list(s.inverse_dynamics)
+        assert any(law.step(*_inputs(rng)).v)
+        law.reset(bumpless=True)
+        law.reset()
+        s = law.step(*_inputs(rng))
+        assert list(s.v) == [-law.config.b * x for x in s.de]
+
+
+@pytest.mark.parametrize('switching', ['implicit', 'implicit_observer'])
+def test_bumpless_reset_of_the_implicit_laws_is_of_the_order_of_h(switching: str) -> None:
+    """Check that the first term is M u λ h / 2 and more, and that a plain reset has all of Ka."""
+    rows, sizes = _inputs(np.random.default_rng(16)), []
+    for h in (2e-3, 1e-3, 5e-4):
+        law = Controller(_config(**{
+            **FULL, 'ka': [1e6, 1e6], 'control_period': h}, switching=switching))
+        law.step(*_inputs(np.random.default_rng(17)))
+        law.reset(bumpless=True)
+        s = law.step(*rows)
+        assert list(s.v) == [0.0, 0.0]
+        np.testing.assert_allclose(
+            s.tau, np.subtract(s.inverse_dynamics, s.chattering), rtol=1e-12)
+        kv, kp = (np.array(FULL[name]).reshape(2, 2) for name in ('kv', 'kp'))
+        push = paper_m(rows[0]) @ (kv @ s.de + kp @ s.e)
+        sizes.append(np.array(s.chattering))
+        np.testing.assert_allclose(s.chattering, push * 7.0 * h / 2, rtol=0.01)
+        law.reset()
+        assert np.abs(law.step(*rows).chattering).min() > 10.0 * np.abs(s.chattering).max()
+    assert sizes[0] / sizes[1] == pytest.approx([2.0, 2.0], rel=0.01)
+    assert sizes[1] / sizes[2] == pytest.approx([2.0, 2.0], rel=0.01)
+
+
+def test_bumpless_reset_is_for_the_next_state_only() -> None:
+    """Check that the filter, settled once, lives on: v is its own from the second state on."""
+    rng = np.random.default_rng(18)
+    law = Controller(_config(**FULL))
+    law.reset(bumpless=True)
+    first, second = _inputs(rng), _inputs(rng)
+    s = law.step(*first)
+    kv, kp = (np.array(FULL[name]).reshape(2, 2) for name in ('kv', 'kp'))
+    de, u = np.array(s.de), kv @ s.de + kp @ s.e
+    decay = math.exp(-7.0 * 0.002)
+    xi = 1.3 * (decay * de + (1.0 - decay) / 7.0 * (7.0 * de - u))
+    s = law.step(*second)
+    np.testing.assert_allclose(s.v, xi - 1.3 * np.array(s.de), rtol=1e-12)
+
+
+@pytest.mark.parametrize('value', [[0.0, 1.0], [-1.0, 1.0], [math.nan, 1.0], [1.0]])
+@pytest.mark.parametrize('name', ['error_limit', 'effort_rate_limit'])
+def test_limits_must_be_positive(name: str, value: list[float]) -> None:
+    """Check that none, negative and missing ones are refused; .inf is the default and allowed."""
+    with pytest.raises(ParameterError, match=name):
+        _config(**{name: value})
+    assert getattr(_config(), name) == (math.inf, math.inf)
+    assert getattr(_config(**{name: [0.5, math.inf]}), name) == (0.5, math.inf)
+
+
+def test_the_law_itself_does_not_know_the_error_limit() -> None:
+    """Check that torques beyond it are bit-equal: who sends them judges."""
+    a, b = (Controller(_config(error_limit=x)).step(*STILL, *AWAY) for x in (
+        [1e-3, 1e-3], [math.inf, math.inf]))
+    assert a == b

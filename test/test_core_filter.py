@@ -114,3 +114,33 @@ def test_state_lives_on() -> None:
 def test_starts_at_rest() -> None:
     """Check ξ(0) = 0, so that v(0) = -b de(0)."""
     assert list(_filter(3, 5.0, 2.0, 1e-3).output([1.0, -2.0, 0.0])) == [-2.0, 4.0, 0.0]
+
+
+@pytest.mark.parametrize('b', [1.0, 0.4])
+def test_settled_it_has_no_output(b: float) -> None:
+    """Check v = 0 to the last bit whatever ξ was, and that it then goes on as from any ξ."""
+    rng = np.random.default_rng(2)
+    made = _filter(3, 7.0, b, 0.01)
+    for _ in range(20):
+        made.update(rng.normal(size=3).tolist(), rng.normal(size=3).tolist())
+    de, feedback = rng.normal(size=3), rng.normal(size=3)
+    assert any(made.output(de.tolist()))
+    made.settle(de.tolist())
+    assert list(made.output(de.tolist())) == [0.0, 0.0, 0.0]
+    made.update(de.tolist(), feedback.tolist())
+    decay = np.exp(-7.0 * 0.01)
+    expected = b * de * decay + b * (1 - decay) / 7.0 * (7.0 * de - feedback)
+    np.testing.assert_allclose(made.output([0.0] * 3), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(('b', 'h'), [(1.0, 1e-3), (2.5, 0.02)])
+def test_shift_is_what_a_push_over_one_period_does(b: float, h: float) -> None:
+    """Check it against the filter's own answer to a velocity that a held push has changed."""
+    push = np.array([3.0, -40.0])
+    made = _filter(2, 5.0, b, h)
+    made.update([0.3, 0.2], [1.0, -2.0])
+    calm, pushed = (np.array(made.output(list(de))) for de in (
+        (0.3, 0.2), np.array([0.3, 0.2]) + h * push))
+    shift = made.shift(push.tolist())
+    np.testing.assert_allclose(pushed + shift, calm, atol=1e-13)
+    assert shift == pytest.approx((b * h * push).tolist())

@@ -1,4 +1,4 @@
-"""The base class of models, its small linear algebra, and the models by name."""
+"""The base class of models, and its small linear algebra."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,9 +7,7 @@ from oracles import Array, Generic, Masses, paper_c, paper_g, paper_m, random_sp
 import pytest
 
 from ctc_chattering.core.model import dot, Model, solve, times
-from ctc_chattering.core.models import check_model, make_model, MODELS
 from ctc_chattering.core.two_link import TwoLink
-from ctc_chattering.errors import CtcError, ParameterError
 
 
 @given(st.integers(1, 6), st.integers(0, 2 ** 32 - 1), st.floats(0.0, 6.0))
@@ -81,20 +79,6 @@ def test_power_balance() -> None:
         after, before = (_energy(model, q + t * np.array(dq) + 0.5 * t * t * a, dq + t * a)
                          for t in (h, -h))
         assert (after - before) / (2 * h) == pytest.approx(u @ dq, abs=1e-4)
-
-
-def test_models_by_name() -> None:
-    """Check that the gravity is passed on, and that unknown names and counts are refused."""
-    assert MODELS == ('two_link',)
-    model = make_model('two_link', 3.0)
-    assert isinstance(model, TwoLink)
-    np.testing.assert_allclose(model.gravity_torque([1.0, 0.5]), paper_g([1.0, 0.5], 3.0))
-    with pytest.raises(ParameterError, match="model: 'puma' is not allowed; allowed: two_link"):
-        make_model('puma', 9.81)
-    check_model('two_link', ('a', 'b'))
-    for names in ((), ('a',), ('a', 'b', 'c')):
-        with pytest.raises(CtcError, match='2 names'):
-            check_model('two_link', names)
 
 
 def test_base_class_is_abstract() -> None:

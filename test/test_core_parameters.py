@@ -206,8 +206,12 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
             assert type(value) is int
             assert 0 <= value <= (100 if name == 'input_delay' else 2 ** 62)
             continue
+        if name == 'anti_windup':
+            assert type(value) is bool
+            continue
         assert all(type(x) is float for x in numbers)
-        if name in ('effort_limit', 'torque_saturation', 'observer_bandwidth'):
+        if name in ('effort_limit', 'effort_rate_limit', 'error_limit', 'torque_saturation',
+                    'observer_bandwidth'):
             assert all(x > 0.0 for x in numbers)
             continue
         assert all(math.isfinite(x) for x in numbers)
@@ -219,5 +223,5 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
             assert min(numbers) > 0.0
         elif name in ('ka', 'coulomb_friction', 'gravity', 'duration', 'frequency',
                       'viscous_friction', 'stribeck_friction', 'gravity_scale',
-                      'position_noise', 'velocity_noise', 'encoder_resolution'):
+                      'position_noise', 'velocity_noise', 'encoder_resolution', 'fault_damping'):
             assert min(numbers) >= 0.0

@@ -231,3 +231,91 @@ def test_parameters() -> None:
     assert config.disturbance_amplitude == config.initial_position == (0.0, 0.0)
     with pytest.raises(ParameterError, match='2 names for model two_link'):
         PlantConfig(joint_names=('a', 'b', 'c'))
+
+
+@pytest.mark.parametrize('viscous', [0.0, 0.3])
+def test_brakes_are_viscous_friction(viscous: float) -> None:
+    """Check dq exp(-(c + d) t / m) and the way with brakes on, and exp(-c t / m) with them off."""
+    plant = _plant(masses=SLIDERS, coulomb_friction=[0, 0], viscous_friction=[viscous, viscous],
+                   fault_damping=[4.0, 2.5], initial_velocity=[1.0, -2.0])
+    q, dq = np.zeros(2), np.array([1.0, -2.0])
+    assert not plant.braking
+    for braking in (False, True, False, True):
+        plant.braking = braking
+        assert plant.braking == braking
+        for _ in range(100):
+            plant.step([0.0, 0.0])
+        c, mass = viscous + np.array([4.0, 2.5]) * braking, np.array([2.0, 0.5])
+        rate = np.maximum(c / mass, 1e-12)
+        q, dq = q - dq * np.expm1(-rate * 0.1) / rate, dq * np.exp(-rate * 0.1)
+        np.testing.assert_allclose(plant.q, q, atol=1e-9)
+        np.testing.assert_allclose(plant.dq, dq, atol=1e-9)
+    assert abs(dq[0]) < (0.7 if viscous == 0.0 else 0.65)
+
+
+def test_brakes_do_not_change_the_motion_unless_they_are_on() -> None:
+    """Check that fault_damping alone is bit for bit nothing, as is a brake of 0."""
+    motions = []
+    for damping, braking in ((20.0, False), (1e3, False), (0.0, True), (20.0, True)):
+        plant = _plant(initial_position=[2.0, 1.0], fault_damping=[damping, damping])
+        plant.braking = braking
+        for _ in range(500):
+            plant.step([3.0, 1.0])
+        motions.append([*plant.q, *plant.dq])
+    assert motions[0] == motions[1] == motions[2]
+    assert np.abs(np.subtract(motions[0], motions[3])).max() > 0.1
+
+
+def test_brakes_and_coulomb_friction() -> None:
+    """
+    Check that a joint stops where dq = (v0 + Kf/c) exp(-c t / m) - Kf/c ends, and then sticks.
+
+    Without the brakes it slides for m v0 / Kf, which is longer.
+    """
+    mass, kf, c, v0 = 2.0, 3.0, 5.0, 1.5
+    stop = mass / c * np.log1p(c * v0 / kf)
+    plant = _plant(masses=SLIDERS, coulomb_friction=[kf, 1.0], fault_damping=[c, c],
+                   initial_velocity=[v0, 0.0])
+    plant.braking = True
+    while plant.t < 1.2:
+        plant.step([0.0, 0.9])
+        left = min(plant.t, stop)
+        speed = (v0 + kf / c) * np.exp(-c * left / mass) - kf / c
+        assert plant.dq[0] == pytest.approx(speed, abs=1e-9)
+        assert (plant.modes[0] == 0) == (plant.t > stop)
+        assert (plant.q[1], plant.dq[1], plant.modes[1]) == (0.0, 0.0, 0)
+    way = (v0 + kf / c) * mass / c * -np.expm1(-c * stop / mass) - kf / c * stop
+    assert plant.q[0] == pytest.approx(way, abs=1e-9)
+    assert plant.dq[0] == 0.0
+    assert stop < 0.6 * mass * v0 / kf
+    plant.step([3.1, 1.1])
+    assert min(plant.dq) > 0.0
+
+
+def test_brakes_hold_no_load_up() -> None:
+    """Check that the arm, let go under gravity, sinks at a speed its brakes allow, to rest."""
+    sinks = {}
+    for braking in (False, True):
+        plant = _plant(initial_position=[1.5, 0.3], coulomb_friction=[0, 0])
+        plant.braking = braking
+        start, fastest = _energy(plant), 0.0
+        for _ in range(20_000):
+            before = _energy(plant)
+            plant.step([0.0, 0.0])
+            fastest = max(fastest, float(np.abs(plant.dq).max()))
+            assert _energy(plant) <= before + 1e-7
+        sinks[braking] = fastest
+        assert (_energy(plant) < 0.9 * start - 10.0) == braking
+    assert np.abs([*plant.q, *plant.dq]).max() < 1e-2
+    assert sinks[True] < 0.6 * sinks[False]
+
+
+def test_configure_keeps_the_brakes() -> None:
+    """Check that a parameter set while they are on neither releases nor forgets them."""
+    plant = _plant(masses=SLIDERS, coulomb_friction=[0, 0], initial_velocity=[1.0, 1.0],
+                   fault_damping=[0.0, 0.0])
+    plant.braking = True
+    plant.configure(plant.config.changed({'fault_damping': [4.0, 0.0]}))
+    assert plant.braking
+    plant.step([0.0, 0.0])
+    assert list(plant.dq) == pytest.approx([np.exp(-2e-3), 1.0], rel=1e-12)

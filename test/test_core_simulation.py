@@ -13,6 +13,7 @@ from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.core.simulation import Event, Run, simulate
 from ctc_chattering.core.terms import Terms, terms
+from ctc_chattering.core.waypoints import Route
 from ctc_chattering.errors import CtcError
 
 
@@ -237,3 +238,86 @@ def test_lyapunov_function_does_not_grow() -> None:
         assert (rise[falling] < 0.0).all()
     assert rises[0] > 2.5 * rises[1] > 2.5 ** 2 * rises[2]
     assert rises[2] < 2e-6
+
+
+def _started(duration: float, reference: dict[str, Any], **plant: Any) -> Run:
+    return simulate(PlantConfig(duration=duration, **plant), ControllerConfig(),
+                    ReferenceConfig.from_mapping(reference))
+
+
+def test_smooth_start_spares_the_drives() -> None:
+    """Check the peak of the torque: that of the motion itself, a twentieth of the paper's."""
+    paper, smooth = (_started(4.0, {'start_duration': x}) for x in (0.0, 1.0))
+    assert np.abs(paper.tau).max(axis=0) == pytest.approx([5022.4, 803.3], abs=0.1)
+    needed = np.abs(paper.tau[2000:]).max(axis=0)
+    assert (np.abs(smooth.tau).max(axis=0) < 1.05 * needed).all()
+    assert np.abs(smooth.tau).max() < 300.0
+    assert smooth.tau[0] == pytest.approx([0.0, 0.0], abs=1e-9)
+    error = np.abs(smooth.q_d - smooth.q).max(axis=0)
+    assert (error < [3e-4, 2e-3]).all()
+    assert (smooth.q_d[1000:] == paper.q_d[1000:]).all()
+    assert (smooth.ddq_d[1000:] == paper.ddq_d[1000:]).all()
+
+
+def test_smooth_start_begins_at_the_measured_state() -> None:
+    """Check that error, v and feedback are 0 at t = 0 with a moving robot and noisy sensors."""
+    run = _started(0.1, {'start_duration': 2.0, 'joint_names': ['joint2', 'x', 'joint1'],
+                         'center': [0.0, 5.0, 1.0]},
+                   initial_position=(0.7, -0.4), initial_velocity=(0.3, -0.2),
+                   position_noise=(1e-3, 1e-3), velocity_noise=(1e-3, 1e-3),
+                   encoder_resolution=(1e-4, 1e-4))
+    assert run.q_d[0].tolist() == run.q[0].tolist() != [0.7, -0.4]
+    assert run.dq_d[0].tolist() == run.dq[0].tolist() != [0.3, -0.2]
+    assert run.v[0].tolist() == run.ddq_d[0].tolist() == [0.0, 0.0]
+
+
+def test_smooth_start_under_a_delay() -> None:
+    """Check that the law which looks ahead sees the same motion: the error stays small."""
+    run = simulate(
+        PlantConfig(duration=2.0, input_delay=2),
+        ControllerConfig(input_delay=2, ka=(12.0, 12.0), switching='implicit_observer'),
+        ReferenceConfig(start_duration=1.0), truth=True)
+    assert np.abs(run.q_d - run.q).max() < 5e-3
+    assert np.abs(run.tau).max() < 300.0
+
+
+def test_waypoints() -> None:
+    """Check that waypoints by name are met, from a robot at rest elsewhere, and then rest."""
+    route = Route(('joint2', 'joint1'), (10 ** 9, 2 * 10 ** 9), (
+        ((0.5, 1.0), (0.0, 0.5), (0.0, 0.0)), ((-0.5, 2.0), (0.0, 0.0), (0.0, 0.0))))
+    run = simulate(PlantConfig(duration=2.5, initial_position=(0.2, 0.1)), ControllerConfig(),
+                   ReferenceConfig(trajectory_file='read already'), route=route)
+    assert [run.q_d[k].tolist() for k in (0, 1000, 2000, 2500)] == [
+        [0.2, 0.1], [1.0, 0.5], [2.0, -0.5], [2.0, -0.5]]
+    assert run.dq_d[-1].tolist() == [0.0, 0.0]
+    assert np.abs(run.q_d - run.q).max() < 3e-3
+    assert np.abs(run.tau).max() < 300.0
+    with pytest.raises(CtcError, match='has not been read'):
+        _started(1.0, {'trajectory_file': 'x.yaml'})
+
+
+def test_error_limit_ends_the_run() -> None:
+    """Check joint, time and error of the message against a run without the limit."""
+    start = {'initial_position': [np.pi, np.pi / 2], 'initial_velocity': [np.pi, np.pi]}
+    free = _run(duration=1.0, law='compensation', plant=start)
+    e = free.q_d - free.q
+    for i, limit in ((0, [1e-3, np.inf]), (1, [np.inf, 0.02]), (1, [0.01, 0.02])):
+        k = int(np.flatnonzero((np.abs(e) > limit).any(axis=1))[0])
+        assert 5 < k < 900
+        found = f'joint{i + 1} at t = {free.t[k]:g} s, {e[k, i]:.4g} rad, exceeds error_limit'
+        with pytest.raises(CtcError, match=f'{found}, {limit[i]:g} rad'):
+            _run(duration=1.0, law='compensation', plant=start, controller={'error_limit': limit})
+        _run(duration=float(free.t[k - 1]), law='compensation', plant=start,
+             controller={'error_limit': limit})
+    wide = _run(duration=1.0, law='compensation', plant=start, controller={
+        'error_limit': np.abs(e).max(axis=0).tolist()})
+    assert (wide.tau == free.tau).all()
+
+
+def test_error_limit_at_the_start_and_by_an_event() -> None:
+    """Check that the first sample counts, and that a limit acts from its sample on."""
+    with pytest.raises(CtcError, match=r'joint1 at t = 0 s, 3\.142 rad, .* 3 rad'):
+        _run(duration=0.1, controller={'error_limit': [3.0, 3.0]})
+    event = Event(0.05, 'controller', {'error_limit': [np.inf, 1e-6]})
+    with pytest.raises(CtcError, match=r'joint2 at t = 0\.05 s'):
+        _run(duration=0.1, events=(event,))

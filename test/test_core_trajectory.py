@@ -133,3 +133,72 @@ def test_forget_keeps_what_is_needed() -> None:
     trajectory = Trajectory()
     trajectory.forget(5)
     assert len(trajectory) == 0
+
+
+MOVING: Point = ((1.0, 2.0), (3.0, -4.0), (5.0, 6.0))
+
+
+@pytest.mark.parametrize('grace', [0, 1, 100 * MS, 10 ** 12])
+def test_grace_goes_on_at_the_last_velocity_and_then_holds(grace: int) -> None:
+    """Check q + v t up to the grace exactly, and the position reached there ever after."""
+    trajectory = Trajectory(grace)
+    trajectory.extend([0, 500 * MS], [MOVING, MOVING])
+    end = 500 * MS
+    assert trajectory.at(end) == MOVING
+    for late in sorted({1, grace // 3, grace - 1, grace, grace + 1, 3 * grace, 10 ** 15}):
+        if late < 1:
+            continue
+        found = trajectory.at(end + late)
+        assert found is not None
+        gone = min(late, grace) * 1e-9
+        assert found[0] == pytest.approx([1.0 + 3.0 * gone, 2.0 - 4.0 * gone], rel=1e-12)
+        assert tuple(found[1]) == (MOVING[1] if late <= grace else (0.0, 0.0))
+        assert tuple(found[2]) == (0.0, 0.0)
+
+
+def test_without_grace_it_holds_at_once() -> None:
+    """Check that 0 is the default and is bit for bit the last position."""
+    for trajectory in (Trajectory(), Trajectory(0)):
+        trajectory.extend([10], [MOVING])
+        assert trajectory.at(11) == (MOVING[0], (0.0, 0.0), (0.0, 0.0))
+
+
+def test_a_late_piece_ends_the_grace() -> None:
+    """Check that it replaces the motion that went on, and the gap before it is bridged."""
+    trajectory = Trajectory(100 * MS)
+    trajectory.extend([0], [MOVING])
+    on = trajectory.at(50 * MS)
+    assert on is not None
+    assert on[0] == pytest.approx([1.15, 1.8])
+    point: Point = (tuple(on[0]), MOVING[1], (0.0, 0.0))
+    trajectory.extend([50 * MS, 60 * MS], [point, MOVING])
+    assert trajectory.at(50 * MS) == point
+    assert not trajectory.overdue(160 * MS)
+    assert trajectory.overdue(160 * MS + 1)
+
+
+@pytest.mark.parametrize('grace', [0, 100 * MS])
+def test_overdue_begins_after_the_grace(grace: int) -> None:
+    """Check both sides of it, and that nothing is overdue before there is any point."""
+    trajectory = Trajectory(grace)
+    assert not trajectory.overdue(10 ** 15)
+    trajectory.extend([0, 20 * MS], [MOVING, MOVING])
+    assert not trajectory.overdue(0)
+    assert not trajectory.overdue(20 * MS + grace)
+    assert trajectory.overdue(20 * MS + grace + 1)
+    trajectory.extend([20 * MS], [((1.0, 2.0), (0.0, 0.0), (0.0, 0.0))])
+    assert not trajectory.overdue(10 ** 15)
+
+
+@pytest.mark.parametrize(('velocity', 'acceleration', 'rests'), [
+    ((0.0, 0.0), (0.0, 0.0), True), ((0.0, -0.0), (0.0, 0.0), True),
+    ((0.0, 1e-300), (0.0, 0.0), False), ((0.0, 0.0), (-1e-300, 0.0), False)])
+def test_ends_at_rest(
+        velocity: tuple[float, float], acceleration: tuple[float, float], rests: bool) -> None:
+    """Check the last point alone: a velocity or an acceleration means that more is to come."""
+    trajectory = Trajectory(MS)
+    assert not trajectory.ends_at_rest
+    trajectory.extend([0, 10], [MOVING, ((1.0, 1.0), velocity, acceleration)])
+    assert trajectory.ends_at_rest == rests
+    trajectory.extend([10], [MOVING])
+    assert not trajectory.ends_at_rest

@@ -20,7 +20,7 @@ def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
     """Wait until all nodes run and the recorder has its bag; return their processes by name."""
     def found() -> dict[str, int]:
         return {node: pid for pid, line in descendants(process.pid).items()
-                for node in NODES if f'ctc_chattering.nodes.{node} ' in line}
+                for node in NODES if f'ctc_chattering.cli.node {node} ' in line}
     wait_for(lambda: len(found()) == len(NODES) and bag.exists(), 'the nodes')
     return found()
 

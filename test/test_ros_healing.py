@@ -7,6 +7,7 @@ import signal
 import pytest
 from ros import PATIENCE, probe
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
 
 pytestmark = pytest.mark.ros
 
@@ -48,3 +49,21 @@ def test_a_killed_node_started_again_heals_the_graph(victim: str, pacing: str) -
         others = [child for name, child in children.items() if name != victim]
         assert all(child.status is None for child in others)
         assert not any('Traceback' in line for line in it.lines)
+
+
+def test_a_controller_that_missed_states_can_be_disabled_and_enabled() -> None:
+    with probe() as it:
+        states = it.listen(JointState, 'joint_states')
+        plant = it.start('plant', '-p', 'pacing:=real_time')
+        controller = it.start('controller')
+        it.start('reference')
+        it.until(lambda: states and any(states[-1].effort), 'motion')
+        plant.signal(signal.SIGSTOP)
+        it.until(lambda: any('no state for' in line for line in it.lines), 'the silence')
+        plant.signal(signal.SIGCONT)
+        for wanted in (False, True, False, True):
+            response = it.call(SetBool, 'controller/enable', SetBool.Request(data=wanted))
+            assert response.success
+        states.clear()
+        it.until(lambda: states and any(states[-1].effort), 'motion')
+        assert controller.status is None

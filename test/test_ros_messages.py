@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import itertools
 import math
 from pathlib import Path
-import random
 import re
-import signal
 import time
 from typing import Any
 
 from bags import efforts, state
-from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed, nodes_of, Report
+from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed, Report
 import pytest
 from rclpy.qos import QoSProfile
 from ros import bringup, CONFIG, PATIENCE, Probe, probe
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from test_ros_lockstep import assert_equal
 
@@ -109,7 +107,7 @@ def test_a_node_alone_refuses_counts_and_lives(topic: str, arguments: tuple[str,
         assert sum(refused.values()) == report.count(f'{topic}: refused') < COUNT
         said = reports_of_refusals(it, name, topic)
         assert said
-        assert all(b - a > 0.8 for a, b in zip(said, said[1:]))  # It takes time to say it.
+        assert all(b - a > 0.8 for a, b in itertools.pairwise(said))  # It takes time to say it.
 
         others = {JOINT_STATES: REFERENCE, REFERENCE: JOINT_STATES}
         other = None

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from ctc_chattering import params
-from ctc_chattering.cli.options import overrides, params_file
+from ctc_chattering.cli.options import overrides, params_file, read_text
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.core.simulation import Run
 from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.output import prepare
-from ctc_chattering.result import Result, simulated, write_metrics, write_text
+from ctc_chattering.result import finite, Result, simulated, write_metrics, write_text
 from ctc_chattering.settings import parameter_table
 
 #: What is simulated of a run without an end [s].
@@ -130,6 +130,61 @@ def study(options: argparse.Namespace) -> int:
     return 0
 
 
+def compare(options: argparse.Namespace) -> int:
+    """Run `ctc compare`."""
+    from tqdm import tqdm
+
+    from ctc_chattering.comparison import (
+        over_ros,
+        over_simulation,
+        run_variants,
+        to_markdown,
+        VARIANTS,
+    )
+
+    if options.out is not None:
+        prepare(options.out, ('compare.md',), options.overwrite)
+    backends: list[str | None] = options.backend or [None]
+    outcomes = []
+    with tqdm(total=len(options.files) * len(backends) * len(VARIANTS), unit='run',
+              mininterval=0.2 if sys.stderr.isatty() else 2.0) as bar:
+        for file in options.files:
+            for backend in backends:
+                for outcome in run_variants(
+                        file, backend, over_ros if options.ros else over_simulation):
+                    outcomes.append(outcome)
+                    bar.update()
+    text = to_markdown(outcomes)
+    print(text)
+    if options.out is not None:
+        write_text(options.out / 'compare.md', text)
+    return 0
+
+
+def soak(options: argparse.Namespace) -> int:
+    """Run `ctc soak`."""
+    import json
+    import random
+
+    from ctc_chattering.soak import complaints, to_markdown
+    from ctc_chattering.soak_run import perform
+
+    if not 0.0 < options.minutes < float('inf'):
+        raise ParameterError('--minutes', options.minutes, 'a finite number > 0')
+    seed = random.randrange(1 << 31) if options.seed is None else options.seed
+    out = prepare(options.out, (_BAGS, 'soak.md', 'soak.json', 'soak.log'), options.overwrite)
+    duration = 60.0 * options.minutes
+    with Progress(f'soak, seed {seed}', duration) as progress:
+        document = perform(duration, seed, out, options.control_period, progress)
+    text = to_markdown(document)
+    found = complaints(document)
+    write_text(out / 'soak.json', json.dumps(
+        finite({**document, 'complaints': found}), indent=2, ensure_ascii=False) + '\n')
+    write_text(out / 'soak.md', text)
+    print(text, end='', flush=True)
+    return 1 if found else 0
+
+
 def replay(options: argparse.Namespace) -> int:
     """Run `ctc replay`."""
     if not 0.0 < options.rate < float('inf'):
@@ -153,6 +208,46 @@ def repair(options: argparse.Namespace) -> int:
     found, aside = mend(options.bag)
     print(f'{options.bag}: {found}; the damaged bag is now {aside}')
     return 0
+
+
+def check_model(options: argparse.Namespace) -> int:
+    """Run `ctc check-model`."""
+    from ctc_chattering.core.check import check_dynamics
+    from ctc_chattering.core.models import make_model
+    from ctc_chattering.core.parameters import check_joint_names
+
+    for name, least in (('samples', 1), ('seed', 0)):
+        if getattr(options, name) < least:
+            raise ParameterError(f'--{name}', getattr(options, name), f'an integer >= {least}')
+    if not 0.0 <= options.gravity < float('inf'):
+        raise ParameterError('--gravity', options.gravity, 'a finite number >= 0')
+    name = options.model or ('urdf' if options.urdf else 'two_link')
+    joints: tuple[str, ...] = ('joint1', 'joint2')
+    urdf = ''
+    if name == 'urdf':
+        if options.urdf is None:
+            raise CtcError('the model urdf needs --urdf FILE')
+        urdf = read_text(options.urdf)
+        if options.joints is None:
+            from ctc_chattering.core.tree import movable_joints
+            joints = movable_joints(urdf)
+            if not joints:
+                raise CtcError(f'{options.urdf}: no joint moves')
+    elif options.urdf is not None:
+        raise CtcError(f'--urdf is for the model urdf, not {name}')
+    if options.joints is not None:
+        joints = tuple(x.strip() for x in options.joints.split(','))
+    check_joint_names(joints)
+    model = make_model(name, options.gravity, joints, urdf)
+    print(f'{name}, {model.n} joints: {", ".join(joints)}')
+    findings = check_dynamics(model, options.seed, options.samples)
+    _print_columns([('', 'worst', 'allowed', 'check')] + [
+        ('ok' if x.passed else 'FAILED', f'{x.worst:.2g}', f'{x.tolerance:.2g}', x.name)
+        for x in findings])
+    failed = [x for x in findings if not x.passed]
+    for x in failed:
+        print(f'{x.name}: worst at q = {_numbers(list(x.q))}, dq = {_numbers(list(x.dq))}')
+    return 1 if failed else 0
 
 
 def parameters(_options: argparse.Namespace) -> int:
@@ -187,6 +282,10 @@ def _print_table(results: Sequence[Result]) -> None:
         rows.append((m['experiment'], m['law'], _numbers(m['rms_error_rad']),
                      _numbers(m['max_error_norm1_rad']),
                      _numbers(m['torque_variation_nm_per_s']), _numbers(m['reaching_time_s'])))
+    _print_columns(rows)
+
+
+def _print_columns(rows: Sequence[Sequence[str]]) -> None:
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print('  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip())

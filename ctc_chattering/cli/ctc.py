@@ -56,11 +56,57 @@ def make_parser() -> argparse.ArgumentParser:
     study.add_argument('--jobs', type=int, metavar='N',
                        help='processes, as many as there are processors by default')
 
+    compare = commands.add_parser(
+        'compare', help='compare both laws joint by joint, on any robot',
+        description='Run every parameter file with the original law and with every switching of '
+                    'the proposed one; print the RMS error of each joint.')
+    compare.add_argument('files', nargs='+', type=Path, metavar='F', help='parameter file')
+    compare.add_argument('--backend', action='append', metavar='X',
+                         help="plant in place of the file's: builtin | mujoco; may be repeated")
+    compare.add_argument('--ros', action='store_true',
+                         help='run the nodes and judge the bags, not the simulation')
+    _add_output(compare, None)
+
+    soak = commands.add_parser(
+        'soak', help='do everything to a running graph that should not be done to it',
+        description='Run the graph in real time and inject faults: killed and stopped processes, '
+                    'malformed messages, second publishers, parameters, ~/enable, ~/reset. Print '
+                    'how it recovered; status 1 if it did not, a process died or its memory '
+                    'grew, or messages are missing. Ctrl-C ends it early. The bags take about '
+                    '10 MB per minute.')
+    soak.add_argument('--minutes', type=float, required=True, metavar='N', help='duration')
+    soak.add_argument('--seed', type=int, metavar='S',
+                      help='the same seed, the same faults; any by default')
+    soak.add_argument('--control-period', type=float, metavar='S',
+                      help='for slow machines; 0.001 by default [s]')
+    _add_output(soak, 'soak')
+
     repair = commands.add_parser(
         'repair', help='make a whole bag of one that was cut off',
         description='Rewrite a bag that was not closed, so that every tool reads it; what was '
                     'there is kept beside it.')
     repair.add_argument('bag', type=Path, metavar='BAG')
+
+    check_model = commands.add_parser(
+        'check-model', help='test the dynamics of a robot model',
+        description='Test a robot model at random states: M symmetric and positive definite, '
+                    '½ dM/dt - C skew-symmetric, G a gradient, all products consistent. Status 1 '
+                    'if a test fails.')
+    check_model.add_argument(
+        '--model', metavar='NAME',
+        help='two_link, urdf, or package.module:Class; urdf by default if there is --urdf, else '
+             'two_link')
+    check_model.add_argument('--urdf', type=Path, metavar='FILE', help='model urdf: the URDF')
+    check_model.add_argument(
+        '--joints', metavar='A,B,C',
+        help='joints in the order of the model; by default all that the URDF has, or joint1, '
+             'joint2')
+    check_model.add_argument('--gravity', type=float, default=9.81, metavar='G',
+                             help='9.81 by default [m/s²]')
+    check_model.add_argument('--samples', type=int, default=100, metavar='N',
+                             help='number of states, 100 by default')
+    check_model.add_argument('--seed', type=int, default=0, metavar='S',
+                             help='seed of the states, 0 by default')
 
     commands.add_parser(
         'parameters', help='print all parameters of all nodes',
@@ -89,7 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     # Imported only now: each needs libraries that take time to load, or may not be there.
     from ctc_chattering.cli import commands
-    command = getattr(commands, options.command)
+    command = getattr(commands, options.command.replace('-', '_'))
     return guarded(f'ctc {options.command}', lambda: command(options))
 
 

@@ -47,6 +47,16 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     return result
 
 
+def read_text(path: Path) -> str:
+    """Return what is in a file."""
+    try:
+        return path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise CtcError(f'{path}: {error.strerror or error}') from None
+    except UnicodeDecodeError:
+        raise CtcError(f'{path}: not UTF-8') from None
+
+
 def guarded(name: str, command: Callable[[], int]) -> int:
     """Run a command; an error of ours becomes one line and status 1."""
     try:

@@ -3,9 +3,9 @@ Which publisher sent a message, where several publish on a topic that only one m
 
 A subscriber is not told who sent a message, but every publisher numbers its own: 1, 2, 3, … The
 first one heard has control; its next message is known by its number. All others are refused for as
-long as it speaks. If another one's number meets the owner's, the message itself must tell, where
-it can: the owner's goes on from the one before. Where it cannot, the other one came from behind
-and so is the faster one: the owner is the one that stays behind.
+long as it speaks. Where another one's number meets the owner's, nobody can tell whose a message is
+until the numbers have drifted apart again; then the one that came from behind, being the faster
+one, is ahead. Two that stay level are never told apart.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from collections.abc import Callable
 
 #: Publishers beside the owner that are remembered.
 _MANY = 16
+#: How far apart two numbers must be again after they met.
+_APART = 3
 
 
 class Arbiter:
@@ -33,8 +35,14 @@ class Arbiter:
         self._lapse = lapse
         self._trusting = trusting
         self._next: int | None = None
+        #: The owner's next number if all messages were its that were passed over since.
+        self._reach = 0
         self._heard = 0
         self._others: dict[int, int] = {}
+        #: The next number of another one while it is in doubt which of the two is the owner's.
+        self._rival: int | None = None
+        #: Whether, where they last met, it was the owner that came from behind.
+        self._overtaking = False
 
     def admits(self, number: int | None, now: int, alone: Callable[[], bool],
                plausible: Callable[[], bool] = lambda: True) -> bool:
@@ -51,44 +59,82 @@ class Arbiter:
         alone : callable
             Returns whether the topic has one publisher at the most; asked in doubt only.
         plausible : callable
-            Returns whether the message goes on from the owner's last one; asked in doubt only.
+            Returns whether the message may be the owner's by what it says; asked in doubt only.
 
         """
-        if number == self._next and number not in self._others and number is not None:
-            self._next = number + 1
-            self._heard = now
+        if (number is not None and self._next is not None and self._rival is None
+                and self._next <= number <= self._reach and number not in self._others):
+            self._follow(number, now)
             return True
         return self._judge(number, now, alone, plausible)
 
-    def pass_over(self, number: int | None, now: int) -> None:
-        """Note a message that concerns nobody: only its number counts."""
+    def pass_over(self, number: int | None) -> None:
+        """Note a message that concerns nobody, the owner's or not: only its number counts."""
+        if number is not None and number == self._reach:
+            self._reach = number + 1
+
+    def reject(self, number: int | None, now: int, alone: Callable[[], bool]) -> None:
+        """Note a message that nobody can read: it is somebody's, and gives no control."""
         if number is None:
             return
-        if number == self._next and number not in self._others:
-            self._next = number + 1
-        else:
+        if self._next is None or now - self._heard > self._lapse:
             self._note(number, now)
+        else:
+            self.admits(number, now, alone, lambda: False)
 
     def _judge(self, number: int | None, now: int, alone: Callable[[], bool],
                plausible: Callable[[], bool]) -> bool:
         if number is None:
             return alone()
-        if number == self._next:  # And one of the others' as well.
-            if now - self._others[number] > self._lapse or (self._trusting and plausible()):
-                self._next, self._heard = number + 1, now
-                return True
-            self._note(number, now)
-            return False
-        if self._next is None or now - self._heard > self._lapse or alone():
+        if self._next is None or now - self._heard > self._lapse:
             self._others.pop(number, None)
-            self._next, self._heard = number + 1, now
+            self._follow(number, now)
             return True
+        if alone():
+            self._others.clear()
+            self._follow(number, now)
+            return True
+        if number == self._next and self._rival is None:  # And one of the others' as well.
+            if now - self._others.pop(number) > self._lapse:  # One that has gone since.
+                self._follow(number, now)
+                return True
+            self._rival = number
+        if self._rival is not None and number in (self._next, self._rival):
+            return self._doubt(number, now, self._next, self._rival) or (
+                self._rival is not None and self._trusting and plausible())
         self._note(number, now)
         return False
+
+    def _follow(self, number: int, now: int) -> None:
+        """Know the owner by the number after this one."""
+        self._next = self._reach = number + 1
+        self._heard = now
+        self._rival = None
+        if self._next in self._others:
+            self._overtaking = True
 
     def _note(self, number: int, now: int) -> None:
         """Remember what comes next from a publisher that has no control."""
         self._others.pop(number, None)
         self._others[number + 1] = now
+        if number + 1 == self._next:
+            self._overtaking = False
         if len(self._others) > _MANY:
             del self._others[next(iter(self._others))]
+
+    def _doubt(self, number: int, now: int, a: int, b: int) -> bool:
+        """
+        Let the one of two that is at this number go on; they are known once they are apart.
+
+        Return whether this one is known to be the owner.
+        """
+        self._heard = now
+        low, high = sorted((b if number == a else a, number + 1))
+        self._next, self._rival = low, high
+        if high - low < _APART:
+            return False
+        owner, other = (high, low) if self._overtaking else (low, high)
+        self._next = self._reach = owner
+        self._rival = None
+        self._others[other] = now
+        return owner == number + 1

@@ -16,7 +16,7 @@ Programming*, 1988; with upper bounds, Júdice & Pires, 1994).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ctc_chattering.core.model import dot, Rows, solve, Vector
 
@@ -53,6 +53,58 @@ def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
         i, side[i] = wrong
         z = _pivot(a, b, bound, side)
     return [min(max(x, -limit), limit) for x, limit in zip(z, bound)]
+
+
+def nearest(mass: Rows, wanted: Vector, bound: Vector) -> list[float]:
+    """
+    Return z in the box that is nearest to `wanted` in the metric of the inverse of `mass`.
+
+    It is the solution of this module's problem with A = M⁻¹ and b = -A wanted, found without A:
+    with ``x = -w`` it reads ``M x = wanted - z``, and x_i is 0 wherever z_i is not at its bound,
+    so that each pivot solves for the joints at their bounds only.
+
+    Parameters
+    ----------
+    mass : sequence of rows, shape (n, n)
+        M, symmetric positive definite.
+    wanted : sequence of float, shape (n,)
+        Any values.
+    bound : sequence of float, shape (n,)
+        Not negative.
+
+    """
+    side = [(x > k) - (x < -k) for x, k in zip(wanted, bound)]
+    size = 1e-13 * max(abs(x) + k for x, k in zip(wanted, bound))
+    seen: set[tuple[int, ...]] = set()  # Only rounding can lead back.
+    while True:
+        seen.add(tuple(side))
+        at = [i for i, s in enumerate(side) if s]
+        z = [s * k if s else x for s, k, x in zip(side, bound, wanted)]
+        x = solve([[mass[i][j] for j in at] for i in at], [wanted[i] - z[i] for i in at])
+        for i, s in enumerate(side):
+            if not s:
+                row = mass[i]
+                for j, y in zip(at, x):
+                    z[i] -= row[j] * y
+        wrong = _least_misplaced(side, z, dict(zip(at, x)), bound, size, mass)
+        if wrong is None:
+            break
+        i, side[i] = wrong
+        if tuple(side) in seen:
+            break
+    return [min(max(x, -k), k) for x, k in zip(z, bound)]
+
+
+def _least_misplaced(side: Sequence[int], z: Vector, x: Mapping[int, float], bound: Vector,
+                     size: float, mass: Rows) -> tuple[int, int] | None:
+    """Return the first index that is on a wrong side in `nearest`, and the side to try."""
+    for i, s in enumerate(side):
+        if not s:
+            if abs(z[i]) > bound[i]:
+                return i, 1 if z[i] > 0.0 else -1
+        elif s * x[i] * mass[i][i] < -size:
+            return i, 0
+    return None
 
 
 def _pivot(a: Rows, b: Vector, bound: Vector, side: Sequence[int]) -> list[float]:

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import dataclasses
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
+from ctc_chattering.core.array_model import ArrayModel
+from ctc_chattering.core.array_step import ArrayStep, Limits
 from ctc_chattering.core.filter import ErrorFilter
 from ctc_chattering.core.grid import period_ns, seconds
 from ctc_chattering.core.model import dot, Model, times, Vector
-from ctc_chattering.core.models import check_model, make_model, MODELS
+from ctc_chattering.core.models import check_model, locked_positions, model_of
 from ctc_chattering.core.observer import PerturbationObserver
 from ctc_chattering.core.parameters import Config, matrix, parameter
 from ctc_chattering.core.predictor import predict
+from ctc_chattering.core.sample import ListSample, Sample
 from ctc_chattering.core.scaled import Scaled
 from ctc_chattering.core.switching import boundary_layer, implicit_term, sign, SWITCHINGS
 from ctc_chattering.core.trajectory import Point
+
+__all__ = ['LAWS', 'Controller', 'ControllerConfig', 'Sample']
 
 #: Values of the parameter ``law``: equation (2), equation (6).
 LAWS = ('compensation', 'chattering')
@@ -32,7 +37,16 @@ class ControllerConfig(Config):
         'joint_names', 'str[]', ('joint1', 'joint2'),
         'Joints in the order of the model, of the gains and of the torques.', read_only=True)
     model: str = parameter(
-        'model', 'str', 'two_link', 'Robot model: M, C and G.', choices=MODELS, read_only=True)
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
+    description: str = parameter(
+        'description', 'str', '',
+        "Model urdf: the robot's file, a path or package://NAME/PATH; empty for the topic "
+        'robot_description.', read_only=True)
+    locked: tuple[str, ...] = parameter(
+        'locked', 'str[]', ('',),
+        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
+        'left out.', shape='any', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
@@ -74,7 +88,8 @@ class ControllerConfig(Config):
         'gravity_scale', 'float', 1.0, 'Factor on G, to study model errors.', minimum=0.0,
         read_only=True)
     effort_limit: tuple[float, ...] = parameter(
-        'effort_limit', 'float[]', float('inf'), 'Largest torque sent; .inf for unlimited.',
+        'effort_limit', 'float[]', float('inf'),
+        'Largest torque sent; .inf for what the description says, or unlimited.',
         unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
     effort_rate_limit: tuple[float, ...] = parameter(
         'effort_rate_limit', 'float[]', float('inf'),
@@ -94,29 +109,13 @@ class ControllerConfig(Config):
     def validate(self) -> None:
         """Check the model's number of joints and the period."""
         check_model(self.model, self.joint_names)
+        locked_positions(self.locked)
         period_ns(self.control_period)
 
-
-class Sample(NamedTuple):
-    """What one control step computed; every vector has shape (n,)."""
-
-    #: Torque to send, within the effort limit [N·m].
-    tau: Vector
-    #: Position error e = q_d - q [rad].
-    e: Vector
-    #: Velocity error de = dq_d - dq [rad/s].
-    de: Vector
-    #: Filtered error [rad/s]. e, de and v belong to the state; what follows to the torque, which
-    #: under an input delay is for the state predicted over it.
-    v: Vector
-    #: M [ddq_d + Kv de + Kp e] + C dq + G [N·m].
-    inverse_dynamics: Vector
-    #: C v, which both laws subtract [N·m].
-    compensation: Vector
-    #: Ka sgn(v), however switched, which law (6) subtracts; 0 under law (2) [N·m].
-    chattering: Vector
-    #: What the limits have cut off the torque [N·m]; None for nothing.
-    excess: Vector | None
+    @property
+    def described(self) -> bool:
+        """Whether a description of the robot is needed."""
+        return self.model == 'urdf'
 
 
 class Controller:
@@ -136,7 +135,9 @@ class Controller:
     """
 
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
-        self.model = model or make_model(config.model, config.gravity)
+        self.model = model or model_of(config)
+        own = self.model.effort_limits or (float('inf'),) * len(config.joint_names)
+        self._own_limits = own
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         n = len(config.joint_names)
@@ -147,7 +148,14 @@ class Controller:
         #: Torques on their way, each with what the bound has cut off its chattering term, and
         #: what the effort limits have cut off the torque.
         self._sent: deque[tuple[Vector, Vector | None, Vector | None]] = deque()
-        self._bumpless = False
+        self._bumpless = self._limited = False
+        #: Torque sent last.
+        self._previous: Vector = self._none
+        self._arrays = None
+        if isinstance(self.model, ArrayModel) and not config.input_delay:
+            self._arrays = ArrayStep(self.model, self.filter, self.observer)
+            # In the place of the method: a call through would cost as much as an array product.
+            self.step = self._arrays.step  # type: ignore[method-assign]
         self.configure(config)
         self.reset()
 
@@ -165,7 +173,9 @@ class Controller:
         if all(not m[i][j] for m in (self._kp, self._kv)
                for i in range(n) for j in range(n) if i != j):
             self._diagonal = [(self._kp[i][i], self._kv[i][i]) for i in range(n)]
-        self._limited = min((*config.effort_limit, *config.effort_rate_limit)) < float('inf')
+        self._effort_limit = [
+            a if a < float('inf') else b for a, b in zip(config.effort_limit, self._own_limits)]
+        self._limited = min((*self._effort_limit, *config.effort_rate_limit)) < float('inf')
         self._chattering = config.law == 'chattering'
         self._observing = self._chattering and config.switching == 'implicit_observer'
         self._cut: Vector | None = None
@@ -174,8 +184,12 @@ class Controller:
         self.filter.configure(config.lambda_, config.b, self._period)
         self.observer.configure(
             config.observer_bandwidth, self._period, config.b, config.ka)
+        if self._arrays:
+            self._arrays.configure(
+                self._errors, self._explicit(), self._observing, self.observer.gain, config.ka,
+                self._limits())
 
-    def reset(self, bumpless: bool = False) -> None:
+    def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
         Begin anew: no estimate, no torque on its way, and ξ = 0.
 
@@ -183,13 +197,17 @@ class Controller:
         ----------
         bumpless : bool
             Begin with v = 0 instead, so that the first torque is the inverse dynamics alone.
+        held : sequence of float, shape (n,), optional
+            Torque that is still held, from which `effort_rate_limit` goes on; 0 if left out.
 
         """
         self.filter.reset()
         self.observer.reset()
         self._bumpless = bumpless
-        self._previous: Vector = self._none
+        self._previous = self._none if held is None else held
         self._sent = deque([(self._none, None, None)] * self.config.input_delay)
+        if self._arrays:
+            self._arrays.forget(bumpless, self._previous)
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -228,9 +246,10 @@ class Controller:
             tau = [i - c for i, c in zip(inverse, coriolis)]
         excess = None
         if self._limited:
-            wanted, tau = tau, self._within_limits(tau)
+            wanted, tau = tau, self._within_limits(tau, self._previous)
             if tau != wanted:
                 excess = [w - t for w, t in zip(wanted, tau)]
+        self._previous = tau
         if self._sent:
             self._sent.append((tau, self._cut, excess))
         self.filter.update(de, seen[3])
@@ -243,15 +262,13 @@ class Controller:
             self._expect(*seen, inverse if not self._sent else None, tau, lost)
         if self._sent:
             self._sent.popleft()
-        return Sample(tau, e, de, seen[4], inverse, coriolis, term, excess)
+        return ListSample(tau, e, de, seen[4], inverse, coriolis, term, excess)
 
-    def _within_limits(self, tau: Vector) -> Vector:
-        """Return the torque that the effort limits leave of `tau`, shape (n,) [N·m]."""
-        tau = [min(max(min(max(x, p - step), p + step), -limit), limit)
-               for x, p, step, limit in zip(
-                   tau, self._previous, self._step_limit, self.config.effort_limit)]
-        self._previous = tau
-        return tau
+    def _within_limits(self, tau: Vector, previous: Vector) -> Vector:
+        """Return what the limits leave of `tau` after the torque `previous`, (n,) [N·m]."""
+        return [min(max(min(max(x, p - step), p + step), -limit), limit)
+                for x, p, step, limit in zip(
+                    tau, previous, self._step_limit, self._effort_limit)]
 
     def _lost(self, q: Vector, dq: Vector, excess: Vector) -> Vector:
         """
@@ -299,6 +316,27 @@ class Controller:
                 self.model, q, dq, [t - p for t, p in zip(tau, estimate)], self._period)
             _, de, feedback = self._errors(q, dq, q_d, dq_d)
         return q, dq, feedback, self.filter.output(de, state)
+
+    def _limits(self) -> Limits | None:
+        """Return the limits of the torque; None without any."""
+        if not self._limited:
+            return None
+        config = self.config
+        within = self._effort_limit
+        if min(config.effort_rate_limit) < float('inf'):
+            within = [0.0] * len(within)  # What may be sent depends on what was sent last.
+        return Limits(within, self._within_limits, config.anti_windup)
+
+    def _explicit(self) -> Callable[[Vector], Vector] | None:
+        """Return the chattering term as a function of v; None where it is implicit."""
+        config, none = self.config, self._none
+        if not self._chattering:
+            return lambda _: none
+        if config.switching == 'sign':
+            return lambda v: sign(v, config.ka)
+        if config.switching == 'boundary_layer':
+            return lambda v: boundary_layer(v, config.ka, config.boundary_layer)
+        return None
 
     def _term(self, q: Vector, v: Vector, feedback: Vector, coriolis: Vector) -> Vector:
         """Return the chattering term, shape (n,) [N·m], within ±Ka."""

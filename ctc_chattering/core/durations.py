@@ -1,62 +1,56 @@
-"""Mean and quantiles of durations over the last seconds, at a constant price a sample."""
+"""Mean and quantiles of durations over the last seconds, at the price of keeping them."""
 
 from __future__ import annotations
 
+from array import array
 from collections import deque
-from math import ceil, exp, log
+from math import ceil
 
-#: Bins a factor of e: each is 2 % wide.
-_BINS = 50.0
-#: Shorter durations count as this one [s].
-_SHORTEST = 1e-9
+import numpy as np
+import numpy.typing as npt
 
 
 class Durations:
     """
-    Counts durations in logarithmic bins, in windows of which the last few are kept.
+    Keeps durations in windows, of which the last few count.
 
     Parameters
     ----------
     windows : int
         How many windows are looked back on.
 
+    Attributes
+    ----------
+    add : callable
+        Counts a duration [s].
+
     """
 
     def __init__(self, windows: int = 10) -> None:
-        self._windows: deque[tuple[dict[int, int], list[float]]] = deque(maxlen=windows)
+        self._windows: deque[array[float]] = deque(maxlen=windows)
         self.rotate()
-
-    def add(self, duration: float) -> None:
-        """Count a duration [s]."""
-        key = int(log(duration if duration > _SHORTEST else _SHORTEST) * _BINS)
-        counts = self._counts
-        counts[key] = counts.get(key, 0) + 1
-        self._total[0] += duration
 
     def rotate(self) -> None:
         """Begin a new window, and forget the oldest."""
-        self._counts: dict[int, int] = {}
-        self._total = [0.0]
-        self._windows.append((self._counts, self._total))
+        window = array('d')
+        self._windows.append(window)
+        self.add = window.append
 
     @property
     def count(self) -> int:
         """Durations in all windows."""
-        return sum(sum(counts.values()) for counts, _ in self._windows)
+        return sum(map(len, self._windows))
 
     def mean(self) -> float:
         """Return the mean [s]; 0 without any."""
-        return sum(total[0] for _, total in self._windows) / max(1, self.count)
+        return float(self._together().mean()) if self.count else 0.0
 
     def quantile(self, share: float) -> float:
-        """Return what `share` of the durations do not exceed [s], to 2 %; 0 without any."""
-        together: dict[int, int] = {}
-        for counts, _ in self._windows:
-            for key, count in counts.items():
-                together[key] = together.get(key, 0) + count
-        left = ceil(share * sum(together.values()))
-        for key in sorted(together):
-            left -= together[key]
-            if left <= 0:
-                return exp((key + (1 if key >= 0 else 0)) / _BINS)
-        return 0.0
+        """Return the shortest duration that `share` of all do not exceed [s]; 0 without any."""
+        if not self.count:
+            return 0.0
+        index = max(0, ceil(share * self.count) - 1)
+        return float(np.partition(self._together(), index)[index])
+
+    def _together(self) -> npt.NDArray[np.float64]:
+        return np.concatenate([np.frombuffer(window) for window in self._windows if window])

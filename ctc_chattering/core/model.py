@@ -24,6 +24,8 @@ class Model(ABC):
 
     #: Number of joints.
     n: int
+    #: Largest torque of each joint, inf for unlimited [N·m]; empty where nothing is known.
+    effort_limits: Vector = ()
 
     @abstractmethod
     def mass_matrix(self, q: Vector) -> Rows:

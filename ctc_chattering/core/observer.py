@@ -40,6 +40,8 @@ class PerturbationObserver:
     ----------
     estimate : sequence of float, shape (n,)
         P̂ [N·m].
+    gain : float
+        Part of the residual that P̂ takes up per sample.
 
     """
 
@@ -63,7 +65,7 @@ class PerturbationObserver:
             Ka [N·m].
 
         """
-        self._gain = 1.0 - exp(-bandwidth * period)
+        self.gain = 1.0 - exp(-bandwidth * period)
         self._scale = b * period
         self._bound = bound
         self._last = None
@@ -96,10 +98,28 @@ class PerturbationObserver:
         if self._last is None:
             return
         q, free, lack, cut = self._last
-        gain, scale = self._gain, self._scale
+        scale = self._scale
         missed = model.inertia_times(q, [(y - x) / scale for y, x in zip(free, v)])
+        self.estimate = implicit_term(
+            model, q, self.followed(self.estimate, missed, lack, cut), self._bound)
+
+    def followed(self, estimate: Vector, missed: Vector, lack: Vector, cut: Vector | None
+                 ) -> list[float]:
+        """
+        Return the next estimate before it is bounded, shape (n,) [N·m].
+
+        Parameters
+        ----------
+        estimate : sequence of float, shape (n,)
+            The last one [N·m].
+        missed : sequence of float, shape (n,)
+            M (y - v) / (b h) [N·m].
+        lack, cut : sequence of float, shape (n,)
+            As `expect` has them.
+
+        """
         if cut is not None:
             lack = [f + 0.5 * c if abs(c) < limit else f
                     for f, c, limit in zip(lack, cut, self._bound)]
-        self.estimate = implicit_term(model, q, [
-            p + gain * (m - f - p) for p, m, f in zip(self.estimate, missed, lack)], self._bound)
+        gain = self.gain
+        return [p + gain * (m - f - p) for p, m, f in zip(estimate, missed, lack)]

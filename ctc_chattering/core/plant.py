@@ -8,26 +8,25 @@ located within the step, the modes are decided anew there, and the rest of the s
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 import dataclasses
-import math
-from math import exp, inf, isfinite
+from math import exp, inf
 from typing import ClassVar
 
-from ctc_chattering.core.disturbance import disturbance
 from ctc_chattering.core.friction import excess, locked, modes
-from ctc_chattering.core.grid import period_ns, samples, seconds
+from ctc_chattering.core.grid import period_ns, samples
 from ctc_chattering.core.model import Model, Vector
-from ctc_chattering.core.models import check_model, make_model, MODELS
+from ctc_chattering.core.models import check_model, locked_positions, model_of
 from ctc_chattering.core.parameters import Config, parameter
+from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.root import first_negative
 from ctc_chattering.core.runge_kutta import Dynamics, step, step_two
-from ctc_chattering.core.sensor import Sensor
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import ParameterError
 
 #: Values of the parameter ``pacing``.
 PACINGS = ('real_time', 'lockstep')
+#: Values of the parameter ``plant_backend``.
+BACKENDS = ('builtin', 'mujoco')
 #: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
 _MAX_EVENTS = 50
 
@@ -42,7 +41,20 @@ class PlantConfig(Config):
         'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints in the order of the model.',
         read_only=True)
     model: str = parameter(
-        'model', 'str', 'two_link', 'Robot model: M, C and G.', choices=MODELS, read_only=True)
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
+    plant_backend: str = parameter(
+        'plant_backend', 'str', 'builtin',
+        'What moves the robot: the equations of `model`, or MuJoCo from `description`.',
+        choices=BACKENDS, read_only=True)
+    description: str = parameter(
+        'description', 'str', '',
+        "Model urdf or backend mujoco: the robot's file, a path or package://NAME/PATH; empty for "
+        'the topic robot_description.', read_only=True)
+    locked: tuple[str, ...] = parameter(
+        'locked', 'str[]', ('',),
+        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
+        'left out.', shape='any', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
@@ -113,16 +125,24 @@ class PlantConfig(Config):
         read_only=True)
 
     def validate(self) -> None:
-        """Check the model's number of joints, and that the run ends on the grid."""
-        check_model(self.model, self.joint_names)
+        """Check the model's number of joints, its friction, and that the run ends on the grid."""
+        if self.plant_backend == 'builtin':
+            check_model(self.model, self.joint_names)
+        elif any(self.stribeck_friction):
+            raise ParameterError('stribeck_friction', self.stribeck_friction,
+                                 f'0 with plant_backend {self.plant_backend}')
+        locked_positions(self.locked)
         samples(self.duration, period_ns(self.control_period))
 
+    @property
+    def described(self) -> bool:
+        """Whether a description of the robot is needed."""
+        return self.plant_backend != 'builtin' or self.model == 'urdf'
 
-class Plant:
+
+class Plant(Robot):
     """
-    State of the simulated robot.
-
-    Contract: `step` holds the torque for exactly one control period and advances `k` by one.
+    The simulated robot of a `Model`.
 
     Parameters
     ----------
@@ -133,114 +153,38 @@ class Plant:
 
     Attributes
     ----------
-    q, dq : sequence of float, shape (n,)
-        True position [rad] and velocity [rad/s] at sample `k`.
-    k : int
-        Sample index; the time is k h.
-    applied : sequence of float, shape (n,)
-        Torque that was applied over the last period, delayed and saturated [N·m].
-    measured : (sequence of float, sequence of float), each of shape (n,)
-        Position and velocity as the sensors have them at sample `k`.
     modes : tuple of int, shape (n,)
         +1 and -1 for a joint that slides, 0 for one that sticks or has no friction.
 
     """
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
-        self.model = model or make_model(config.model, config.gravity)
-        self.q: Vector = config.initial_position
-        self.dq: Vector = config.initial_velocity
-        self.k = 0
-        self.modes: tuple[int, ...] = (0,) * self.model.n
-        rest = (0.0,) * self.model.n
-        self.applied: Vector = rest
-        self._coming: deque[Vector] = deque([rest] * config.input_delay)
-        self._limited = min(config.torque_saturation) < inf
-        self._sensor = Sensor(config.encoder_resolution, config.position_noise,
-                              config.velocity_noise, config.noise_seed)
-        self.measured = self._sensor.measure(self.q, self.dq)
-        self.period_ns = period_ns(config.control_period)
-        period = seconds(self.period_ns)
-        self._step = step_two if self.model.n == 2 else step
-        self._substeps = max(1, math.ceil(period / config.integration_step - 1e-9))
-        self._h = period / self._substeps
-        self._braking = False
+        super().__init__(config)
+        self.model = model or model_of(config)
+        self.modes: tuple[int, ...] = (0,) * self.n
+        self._step = step_two if self.n == 2 else step
         self.configure(config)
-
-    @property
-    def braking(self) -> bool:
-        """Whether the brakes are on: viscous friction `fault_damping` beside all other."""
-        return self._braking
-
-    @braking.setter
-    def braking(self, on: bool) -> None:
-        if on != self._braking:
-            self._braking = on
-            self.configure(self.config)
 
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
-        self.config = config
+        super().configure(config)
         self._level = [
             a + b for a, b in zip(config.coulomb_friction, config.stribeck_friction)]
         self._law = None
-        viscous: Vector = config.viscous_friction
-        if self._braking:
-            viscous = [a + b for a, b in zip(viscous, config.fault_damping)]
+        viscous = self._viscous_friction()
         if any(viscous) or any(config.stribeck_friction):
             self._law = list(zip(
                 viscous, config.stribeck_friction, config.stribeck_velocity))
         self._rubbing = [i for i, level in enumerate(self._level) if level > 0.0]
-        self._disturbed = any(config.disturbance_amplitude)
         self._decided = False
 
-    @property
-    def t(self) -> float:
-        """Time of the present sample [s]."""
-        return seconds(self.k * self.period_ns)
-
-    def step(self, tau: Vector) -> None:
-        """
-        Receive the torque `tau`, shape (n,) [N·m], and go on by one control period.
-
-        What is held over the period is the torque received `input_delay` samples ago, within
-        the saturation.
-
-        Raises
-        ------
-        CtcError
-            If the motion leaves the range of floating-point numbers.
-
-        """
-        t = self.t
-        if not isfinite(sum(tau)):
-            raise CtcError(f'the torque {list(tau)} at t = {t:g} s is not finite')
-        if self._coming:
-            self._coming.append(tau)
-            tau = self._coming.popleft()
-        if self._limited:
-            tau = [min(max(x, -limit), limit)
-                   for x, limit in zip(tau, self.config.torque_saturation)]
-        self.applied = tau
+    def _move(self, t: float, tau: Vector) -> None:
+        """Go on by one control period in as many steps as `integration_step` asks for."""
         if not self._decided or self._stuck or 0.0 in self.dq:
             self._decide(t, tau)
-        try:
-            for i in range(self._substeps):
-                self._advance(t + i * self._h, self._h, tau)
-            if not isfinite(sum(self.q) + sum(self.dq)):
-                raise OverflowError
-        except (ValueError, OverflowError):  # sin(inf)
-            raise CtcError(f'the motion of the plant diverged at t = {t:g} s') from None
-        self.k += 1
-        self.measured = self._sensor.measure(self.q, self.dq)
-
-    def _torque(self, t: float, tau: Vector) -> Vector:
-        """Return torque plus disturbance, shape (n,)."""
-        if not self._disturbed:
-            return tau
-        d = disturbance(
-            self.config.disturbance_amplitude, self.config.disturbance_frequency, t)
-        return [a + b for a, b in zip(tau, d)]
+        h = self._h
+        for i in range(self._substeps):
+            self._advance(t + i * h, h, tau)
 
     def _decide(self, t: float, tau: Vector) -> None:
         """Set the modes from the state and the load at time `t`."""

@@ -21,7 +21,7 @@ class Scaled(Model):
     """
 
     def __init__(self, model: Model, inertia: float, gravity: float) -> None:
-        self.n = model.n
+        self.n, self.effort_limits = model.n, model.effort_limits
         self._model = model
         self._inertia, self._gravity = inertia, gravity
 

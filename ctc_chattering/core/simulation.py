@@ -13,9 +13,14 @@ import numpy.typing as npt
 
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import period_ns, samples, seconds
-from ctc_chattering.core.plant import Plant, PlantConfig
-from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
+from ctc_chattering.core.guard import Guard
+from ctc_chattering.core.model import Model
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.plants import make_plant
+from ctc_chattering.core.reference import make_motion, ReferenceConfig
+from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.trajectory import Point
+from ctc_chattering.core.waypoints import Route
 from ctc_chattering.errors import CtcError
 
 Array = npt.NDArray[np.float64]
@@ -95,7 +100,9 @@ class Record:
 
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
-             progress: Callable[[float], None] | None = None, truth: bool = False) -> Run:
+             progress: Callable[[float], None] | None = None, truth: bool = False,
+             route: Route | None = None, robot: Robot | None = None,
+             model: Model | None = None) -> Run:
     """
     Run the closed loop from t = 0 to the plant's `duration`, both samples included.
 
@@ -112,16 +119,26 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         Called now and then with the simulated time [s].
     truth : bool
         Record the true state in place of the one that the sensors show, as a bag has it.
+    route : Route, optional
+        Waypoints in place of the reference's sinusoid.
+    robot : Robot, optional
+        At its start, made from `plant`; in place of the one that `plant` describes.
+    model : Model, optional
+        Of the controller, in place of the one that its configuration names.
 
     Raises
     ------
     CtcError
-        If `duration` is 0, or the motion diverges.
+        If `duration` is 0, the motion diverges, a position error exceeds `error_limit`, or the
+        waypoints are not allowed.
 
     """
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
-    robot, law, motion = Plant(plant), Controller(controller), Sinusoid(reference)
+    robot = robot or make_plant(plant)
+    law, guard = Controller(controller, model), Guard(enabled=True)
+    motion = make_motion(
+        reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
     straight = order == list(range(len(order)))
     period = period_ns(plant.control_period)
@@ -129,7 +146,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     delay = controller.input_delay
 
     def at(k: int) -> Point:
-        point = motion.at(seconds(k * period))
+        point = motion.at(k * period)
         if straight:
             return point
         q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
@@ -137,7 +154,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
 
     coming = deque(at(k) for k in range(delay))
     due = sorted(events, key=lambda event: event.time)
-    record = Record(robot.model.n)
+    record = Record(robot.n)
     every = max(1, last // 100)
     for k in range(last + 1):
         t = seconds(k * period)
@@ -147,6 +164,11 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         q, dq = robot.measured
         desired = coming.popleft()
         sample = law.step(q, dq, *desired, coming)
+        if not guard.check(sample.e, law.config.error_limit):
+            i = guard.tripped or 0
+            raise CtcError(
+                f'the position error of {controller.joint_names[i]} at t = {t:g} s, '
+                f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')
         if truth:
             q, dq = robot.q, robot.dq
         record.add(t, q, dq, *desired, sample.tau, sample.v)
@@ -157,7 +179,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     return record.run()
 
 
-def _apply(event: Event, robot: Plant, law: Controller) -> None:
+def _apply(event: Event, robot: Robot, law: Controller) -> None:
     if event.node == 'plant':
         robot.configure(robot.config.changed(event.values))
     else:

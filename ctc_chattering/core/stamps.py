@@ -62,15 +62,20 @@ class Stamps:
         if last is None:
             return self._take(t, now, ANEW)
         step = t - last
-        if 0 < step <= self.limit:
-            if not simulated and self._is_stale(t, now):
+        if simulated:
+            if 0 < step <= self.limit:
+                self._last, self._arrived, self._candidate = t, now, None
+                return NEXT
+        elif step > 0:
+            if self._is_stale(t, now):
                 return STALE
-            return self._take(t, now, NEXT)
+            if step <= self.limit:
+                return self._take(t, now, NEXT)
+            silence = now - self._arrived
+            if step <= silence + silence // _LEAK + self.limit:
+                return self._take(t, now, GAP)
         if step == 0:
             return REPEATED
-        silent = not simulated and abs(step - (now - self._arrived)) <= self.limit
-        if step > 0 and silent:
-            return self._take(t, now, GAP)
         candidate, self._candidate = self._candidate, t
         if candidate is not None and (0 if simulated else 1) <= t - candidate <= self.limit:
             self._least = None
@@ -79,7 +84,7 @@ class Stamps:
 
     def _take(self, t: int, now: int, verdict: str) -> str:
         delay = now - t
-        if self._least is None or verdict == ANEW:
+        if self._least is None:
             self._least = delay
         else:
             self._least = min(self._least + (now - self._arrived) // _LEAK, delay)
@@ -88,7 +93,9 @@ class Stamps:
 
     def _is_stale(self, t: int, now: int) -> bool:
         """Return whether a state comes later after its stamp than it should."""
-        if self._least is None or now - t - self._least <= self.limit:
+        if self._least is None:
+            return False
+        if now - t - self._least <= self.limit + (now - self._arrived) // _LEAK:
             return False
         if self._stale_since is None:
             self._stale_since = now

@@ -9,8 +9,10 @@ Brogliato 2016; see docs/theory.md).
 
 from __future__ import annotations
 
-from ctc_chattering.core.box import solve_box
-from ctc_chattering.core.model import Model, solve, Vector
+from collections.abc import Callable
+
+from ctc_chattering.core.box import nearest, solve_box
+from ctc_chattering.core.model import Model, Rows, solve, Vector
 
 #: Values of the parameter ``switching``.
 SWITCHINGS = ('sign', 'boundary_layer', 'implicit', 'implicit_observer')
@@ -69,6 +71,15 @@ def implicit_term(model: Model, q: Vector, wanted: Vector, ka: Vector) -> Vector
     others through M⁻¹, and the box problem couples them all; it has one solution, whatever b h.
 
     """
+    return within(lambda: model.mass_matrix(q), wanted, ka)
+
+
+def within(mass: Callable[[], Rows], wanted: Vector, ka: Vector) -> Vector:
+    """
+    Return what `implicit_term` does; `mass` gives M, and is called only if it is needed.
+
+    Where `wanted` is within ±Ka, that very object is returned.
+    """
     for x, k in zip(wanted, ka):
         if not -k <= x <= k:
             break
@@ -76,7 +87,8 @@ def implicit_term(model: Model, q: Vector, wanted: Vector, ka: Vector) -> Vector
         return wanted
     if not all(abs(x) < 1e280 for x in wanted):  # The elimination below would overflow.
         return sign(wanted, ka)
-    n = model.n
-    mass = model.mass_matrix(q)
-    inverse = [solve(mass, [float(i == j) for i in range(n)]) for j in range(n)]
-    return solve_box(inverse, [-y for y in solve(mass, wanted)], ka)
+    if len(wanted) > 2:
+        return nearest(mass(), wanted, ka)
+    rows, n = mass(), len(wanted)
+    inverse = [solve(rows, [float(i == j) for i in range(n)]) for j in range(n)]
+    return solve_box(inverse, [-y for y in solve(rows, wanted)], ka)

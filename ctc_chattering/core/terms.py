@@ -9,6 +9,7 @@ import dataclasses
 import numpy as np
 
 from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.core.model import Model
 from ctc_chattering.core.simulation import Array, Run
 
 
@@ -36,7 +37,8 @@ class Terms:
     lyapunov: Array
 
 
-def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]]) -> Terms:
+def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
+          model: Model | None = None) -> Terms:
     """
     Run the controller over the states and the reference of `run`.
 
@@ -47,10 +49,12 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]]) -> Terms:
         the last sample, so that as many torques at the end may differ from those sent.
     configs : sequence of (time, ControllerConfig)
         Configurations, each in force from the first sample at or after its time [s].
+    model : Model, optional
+        In place of the one that the configurations name.
 
     """
     due = sorted(configs, key=lambda item: item[0])
-    law = Controller(due[0][1])
+    law = Controller(due[0][1], model)
     n = len(law.config.joint_names)
     columns = [array('d') for _ in range(5)]
     lyapunov = array('d')

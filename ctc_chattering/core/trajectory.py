@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ctc_chattering.core.grid import seconds
 from ctc_chattering.core.model import Vector
+from ctc_chattering.core.polynomial import quintic
 
 Point = tuple[Vector, Vector, Vector]
 
@@ -94,7 +95,7 @@ class Trajectory:
         after = self._points[self._times[i]]
         h = seconds(self._times[i] - self._times[i - 1])
         s = seconds(t - self._times[i - 1]) / h
-        joints = [_quintic(s, h, *ends) for ends in zip(*before, *after)]
+        joints = [quintic(s, h, *ends) for ends in zip(*before, *after)]
         return tuple(zip(*joints))  # type: ignore[return-value]
 
     def _after(self, t: int, last: Point) -> Point:
@@ -106,17 +107,3 @@ class Trajectory:
             return q, rest, rest
         h = seconds(min(late, self._grace))
         return [x + h * v for x, v in zip(q, dq)], dq if late <= self._grace else rest, rest
-
-
-def _quintic(s: float, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
-             a1: float) -> tuple[float, float, float]:
-    """Return value and two derivatives, at s in [0, 1], of the quintic over `h` [s]."""
-    v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
-    d = x1 - x0
-    c2 = 0.5 * a0
-    c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
-    c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
-    c5 = 6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
-    return (x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
-            (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
-            (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from math import isfinite
-import sys
+from math import inf, isfinite
 import time
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -19,20 +18,23 @@ from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Vector
-from ctc_chattering.core.trajectory import Trajectory
+from ctc_chattering.core.models import model_of
+from ctc_chattering.core.trajectory import Point, Trajectory
 from ctc_chattering.graph import (
     CLOCK,
     COMMANDS,
     FILTER,
     JOINT_STATES,
     REFERENCE,
+    ROBOT_DESCRIPTION,
     TORQUES,
     TRACKING,
 )
+from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell, Status, TICK
+from ctc_chattering.nodes.runtime import qos, Shell, Status, TICK
 from ctc_chattering.settings import ControllerSettings
 
 #: Why a stamp is refused.
@@ -64,8 +66,9 @@ class ControllerNode(Shell):
             self, (ControllerConfig, ControllerSettings), self._on_change)
         config = self._tuning.get(ControllerConfig)
         self._settings = self._tuning.get(ControllerSettings)
-        self._controller = Controller(config)
+        self._controller: Controller | None = None
         self._guard = Guard(self._settings.enabled)
+        self._watched = min(config.error_limit) < inf
         names = self._names = config.joint_names
         self._period = period_ns(config.control_period)
         self._timeout = max(
@@ -89,8 +92,8 @@ class ControllerNode(Shell):
         self._count = 0
         self._heard = False
         self._waiting: _State | None = None
-        #: Whether torques are being sent, and nothing has stopped them since.
-        self._sending = False
+        #: The torque sent last; None where nothing has been sent, or a last one of 0.
+        self._held: Vector | None = None
         #: Whether somebody publishes the clock, and whether somebody did at the last state.
         self._clock_heard = self._simulated = False
         self._arrived = 0
@@ -103,6 +106,17 @@ class ControllerNode(Shell):
         self._timeouts = {'state': 0, 'reference': 0}
         self.create_service(SetBool, '~/enable', self._on_enable)
         self.create_service(Trigger, '~/reset', self._on_reset)
+        self._description = Description(
+            self, config.described, config.description, self._begin)
+
+    def _begin(self, description: str) -> None:
+        """Make the law for a robot, and begin to listen."""
+        config = self._tuning.get(ControllerConfig)
+        self._controller = Controller(config, model_of(config, description))
+        if description:
+            self._described = self.create_publisher(
+                String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
+            self._described.publish(String(data=description))
         self._reference_inbox = Inbox(
             self, JointTrajectory, REFERENCE, wire.TrajectoryReader().read, self._on_reference,
             qos(), plausible=self._continues)
@@ -133,7 +147,9 @@ class ControllerNode(Shell):
     def status(self) -> Status:
         """Return what the controller does and why."""
         level, message = DiagnosticStatus.OK, 'running'
-        if self._guard.tripped is not None:
+        if self._description.problem:
+            level, message = DiagnosticStatus.ERROR, self._description.problem
+        elif self._guard.tripped is not None:
             level, message = DiagnosticStatus.ERROR, (
                 f'tripped: the position error of {self._names[self._guard.tripped]} exceeded '
                 'error_limit; call ~/reset')
@@ -150,20 +166,24 @@ class ControllerNode(Shell):
             level, message = DiagnosticStatus.ERROR, (
                 f'no {REFERENCE} for {self._settings.reference_timeout:g} s; holding the '
                 'position')
+        config = self._tuning.get(ControllerConfig)
         return Status(level, message, {
-            'law': self._controller.config.law, 'switching': self._controller.config.switching,
+            'law': config.law, 'switching': config.switching,
             'saturated samples': self._saturated, 'restarts': self._restarts,
             **{f'timeouts, {name}': count for name, count in self._timeouts.items()},
             'time': 'simulated' if self._simulated else 'real'})
 
     def _on_change(self) -> None:
         self._settings = self._tuning.get(ControllerSettings)
-        self._controller.configure(self._tuning.get(ControllerConfig))
+        config = self._tuning.get(ControllerConfig)
+        if self._controller is not None:
+            self._controller.configure(config)
+        self._watched = min(config.error_limit) < inf
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response
                    ) -> SetBool.Response:
         if request.data and not self._guard.enabled:
-            self._controller.reset(bumpless=True)
+            self._restart()
         self._guard.enabled = request.data
         if not request.data:
             self._stop('disabled by ~/enable', error=False)
@@ -179,8 +199,12 @@ class ControllerNode(Shell):
         response.message = 'reset' if self._guard.tripped is not None else 'was not tripped'
         if self._guard.tripped is not None:
             self._guard.reset()
-            self._controller.reset(bumpless=True)
+            self._restart()
         return response
+
+    def _restart(self, bumpless: bool = True) -> None:
+        if self._controller is not None:
+            self._controller.reset(bumpless, self._held if bumpless else None)
 
     def _on_reference(self, piece: wire.Piece, now: int) -> None:
         pick = self._reference_joints.pick(piece.names)
@@ -229,7 +253,7 @@ class ControllerNode(Shell):
             self._clock_heard = self.count_publishers(CLOCK) > 0
         self._simulated = self._clock_heard
         verdict = self._stamps.judge(t, now, self._simulated)
-        if verdict != stamps.NEXT:
+        if verdict != stamps.NEXT or self._lost:  # Lost: a torque of 0 was sent since.
             self._judged(verdict, t)
         self._seen, self._lost, self._arrived, self._last = True, False, now, t
         self._answer(_State(t, now, q, dq))
@@ -243,7 +267,7 @@ class ControllerNode(Shell):
         if not self._seen:
             return
         self._restarts += 1
-        self._controller.reset(bumpless=not self._simulated)
+        self._restart(bumpless=not self._simulated)
         self.pace.pause()
         if verdict == stamps.ANEW:
             self._count = 0
@@ -253,6 +277,8 @@ class ControllerNode(Shell):
 
     def _answer(self, state: _State) -> None:
         """Send the torque that answers a state, or have the state wait."""
+        law = self._controller
+        assert law is not None
         t = state.t
         point = self._trajectory.at(t)
         if not self._heard:
@@ -266,26 +292,26 @@ class ControllerNode(Shell):
         ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]
         q = state.q
         try:
-            sample = self._controller.step(q, state.dq, *point, ahead)
+            sample = law.step(q, state.dq, *point, ahead)
         except (ValueError, OverflowError):  # sin(inf)
             sample = None
         if sample is None or not isfinite(sum(sample.tau) + sum(sample.v)):
-            self._controller.reset(bumpless=True)
+            law.reset(bumpless=True, held=self._held)
             self._state_inbox.refuse(
                 Refused('overflow', f'no torque can be computed for {list(q)}, '
                         f'{list(state.dq)}'), state.now)
             return
-        if not self._guard.check(sample.e, self._controller.config.error_limit):
+        if self._watched and not self._guard.check(sample.e, law.config.error_limit):
             self._stop(f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
                        'error_limit; no torque until ~/reset')
             self._waiting = state
             return
         self._commands.publish(self._writer.write(sample.tau))
-        self._sending = True
+        self._held = sample.tau
         if sample.excess is not None:
             self._saturated += 1
         if self._count % self._settings.state_decimation == 0:
-            self._publish_terms(t, q, sample, point)
+            self._publish_terms(t, sample, point, law.lyapunov(q, sample.v))
             self._trajectory.forget(t)
             self._note_late(t)
         self._count += 1
@@ -314,29 +340,24 @@ class ControllerNode(Shell):
 
     def _stop(self, why: str = '', error: bool = True) -> None:
         """Send no torque from now on; in real time a last one of 0, for those who hold it."""
-        if why and error:  # Each severity a line of its own: rclpy remembers it by the line.
+        # A line each: ROS takes no second severity from the same line, and raises.
+        if why and error:
             self.get_logger().error(why)
         elif why:
             self.get_logger().info(why)
-        if self._sending and not self._simulated:
+        if self._held is not None and not self._simulated:
             self._commands.publish(self._writer.write((0.0,) * len(self._names)))
-        self._sending = False
+        self._held = None
         self.pace.pause()
 
-    def _publish_terms(self, t: int, q: Vector, s: Sample,
-                       point: tuple[Vector, Vector, Vector]) -> None:
+    def _publish_terms(self, t: int, s: Sample, point: Point, lyapunov: float) -> None:
         self._tracking.publish(self._tracking_writer.write(
             t, (*point[0], *s.e), (*point[1], *s.de)))
         self._filter.publish(self._filter_writer.write(t, s.v))
         self._torques.publish(self._torque_writer.write(t, (
             *s.inverse_dynamics, *(-x for x in s.compensation), *(-x for x in s.chattering),
-            self._controller.lyapunov(q, s.v))))
+            lyapunov)))
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ControllerNode, 'controller')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+#: What the executable runs.
+NODE = ControllerNode

@@ -117,11 +117,11 @@ class Inbox(Generic[T]):
             try:
                 message = self._read(data)
             except Exception as error:
-                self.arbiter.pass_over(number, now)
+                self.arbiter.reject(number, now, self._alone)
                 raise Refused('undecodable', f'{len(data)} bytes that are no message: '
                               f'{" ".join(str(error).split())}') from None
             if self._concerns is not None and not self._concerns(message):
-                self.arbiter.pass_over(number, now)
+                self.arbiter.pass_over(number)
                 return
             if not self.arbiter.admits(
                     number, now, self._alone, lambda: self._plausible(message)):

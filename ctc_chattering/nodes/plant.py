@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import isfinite
-import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,13 +13,16 @@ from std_msgs.msg import Float64MultiArray
 from ctc_chattering import wire
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.core.model import Vector
-from ctc_chattering.core.plant import Plant, PlantConfig
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.plants import make_plant
+from ctc_chattering.core.robot import Robot
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
+from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell, Status
+from ctc_chattering.nodes.runtime import qos, Shell, Status
 from ctc_chattering.settings import PlantSettings
 
 #: Periods that one tick of the real-time clock makes good at the most.
@@ -43,7 +45,7 @@ class PlantNode(Shell):
         super().__init__('plant')
         self._tuning = NodeParameters(self, (PlantConfig, PlantSettings), self._on_change)
         config, self._settings = self._tuning.get(PlantConfig), self._tuning.get(PlantSettings)
-        self._plant = Plant(config)
+        self._plant: Robot | None = None
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
         self._clock_every = max(1, round(
@@ -64,6 +66,14 @@ class PlantNode(Shell):
         # The clock first: who hears of it knows that a state can wait.
         self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())
+        self._description = Description(
+            self, config.described, config.description, self._begin)
+
+    def _begin(self, description: str) -> None:
+        """Make the robot, and begin to listen."""
+        config = self._tuning.get(PlantConfig)
+        self._plant = make_plant(config, description)
+        lockstep = self._ticker is not None
         self._inbox = Inbox(
             self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
             self._on_answer if lockstep else self._on_command, qos(),
@@ -72,9 +82,15 @@ class PlantNode(Shell):
         if not lockstep:
             self.create_timer(seconds(self._period), self._on_tick)
 
+    @property
+    def _robot(self) -> Robot:
+        """The robot, once there is one."""
+        assert self._plant is not None
+        return self._plant
+
     def idle(self) -> None:
         """Begin once all are there; repeat the last message for those who came late."""
-        if self._ticker is None:
+        if self._ticker is None or self._plant is None:
             return
         now = time.monotonic_ns()
         counts = [p.get_subscription_count() for p in (self._states, self._ticker)]
@@ -98,11 +114,13 @@ class PlantNode(Shell):
         if not self._begun:
             return f'those who are to hear {JOINT_STATES}'
         publishers = ', '.join(self._inbox.publishers())
-        return (f'the answer on {COMMANDS} to the state at t = {self._plant.t:g} s; '
+        return (f'the answer on {COMMANDS} to the state at t = {self._robot.t:g} s; '
                 + (f'published by {publishers}' if publishers else 'nobody publishes there'))
 
     def status(self) -> Status:
         """Return what the plant does and why."""
+        if self._plant is None:
+            return Status(DiagnosticStatus.ERROR, self._description.problem, {})
         level, message = DiagnosticStatus.OK, 'running'
         if self._ticker is not None:
             waiting = time.monotonic_ns() - self._asked
@@ -122,7 +140,8 @@ class PlantNode(Shell):
 
     def _on_change(self) -> None:
         self._settings = self._tuning.get(PlantSettings)
-        self._plant.configure(self._tuning.get(PlantConfig))
+        if self._plant is not None:
+            self._plant.configure(self._tuning.get(PlantConfig))
         if self._held:
             self._held = False
             self._publish_sample()
@@ -131,9 +150,10 @@ class PlantNode(Shell):
 
     def _on_answer(self, efforts: wire.Efforts, now: int) -> None:
         tau = self._torques(efforts)
+        plant = self._robot
         if not self._begun or self._held:
             return
-        if self._plant.k == self._last and self._last:
+        if plant.k == self._last and self._last:
             self._end()
             return
         if self._step(tau):
@@ -141,21 +161,21 @@ class PlantNode(Shell):
             self._publish_sample()
 
     def _publish_sample(self) -> None:
-        hold = self._settings.hold_at
-        if hold and self._plant.t >= hold:
+        hold, k = self._settings.hold_at, self._robot.k
+        if hold and self._robot.t >= hold:
             self._held = True
             self._publish_clock()
             return
         self._asked = time.monotonic_ns()
         self._publish_state()
-        if self._plant.k % self._clock_every == 0 or self._plant.k == self._last:
+        if k % self._clock_every == 0 or k == self._last:
             self._publish_clock()
         if self._tuning.news:
-            self._tuning.announce(self._plant.k * self._period)
+            self._tuning.announce(k * self._period)
 
     def _publish_clock(self) -> None:
         assert self._ticker is not None
-        self._ticker.publish(Clock(clock=wire.stamp(self._plant.k * self._period)))
+        self._ticker.publish(Clock(clock=wire.stamp(self._robot.k * self._period)))
 
     # Real time.
 
@@ -166,29 +186,30 @@ class PlantNode(Shell):
             self._begun = True
             self._start = self.get_clock().now().nanoseconds
             self._tuning.announce(self._start)
-        if self._plant.braking:
-            self._plant.braking = False
+        if self._robot.braking:
+            self._robot.braking = False
             self.get_logger().info(f'{COMMANDS}: commands again, brakes off')
 
     def _on_tick(self) -> None:
         begin = time.monotonic_ns()
+        plant = self._robot
         now = self.get_clock().now().nanoseconds
         if not self._begun:
             self._start = now
         else:
             self._watch(begin)
-            due = (now - self._start) // self._period - self._plant.k
+            due = (now - self._start) // self._period - plant.k
             self.pace.misses += max(0, due - 1)
             for _ in range(min(due, _CATCH_UP)):
-                if self._plant.k == self._last and self._last:
+                if plant.k == self._last and self._last:
                     self._end()
                     return
                 if not self._step(self._latest):
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
-                self._start = now - self._plant.k * self._period
+                self._start = now - plant.k * self._period
             if self._tuning.news:
-                self._tuning.announce(self._start + self._plant.k * self._period)
+                self._tuning.announce(self._start + plant.k * self._period)
             if due < 1:
                 return
         self._publish_state()
@@ -196,10 +217,10 @@ class PlantNode(Shell):
 
     def _watch(self, now: int) -> None:
         """Brake when no command has come for too long."""
-        if self._plant.braking or (
+        if self._robot.braking or (
                 now - self._commanded <= self._settings.command_timeout * NANOSECONDS):
             return
-        self._plant.braking = True
+        self._robot.braking = True
         self._latest = self._rest
         self._timeouts += 1
         self.get_logger().error(
@@ -213,7 +234,7 @@ class PlantNode(Shell):
         if self.failure is not None:
             return False
         try:
-            self._plant.step(tau)
+            self._robot.step(tau)
         except CtcError as error:
             self.failure = str(error)
             self.get_logger().fatal(self.failure)
@@ -221,7 +242,7 @@ class PlantNode(Shell):
         return self.failure is None
 
     def _publish_state(self) -> None:
-        plant = self._plant
+        plant = self._robot
         self._states.publish(self._writer.write(
             self._start + plant.k * self._period, *plant.measured, plant.applied))
 
@@ -249,15 +270,10 @@ class PlantNode(Shell):
     def _end(self) -> None:
         if not self.done.done():
             self.get_logger().info(
-                f'the experiment has ended at t = {self._plant.t:g} s after '
-                f'{self._plant.k + 1} samples')
+                f'the experiment has ended at t = {self._robot.t:g} s after '
+                f'{self._robot.k + 1} samples')
             self.done.set_result(None)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(PlantNode, 'plant')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+#: What the executable runs.
+NODE = PlantNode

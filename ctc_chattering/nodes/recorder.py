@@ -6,17 +6,17 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 import struct
-import sys
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.core.numbering import Numbering
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.nodes.inbox import with_info
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import NAP, qos, run, Shell, Status
+from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.settings import RecorderSettings
 from ctc_chattering.wire import message_type
@@ -58,17 +58,17 @@ class RecorderNode(Shell):
         offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
         write, stamp = self._recording.write, struct.Struct('<iI').unpack_from
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
-        expected = 0
+        numbering = Numbering()
 
         def on_message(data: bytes, info: Mapping[str, Any]) -> None:
-            nonlocal expected
             self._received += 1
             if self.failure is not None:
                 return
-            number = info.get('publication_sequence_number') or 0
-            if expected < number and expected and self.count_publishers(topic.name) == 1:
-                self._lose(name, number - expected)
-            expected = number + 1
+            number = info.get('publication_sequence_number')
+            if number and not numbering.follows(number):
+                lost = numbering.lost(number, self.count_publishers(topic.name))
+                if lost:
+                    self._lose(name, lost)
             if self._simulated is None:
                 self._simulated = self.count_publishers(CLOCK) > 0
             if (is_state or is_clock) and len(data) >= 12:
@@ -139,10 +139,5 @@ class RecorderNode(Shell):
                                + (f', {lost} dropped' if lost else ''))
 
 
-def main() -> int:
-    """Run the node."""
-    return run(RecorderNode, 'recorder')
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+#: What the executable runs.
+NODE = RecorderNode

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import sys
+from math import isfinite
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,13 +12,21 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import wire
+from ctc_chattering.core.blend import Blend, Motion
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
-from ctc_chattering.graph import CLOCK, JOINT_STATES, REFERENCE
+from ctc_chattering.core.reference import make_motion, ReferenceConfig
+from ctc_chattering.core.trajectory import Point
+from ctc_chattering.core.waypoints import Route, Waypoints
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.graph import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 from ctc_chattering.nodes.inbox import Inbox, Refused
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, run, Shell, Status
+from ctc_chattering.nodes.runtime import qos, Shell, Status
 from ctc_chattering.settings import ReferenceSettings
+from ctc_chattering.trajectory_file import read_trajectory
+
+#: Time over which waypoints that begin in the past are joined, without a start duration [s].
+_BLEND = 0.5
 
 
 class ReferenceNode(Shell):
@@ -25,7 +34,8 @@ class ReferenceNode(Shell):
     Publishes pieces of the motion, each before it is needed.
 
     Where somebody publishes ``clock``, the motion is a function of that time; otherwise of the
-    node clock's time since the first joint state seen.
+    node clock's time since the first joint state seen while somebody listened. Waypoints that
+    come on ``~/joint_trajectory`` take the place of the motion.
     """
 
     def __init__(self) -> None:
@@ -34,7 +44,12 @@ class ReferenceNode(Shell):
             self, (ReferenceConfig, ReferenceSettings), lambda: None)
         config = self._tuning.get(ReferenceConfig)
         self._settings = self._tuning.get(ReferenceSettings)
-        self._motion = Sinusoid(config)
+        self._route = None
+        if config.trajectory_file:
+            self._route = read_trajectory(Path(config.trajectory_file), config.joint_names)
+        self._from_state = self._route is not None or config.start_duration > 0.0
+        self._config = config
+        self._motion: Motion | None = None if self._from_state else make_motion(config)
         self._period = period_ns(config.control_period)
         horizon = round(self._settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
@@ -49,10 +64,11 @@ class ReferenceNode(Shell):
         self._subscribers = 0
         self._clock_inbox = Inbox(
             self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), plausible=self._is_next)
-        self._states: Inbox[wire.State] | None = Inbox(
-            self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(10),
-            lambda state: not self._mine.isdisjoint(state.names))
-        self.inboxes = [self._clock_inbox]
+        self._states: Inbox[wire.State] | None = None
+        self._route_inbox = Inbox(
+            self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', wire.TrajectoryReader().read,
+            self._on_route, qos(10))
+        self.inboxes = [self._clock_inbox, self._route_inbox]
 
     def spin(self, executor: Any) -> None:
         """Take what has come, in batches: the horizon is long enough."""
@@ -60,7 +76,12 @@ class ReferenceNode(Shell):
 
     def idle(self) -> None:
         """Publish what the node's own clock asks for, and again for a new subscriber."""
-        if self._states is not None and self._start is not None:
+        begun = self._start is not None and self._motion is not None
+        if self._states is None and not begun:
+            self._states = Inbox(
+                self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(10),
+                lambda state: not self._mine.isdisjoint(state.names))
+        elif self._states is not None and begun:
             self.destroy_subscription(self._states.subscription)
             self._states = None
         if self._start is not None and not self._simulated:
@@ -73,7 +94,7 @@ class ReferenceNode(Shell):
 
     def status(self) -> Status:
         """Return what the motion does."""
-        if self._now is None:
+        if self._now is None or self._motion is None:
             return Status(DiagnosticStatus.WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
         values = {'time of the motion [s]': seconds(self._now), 'published pieces': self._pieces,
                   'time': 'simulated' if self._simulated else 'real'}
@@ -95,21 +116,52 @@ class ReferenceNode(Shell):
         self._extend()
 
     def _advance(self, now: int) -> None:
-        """Note the time of the motion [ns]; if it went back, publish from there anew."""
+        """Note the time of the motion [ns]; if it went back, begin anew from there."""
         if self._now is not None and now < self._now:
             self._next = now // self._period
+            if self._from_state:
+                self._motion = None
         self._now = now
 
     def _on_state(self, state: wire.State, _arrival: int) -> None:
-        if self.count_publishers(CLOCK) > 0:
-            return
-        now = self.get_clock().now().nanoseconds
-        self._start = state.t if abs(state.t - now) < NANOSECONDS else now
+        t = state.t
+        if self.count_publishers(CLOCK) == 0:
+            if not self._publisher.get_subscription_count():
+                return
+            now = self.get_clock().now().nanoseconds
+            t = t if abs(t - now) < NANOSECONDS else now
+            if self._start is None:
+                self._start = t
+            t -= self._start
+        if self._motion is None:
+            velocities = state.velocity or (0.0,) * len(state.position)
+            start = {name: (q, dq) for name, q, dq in zip(
+                state.names, state.position, velocities) if isfinite(q + dq)}
+            self._motion = make_motion(self._config, self._route, start, t)
+
+    def _on_route(self, piece: wire.Piece, _arrival: int) -> None:
+        """Go through waypoints, after what has been published already."""
+        if self._now is None or self._motion is None:
+            raise Refused('early', 'the motion has not begun')
+        begin = (self._now // self._period + self._piece) * self._period
+        stamped = piece.start != 0
+        shift = -(self._start or 0) if stamped else begin
+        try:
+            route = Route(*piece[:3])._replace(times=[t + shift for t in piece.times]).ordered(
+                self._config.joint_names)
+            before = self._motion.at(begin)
+            self._motion = _Then(self._motion, begin, _through(
+                route, begin, before, self._config.start_duration))
+        except ParameterError as error:
+            raise Refused('waypoints', str(error)) from None
+        self._next = begin // self._period
 
     def _extend(self) -> None:
         """Publish pieces until the motion is known far enough ahead."""
-        if self._now is None or not self._subscribers:
+        if self._now is None or self._motion is None or not self._subscribers:
             return
+        if isinstance(self._motion, _Then) and self._now > self._motion.begin:
+            self._motion = self._motion.after
         if self._tuning.news:
             if not self.heard((self._publisher,), self._settings.wait_for):
                 return
@@ -122,17 +174,30 @@ class ReferenceNode(Shell):
 
     def _publish(self, first: int) -> None:
         """Publish a piece from grid index `first` on."""
+        assert self._motion is not None
         self._pieces += 1
         self._publisher.publish(self._writer.write(
             (self._start or 0) + first * self._period,
-            [self._motion.at(seconds((first + k) * self._period))
-             for k in range(self._piece)]))
+            [self._motion.at((first + k) * self._period) for k in range(self._piece)]))
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ReferenceNode, 'reference')
+class _Then:
+    """One motion until an instant, and another one from there on."""
+
+    def __init__(self, before: Motion, begin: int, after: Motion) -> None:
+        self._before, self.begin, self.after = before, begin, after
+
+    def at(self, t: int) -> Point:
+        return (self._before if t < self.begin else self.after).at(t)
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+def _through(route: Route, begin: int, state: Point, duration: float) -> Motion:
+    """Return the way from a state at `begin` [ns] through waypoints, some of them past, maybe."""
+    if route.times[0] > begin:
+        return Waypoints(route.times, route.points, start=(begin, state))
+    q, dq, ddq = state
+    return Blend(Waypoints(route.times, route.points), begin, q, dq, duration or _BLEND, ddq)
+
+
+#: What the executable runs.
+NODE = ReferenceNode

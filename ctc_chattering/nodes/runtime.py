@@ -167,7 +167,7 @@ class Shell(Node):
 
 
 def run(make_node: Callable[[], Shell], name: str,
-        argv: Sequence[str] | None = None) -> int:
+        argv: Sequence[str] | None = None, stop: list[int] | None = None) -> int:
     """
     Run a node until it is done, or SIGINT or SIGTERM comes.
 
@@ -179,6 +179,8 @@ def run(make_node: Callable[[], Shell], name: str,
         The executable, for messages and for its section of the parameter files.
     argv : sequence of str, optional
         Arguments, with the program's name first; those of the process by default.
+    stop : list of int, optional
+        Fills with the signals that come, where somebody collects them already.
 
     Returns
     -------
@@ -187,7 +189,7 @@ def run(make_node: Callable[[], Shell], name: str,
 
     """
     arguments = list(sys.argv if argv is None else argv)
-    stop = signals.collect()
+    stop = signals.collect() if stop is None else stop
     node = executor = None
     try:
         for path in _params_files(arguments):

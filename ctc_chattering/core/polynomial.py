@@ -1,0 +1,40 @@
+"""
+Polynomials that meet given values, velocities and accelerations at both ends of a span.
+
+Each is evaluated at a share s in [0, 1] of the span h [s] and returns value, first and second
+derivative by time. At s = 0 the value is the given one, to the last bit.
+"""
+
+from __future__ import annotations
+
+
+def linear(s: float, h: float, x0: float, x1: float) -> tuple[float, float, float]:
+    """Return the straight line from `x0` to `x1`."""
+    d = x1 - x0
+    return x0 + s * d, d / h, 0.0
+
+
+def cubic(s: float, h: float, x0: float, v0: float, x1: float,
+          v1: float) -> tuple[float, float, float]:
+    """Return the cubic with values `x0`, `x1` and velocities `v0`, `v1` at its ends."""
+    v0, v1 = v0 * h, v1 * h
+    d = x1 - x0
+    c2 = 3.0 * d - 2.0 * v0 - v1
+    c3 = v0 + v1 - 2.0 * d
+    return (x0 + s * (v0 + s * (c2 + s * c3)),
+            (v0 + s * (2.0 * c2 + s * 3.0 * c3)) / h,
+            (2.0 * c2 + s * 6.0 * c3) / (h * h))
+
+
+def quintic(s: float, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
+            a1: float) -> tuple[float, float, float]:
+    """Return the quintic that has accelerations `a0` and `a1` at its ends as well."""
+    v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
+    d = x1 - x0
+    c2 = 0.5 * a0
+    c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
+    c5 = 6.0 * d - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
+    return (x0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
+            (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h,
+            (2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h))

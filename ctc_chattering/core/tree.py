@@ -1,0 +1,247 @@
+"""
+What a URDF says of joints and links, read and checked as XML.
+
+Nothing here knows how robots move: it is told which joints there are, what they are limited to,
+and whether they form a tree; and a URDF is made of it that holds no more than that and the
+inertias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+import xml.etree.ElementTree as ET
+
+from ctc_chattering.errors import CtcError, ParameterError
+
+#: Types of joint with one degree of freedom.
+_MOVABLE = ('revolute', 'continuous', 'prismatic')
+_INF = float('inf')
+
+
+class Mimic(NamedTuple):
+    """A joint that follows another: position = multiplier * that of the leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+class Joint(NamedTuple):
+    """One joint with one degree of freedom."""
+
+    name: str
+    #: ``revolute``, ``continuous`` or ``prismatic``.
+    kind: str
+    #: Least and greatest position [rad or m]; ∓inf where there is no limit.
+    position: tuple[float, float]
+    #: Greatest speed [rad/s or m/s] and effort [N·m or N]; inf where the URDF has none, or 0.
+    velocity: float
+    effort: float
+    mimic: Mimic | None
+
+
+class Tree:
+    """
+    The joints of a URDF.
+
+    Parameters
+    ----------
+    urdf : str
+        Its text.
+
+    Attributes
+    ----------
+    joints : dict of str to Joint
+        Those with one degree of freedom, from the root outwards, in the order of the text.
+
+    Raises
+    ------
+    CtcError
+        If the text is no URDF of a tree of such joints.
+
+    """
+
+    def __init__(self, urdf: str) -> None:
+        self._robot = _parse(urdf)
+        elements = self._check_names()
+        self.joints: dict[str, Joint] = {}
+        for element in self._outwards(elements):
+            name, kind = element.get('name', ''), element.get('type', '')
+            if kind in _MOVABLE:
+                self.joints[name] = _joint(element)
+            elif kind in ('floating', 'planar'):
+                raise CtcError(f'URDF: joint {name} is {kind}; an arm has joints with one degree '
+                               'of freedom on a base that stands still')
+            elif kind != 'fixed':
+                raise CtcError(f'URDF: joint {name} has the unknown type {kind!r}')
+
+    @property
+    def movable(self) -> tuple[str, ...]:
+        """Names of the joints a model can have: they mimic none, and none mimics them."""
+        leaders = {joint.mimic.leader for joint in self.joints.values() if joint.mimic}
+        return tuple(name for name, joint in self.joints.items()
+                     if joint.mimic is None and name not in leaders)
+
+    def locked(self, chosen: Sequence[str], positions: Mapping[str, float]) -> dict[str, float]:
+        """
+        Return where every joint stands that is not one of `chosen` [rad or m].
+
+        Parameters
+        ----------
+        chosen : sequence of str
+            Joints of the model.
+        positions : mapping of str to float
+            Positions of others; 0 for those left out. A joint that mimics goes with its leader.
+
+        Raises
+        ------
+        CtcError
+            If a name is wrong, or a joint of the model mimics another or is mimicked.
+
+        """
+        for name in chosen:
+            joint = self.joints.get(name)
+            if joint is None:
+                raise ParameterError('joint_names', tuple(chosen),
+                                     f'movable joints of the URDF: {", ".join(self.movable)}')
+            if joint.mimic is not None:
+                raise CtcError(f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
+                               'joint of the model')
+        free = [name for name, joint in self.joints.items()
+                if joint.mimic is None and name not in chosen]
+        for name, value in positions.items():
+            if name not in free or not abs(value) < _INF:
+                raise ParameterError(
+                    'locked_joints', f'{name}: {value}',
+                    f'finite positions of joints not in joint_names: {", ".join(free) or "none"}')
+        return {name: self._stands(name, chosen, positions, ())
+                for name in self.joints if name not in chosen}
+
+    def _stands(self, name: str, chosen: Sequence[str], positions: Mapping[str, float],
+                followers: tuple[str, ...]) -> float:
+        """Return where a joint stands, through the joints it mimics."""
+        if name in chosen:
+            raise CtcError(f'URDF: joint {followers[-1]} mimics {name}, a joint of the model')
+        mimic = self.joints[name].mimic
+        if mimic is None:
+            return positions.get(name, 0.0)
+        if mimic.leader not in self.joints or name in followers:
+            raise CtcError(f'URDF: joint {name} mimics {mimic.leader}, which is '
+                           f'{"a circle" if name in followers else "no movable joint"}')
+        leader = self._stands(mimic.leader, chosen, positions, (*followers, name))
+        return mimic.multiplier * leader + mimic.offset
+
+    def bare(self) -> str:
+        """
+        Return a URDF of links with their inertias and joints with their places and axes.
+
+        No meshes, so that no file is looked for; no limits. A continuous joint is a revolute one
+        here: to the dynamics there is no difference.
+        """
+        robot = ET.Element('robot', name=self._robot.get('name', 'robot'))
+        for link in self._robot.findall('link'):
+            made = ET.SubElement(robot, 'link', name=link.get('name', ''))
+            made.extend(link.findall('inertial'))
+        for joint in self._robot.findall('joint'):
+            kind = joint.get('type', '').replace('continuous', 'revolute')
+            made = ET.SubElement(robot, 'joint', name=joint.get('name', ''), type=kind)
+            for tag in ('origin', 'parent', 'child', 'axis'):
+                made.extend(joint.findall(tag))
+            ET.SubElement(made, 'limit', lower='-1', upper='1', effort='0', velocity='0')
+        return ET.tostring(robot, encoding='unicode')
+
+    def _check_names(self) -> list[ET.Element]:
+        """Return the joints; raise unless all names are there, and each of them once."""
+        joints = self._robot.findall('joint')
+        for tag, elements in (('link', self._robot.findall('link')), ('joint', joints)):
+            seen: set[str] = set()
+            for element in elements:
+                name = element.get('name', '')
+                if not name or name in seen:
+                    raise CtcError(f'URDF: {f"two {tag}s are" if name else f"a {tag} is not"} '
+                                   f'named {name}'.rstrip())
+                seen.add(name)
+        return joints
+
+    def _outwards(self, joints: Sequence[ET.Element]) -> list[ET.Element]:
+        """Return the joints from the root outwards; raise if they do not form one tree."""
+        links = {link.get('name', '') for link in self._robot.findall('link')}
+        above: dict[str, str] = {}
+        children: dict[str, list[tuple[ET.Element, str]]] = {link: [] for link in links}
+        for joint in joints:
+            name = joint.get('name', '')
+            parent, child = (_link(joint, tag, links) for tag in ('parent', 'child'))
+            if child in above:
+                raise CtcError(f'URDF: joints {above[child]} and {name} both carry link {child}: '
+                               'a closed chain')
+            above[child] = name
+            children[parent].append((joint, child))
+        roots = links - set(above)
+        if len(roots) > 1:
+            raise CtcError(f'URDF: no joint carries the links {", ".join(sorted(roots))}, but one '
+                           'link alone can be the base')
+        found: list[ET.Element] = []
+        waiting = [pair for root in roots for pair in reversed(children[root])]
+        while waiting:
+            joint, link = waiting.pop()
+            found.append(joint)
+            waiting += reversed(children[link])
+        if len(found) < len(joints):
+            circle = [x.get('name', '') for x in joints if x not in found]
+            raise CtcError(f'URDF: joints {", ".join(circle)} form a closed chain')
+        return found
+
+
+def movable_joints(urdf: str) -> tuple[str, ...]:
+    """
+    Return the names of the joints of a URDF that a model can have, from the base outwards.
+
+    They mimic no other joint, and none mimics them.
+    """
+    return Tree(urdf).movable
+
+
+def _parse(urdf: str) -> ET.Element:
+    try:
+        robot = ET.fromstring(urdf.strip())
+    except (ET.ParseError, ValueError) as error:
+        raise CtcError(f'URDF: not XML: {error}') from None
+    if robot.tag != 'robot':
+        raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
+    if any('xacro' in element.tag for element in robot.iter()):
+        raise CtcError('URDF: this is xacro; run xacro on it first')
+    return robot
+
+
+def _link(joint: ET.Element, tag: str, links: set[str]) -> str:
+    """Return the name of the link on one side of a joint."""
+    element = joint.find(tag)
+    name = '' if element is None else element.get('link', '')
+    if name not in links:
+        raise CtcError(f'URDF: the {tag} of joint {joint.get("name")} is '
+                       f'{f"{name}, which is no link" if name else "missing"}')
+    return name
+
+
+def _joint(element: ET.Element) -> Joint:
+    name, kind = element.get('name', ''), element.get('type', '')
+    limit, follows = element.find('limit'), element.find('mimic')
+    low, high, velocity, effort = (
+        _number(name, limit, key, 0.0) for key in ('lower', 'upper', 'velocity', 'effort'))
+    if kind == 'continuous' or low == high == 0.0:
+        low, high = -_INF, _INF
+    mimic = None
+    if follows is not None:
+        mimic = Mimic(follows.get('joint', ''), _number(name, follows, 'multiplier', 1.0),
+                      _number(name, follows, 'offset', 0.0))
+    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, mimic)
+
+
+def _number(joint: str, element: ET.Element | None, key: str, default: float) -> float:
+    """Return an attribute of an element within a joint."""
+    text = None if element is None else element.get(key)
+    try:
+        return default if text is None else float(text)
+    except ValueError:
+        raise CtcError(f'URDF: {key} of joint {joint} is {text!r}, not a number') from None

@@ -1,0 +1,58 @@
+"""The description of a robot, URDF or MJCF, from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import sys
+
+from ctc_chattering.errors import CtcError
+
+_SCHEME = 'package://'
+
+
+def read_description(location: str) -> str:
+    """
+    Return the text of a description.
+
+    Parameters
+    ----------
+    location : str
+        Path of the file, or ``package://NAME/PATH`` for `PATH` below ``share/NAME`` of an
+        installation of ROS 2, of the Python environment, or of a wheel in it.
+
+    Raises
+    ------
+    CtcError
+        If it cannot be read.
+
+    """
+    path = _find(location) if location.startswith(_SCHEME) else Path(location)
+    try:
+        return path.read_text(encoding='utf-8')
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or 'not a text file'
+        raise CtcError(f'description: {location}: {reason}') from None
+
+
+def _find(location: str) -> Path:
+    """Return where a ``package://`` location is."""
+    below = Path('share', *location.removeprefix(_SCHEME).split('/'))
+    looked = list(_prefixes())
+    for prefix in looked:
+        if (prefix / below).is_file():
+            return prefix / below
+    raise CtcError(f'description: {location}: not installed; looked for {below} below '
+                   + ', '.join(map(str, looked)))
+
+
+def _prefixes() -> Iterator[Path]:
+    """Yield the places below which packages have their ``share``."""
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        yield Path(prefix)
+    yield Path(sys.prefix)
+    for entry in filter(None, sys.path):
+        bundle = Path(entry, 'cmeel.prefix')
+        if bundle.is_dir():
+            yield bundle

@@ -1,0 +1,78 @@
+"""`ctc soak` on a real graph, with as little of it as shows that it works."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+from ros import descendants, PATIENCE, wait_for
+
+from ctc_chattering import soak
+from ctc_chattering.bag import open_bag
+
+pytestmark = pytest.mark.ros
+ROOT = Path(__file__).resolve().parent.parent
+#: Slow enough for two processors that others use as well.
+PERIOD = 0.005
+
+
+def start(out: Path, minutes: float, seed: int = 1) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'soak', f'--minutes={minutes}',
+         f'--seed={seed}', f'--control-period={PERIOD}', '--out', str(out)], cwd=ROOT, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)})
+
+
+def ended(process: subprocess.Popen[str], out: Path) -> dict[str, Any]:
+    """Check what every end has; return the document."""
+    stdout, stderr = process.communicate(timeout=3 * PATIENCE)
+    assert 'Traceback' not in stderr + (out / 'soak.log').read_text(encoding='utf-8')
+    document: dict[str, Any] = json.loads((out / 'soak.json').read_text(encoding='utf-8'))
+    assert process.returncode == bool(document['complaints']), stderr
+    assert document['complaints'] == [], (out / 'soak.log').read_text(encoding='utf-8')
+    assert stdout == (out / 'soak.md').read_text(encoding='utf-8')
+    bags = sorted((out / 'bags').iterdir())
+    assert len(bags) == document['bags']['count'] == (
+        1 + document['processes']['recorder']['restarts'])
+    for bag in bags:
+        open_bag(bag).close()
+    for name in ('plant', 'controller'):
+        assert document['processes'][name]['samples'] > 0.5 * document['duration_s'] / PERIOD
+    assert all(p['memory_end_kb'] > 1e4 for p in document['processes'].values())
+    return document
+
+
+def test_ctrl_c_ends_it_early_with_the_table_and_leaves_no_process(tmp_path: Path) -> None:
+    out = tmp_path / 'out'
+    process = start(out, 10.0)
+    log = out / 'soak.log'
+    wait_for(lambda: log.exists() and 'recovered' in log.read_text(encoding='utf-8'), 'a fault')
+    started = descendants(process.pid)
+    assert len(started) >= 4
+    process.send_signal(signal.SIGINT)
+    document = ended(process, out)
+    assert 0.0 < document['duration_s'] < 60.0
+    assert sum(x['recovered'] for x in document['faults'].values()) >= 1
+    assert not [pid for pid in started if Path(f'/proc/{pid}').exists()]
+
+
+@pytest.mark.slow
+def test_a_short_soak_is_passed(tmp_path: Path) -> None:
+    begin = time.monotonic()
+    process = start(tmp_path / 'out', 0.4, seed=5)
+    document = ended(process, tmp_path / 'out')
+    assert time.monotonic() - begin < 60.0
+    faults = document['faults']
+    assert sum(x['injected'] for x in faults.values()) >= 4
+    assert any(kind.startswith(soak.KILL) for kind in faults)
+    again = start(tmp_path / 'out', 0.4)
+    _, stderr = again.communicate(timeout=PATIENCE)
+    assert again.returncode == 1 and 'exists already' in stderr
