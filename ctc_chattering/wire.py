@@ -20,12 +20,15 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.core.grid import NANOSECONDS
 
+#: Latest time that we take from a stamp, an hour before those of messages end [ns].
+LATEST = (2 ** 31 - 3600) * NANOSECONDS
 #: Encapsulation of little-endian CDR.
 _LITTLE = b'\x00\x01\x00\x00'
 #: Where a header's stamp stands, and the first byte behind it.
@@ -57,6 +60,11 @@ def stamp(nanoseconds: int) -> Time:
 def nanoseconds_of(time: Time | Duration) -> int:
     """Return a time message in nanoseconds."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
+
+
+def read_clock(data: bytes) -> int:
+    """Return the time that a serialized `Clock` says [ns]."""
+    return nanoseconds_of(deserialize_message(data, Clock).clock)
 
 
 class State(NamedTuple):

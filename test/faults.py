@@ -133,7 +133,7 @@ def mutated(kind: Kind, dice: random.Random) -> bytes:
     data = bytearray(kind.valid)
     way = dice.randrange(5)
     if way == 0:
-        return dice.randbytes(dice.randrange(200))
+        return dice.randbytes(dice.randrange(len(data) + 1))  # No more than a Clock may have.
     if way == 1:
         return bytes(data[:dice.randrange(len(data))])
     if way == 2:
@@ -144,7 +144,7 @@ def mutated(kind: Kind, dice: random.Random) -> bytes:
         data[at:at + 4] = struct.pack('<I', dice.choice((
             0, 1, 3, 5, 2 ** 20, 2 ** 24, 2 ** 31 - 1, 2 ** 32 - 1, dice.getrandbits(32))))
     else:
-        data[4:] = dice.randbytes(len(data))
+        data[4:] = dice.randbytes(len(data) - 4)
         for at in range(4, len(data) - 4, 4):
             if dice.random() < 0.3:
                 data[at:at + 4] = struct.pack('<I', dice.randrange(9))
@@ -152,9 +152,15 @@ def mutated(kind: Kind, dice: random.Random) -> bytes:
 
 
 def malformed(kind: Kind, count: int, seed: int = 1) -> list[bytes]:
-    """Return messages of which hardly any is a good one: half of them no messages at all."""
+    """
+    Return messages of which hardly any is a good one, and many are no messages at all.
+
+    They come in words of four bytes: the middleware fills up others, and a reader that gets an
+    empty one hears no more of the writer.
+    """
     dice = random.Random(seed)
-    return [kind.make(dice) if i % 2 else mutated(kind, dice) for i in range(count)]
+    found = [kind.make(dice) if i % 2 else mutated(kind, dice) or bytes(4) for i in range(count)]
+    return [data + bytes(-len(data) % 4) for data in found]
 
 
 def nodes_of(pid: int) -> dict[str, int]:

@@ -231,11 +231,10 @@ import random, resource, sys
 from faults import KINDS, mutated
 from ctc_chattering import wire
 from ctc_chattering.graph import COMMANDS, JOINT_STATES, REFERENCE
-from ctc_chattering.nodes.reference import _read_clock
 kind, dice, count = KINDS[sys.argv[1]], random.Random(1), 0
 reader = {JOINT_STATES: wire.StateReader, COMMANDS: wire.EffortReader,
           REFERENCE: wire.TrajectoryReader}.get(kind.topic)
-read = reader().read if reader else _read_clock
+read = reader().read if reader else wire.read_clock
 read(kind.valid)
 size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 2 ** 27, size + 2 ** 27))

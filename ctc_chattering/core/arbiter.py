@@ -27,7 +27,7 @@ class Arbiter:
     lapse : int
         Silence after which another one may take over [ns].
     trusting : bool
-        Whether a message is taken that either of two publishers may have sent.
+        Whether a message that either of two publishers may have sent is taken if it is plausible.
 
     """
 
@@ -44,7 +44,8 @@ class Arbiter:
         #: Whether, where they last met, it was the owner that came from behind.
         self._overtaking = False
 
-    def admits(self, number: int | None, now: int, alone: Callable[[], bool]) -> bool:
+    def admits(self, number: int | None, now: int, alone: Callable[[], bool],
+               plausible: Callable[[], bool] = lambda: True) -> bool:
         """
         Return whether a message is the owner's.
 
@@ -57,20 +58,32 @@ class Arbiter:
             Any clock that only goes forward [ns].
         alone : callable
             Returns whether the topic has one publisher at the most; asked in doubt only.
+        plausible : callable
+            Returns whether the message may be the owner's by what it says; asked in doubt only.
 
         """
         if (number is not None and self._next is not None and self._rival is None
                 and self._next <= number <= self._reach and number not in self._others):
             self._follow(number, now)
             return True
-        return self._judge(number, now, alone)
+        return self._judge(number, now, alone, plausible)
 
     def pass_over(self, number: int | None) -> None:
         """Note a message that concerns nobody, the owner's or not: only its number counts."""
         if number is not None and number == self._reach:
             self._reach = number + 1
 
-    def _judge(self, number: int | None, now: int, alone: Callable[[], bool]) -> bool:
+    def reject(self, number: int | None, now: int, alone: Callable[[], bool]) -> None:
+        """Note a message that nobody can read: it is somebody's, and gives no control."""
+        if number is None:
+            return
+        if self._next is None or now - self._heard > self._lapse:
+            self._note(number, now)
+        else:
+            self.admits(number, now, alone, lambda: False)
+
+    def _judge(self, number: int | None, now: int, alone: Callable[[], bool],
+               plausible: Callable[[], bool]) -> bool:
         if number is None:
             return alone()
         if self._next is None or now - self._heard > self._lapse:
@@ -87,7 +100,8 @@ class Arbiter:
                 return True
             self._rival = number
         if self._rival is not None and number in (self._next, self._rival):
-            return self._doubt(number, now, self._next, self._rival)
+            return self._doubt(number, now, self._next, self._rival) or (
+                self._rival is not None and self._trusting and plausible())
         self._note(number, now)
         return False
 
@@ -109,12 +123,16 @@ class Arbiter:
             del self._others[next(iter(self._others))]
 
     def _doubt(self, number: int, now: int, a: int, b: int) -> bool:
-        """Let the one of two that is at this number go on; they are known once they are apart."""
+        """
+        Let the one of two that is at this number go on; they are known once they are apart.
+
+        Return whether this one is known to be the owner.
+        """
         self._heard = now
         low, high = sorted((b if number == a else a, number + 1))
         self._next, self._rival = low, high
         if high - low < _APART:
-            return self._trusting
+            return False
         owner, other = (high, low) if self._overtaking else (low, high)
         self._next = self._reach = owner
         self._rival = None

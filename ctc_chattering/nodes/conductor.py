@@ -10,6 +10,7 @@ from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
@@ -19,6 +20,7 @@ from ctc_chattering.core.grid import NANOSECONDS, seconds
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, PARAMETERS
+from ctc_chattering.nodes.inbox import Inbox
 from ctc_chattering.nodes.runtime import Executor, qos, Shell
 
 
@@ -45,18 +47,23 @@ class Conductor(Shell):
         self._pending: Future | None = None
         self._start: int | None = None
         self.time = 0.0
+        self._last = 0
         if lockstep:
-            self.create_subscription(Clock, CLOCK, self._on_clock, qos())
+            self.inboxes = [Inbox(
+                self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(),
+                plausible=lambda now: 0 <= now - self._last < NANOSECONDS)]
         else:
-            self.create_subscription(
-                ParameterEvent, f'plant/{PARAMETERS}', self._on_start, qos(100, latched=True))
+            self.inboxes = [Inbox(
+                self, ParameterEvent, f'plant/{PARAMETERS}', _read_start, self._on_start,
+                qos(100, latched=True))]
 
-    def _on_clock(self, message: Clock) -> None:
-        self.time = seconds(wire.nanoseconds_of(message.clock))
+    def _on_clock(self, now: int, _arrival: int) -> None:
+        self._last = now
+        self.time = seconds(now)
 
-    def _on_start(self, message: ParameterEvent) -> None:
+    def _on_start(self, start: int, _arrival: int) -> None:
         if self._start is None:
-            self._start = wire.nanoseconds_of(message.stamp)
+            self._start = start
 
     def idle(self) -> None:
         """Carry out the next event if it is due, one request at a time."""
@@ -95,6 +102,10 @@ class Conductor(Shell):
             RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
             .to_parameter_msg() for name, value in values.items()])
         return client.call_async(request)
+
+
+def _read_start(data: bytes) -> int:
+    return wire.nanoseconds_of(deserialize_message(data, ParameterEvent).stamp)
 
 
 class Observer:

@@ -97,6 +97,8 @@ class ControllerNode(Shell):
         #: Whether somebody publishes the clock, and whether somebody did at the last state.
         self._clock_heard = self._simulated = False
         self._arrived = 0
+        #: Stamp of the last state taken [ns].
+        self._last = 0
         self._seen = False
         self._lost = False
         self._late = False
@@ -117,10 +119,10 @@ class ControllerNode(Shell):
             self._described.publish(String(data=description))
         self._reference_inbox = Inbox(
             self, JointTrajectory, REFERENCE, wire.TrajectoryReader().read, self._on_reference,
-            qos())
+            qos(), plausible=self._continues)
         self._state_inbox = Inbox(
             self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(),
-            lambda state: self._state_joints.concerned(state.names), trusting=True)
+            lambda state: self._state_joints.concerned(state.names), self._goes_on)
         self.inboxes = [self._state_inbox, self._reference_inbox]
 
     def idle(self) -> None:
@@ -222,6 +224,17 @@ class ControllerNode(Shell):
         if self._waiting is not None:
             self._answer(self._waiting._replace(now=now))
 
+    def _goes_on(self, state: wire.State) -> bool:
+        """Return whether a state is the plant's next one."""
+        return state.t > self._last and (state.t - self._last) % self._period == 0 and (
+            state.t - self._last <= self._timeout)
+
+    def _continues(self, piece: wire.Piece) -> bool:
+        """Return whether a piece begins where the motion is known, or right behind it."""
+        end = self._trajectory.end
+        return bool(piece.times) and end is not None and (
+            self._last <= piece.times[0] <= end + self._period)
+
     def _on_state(self, state: wire.State, now: int) -> None:
         t, names, position, velocity, _ = state
         pick = self._state_joints.pick(names)
@@ -234,13 +247,15 @@ class ControllerNode(Shell):
         q, dq = pick(position), pick(velocity)
         if not isfinite(sum(q) + sum(dq)):
             raise Refused('not_finite', f'{list(q)}, {list(dq)}')
+        if t > wire.LATEST:
+            raise Refused('stamp', f'no stamp is as late as {seconds(t):.9f} s')
         if not self._seen:
             self._clock_heard = self.count_publishers(CLOCK) > 0
         self._simulated = self._clock_heard
         verdict = self._stamps.judge(t, now, self._simulated)
         if verdict != stamps.NEXT or self._lost:  # Lost: a torque of 0 was sent since.
             self._judged(verdict, t)
-        self._seen, self._lost, self._arrived = True, False, now
+        self._seen, self._lost, self._arrived, self._last = True, False, now, t
         self._answer(_State(t, now, q, dq))
 
     def _judged(self, verdict: str, t: int) -> None:
@@ -257,7 +272,8 @@ class ControllerNode(Shell):
         if verdict == stamps.ANEW:
             self._count = 0
             self._tuning.news = True
-            self.get_logger().info(f'time begins anew at {seconds(t):.3f} s')
+            self.get_logger().info(
+                f'time begins anew at {seconds(t):.3f} s', throttle_duration_sec=1.0)
 
     def _answer(self, state: _State) -> None:
         """Send the torque that answers a state, or have the state wait."""

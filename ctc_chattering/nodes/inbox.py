@@ -81,8 +81,9 @@ class Inbox(Generic[T]):
         As the subscription has it.
     concerns : callable, optional
         Returns whether a message is meant for us; others are passed over without a word.
-    trusting : bool
-        Whether a message is taken that either of two publishers may have sent.
+    plausible : callable, optional
+        Returns whether a message that either of two publishers may have sent goes on from the
+        last one that was taken; without it no such message is taken.
 
     Attributes
     ----------
@@ -93,14 +94,16 @@ class Inbox(Generic[T]):
 
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
-                 concerns: Callable[[T], bool] | None = None, trusting: bool = False) -> None:
+                 concerns: Callable[[T], bool] | None = None,
+                 plausible: Callable[[T], bool] | None = None) -> None:
         self._node = node
         self.topic = topic
         self._full_name = node.resolve_topic_name(topic)
         self._read, self._take, self._concerns = read, take, concerns
+        self._plausible = plausible or (lambda _: False)
         self.refused: Counter[str] = Counter()
         self._reported = 0
-        self.arbiter = Arbiter(LAPSE, trusting)
+        self.arbiter = Arbiter(LAPSE, plausible is not None)
         self._exclusive = concerns is None
         self._contested = 0
         self._owner: tuple[bytes, str] | None = None
@@ -114,13 +117,14 @@ class Inbox(Generic[T]):
             try:
                 message = self._read(data)
             except Exception as error:
-                self.arbiter.pass_over(number)
+                self.arbiter.reject(number, now, self._alone)
                 raise Refused('undecodable', f'{len(data)} bytes that are no message: '
                               f'{" ".join(str(error).split())}') from None
             if self._concerns is not None and not self._concerns(message):
                 self.arbiter.pass_over(number)
                 return
-            if not self.arbiter.admits(number, now, self._alone):
+            if not self.arbiter.admits(
+                    number, now, self._alone, lambda: self._plausible(message)):
                 raise Refused('second_publisher', 'another publisher has control')
             self._take(message, now)
         except Refused as refused:

@@ -16,6 +16,7 @@ from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.robot import Robot
+from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import Inbox, Refused
@@ -75,7 +76,8 @@ class PlantNode(Shell):
         lockstep = self._ticker is not None
         self._inbox = Inbox(
             self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
-            self._on_answer if lockstep else self._on_command, qos(), trusting=lockstep)
+            self._on_answer if lockstep else self._on_command, qos(),
+            plausible=self._is_valid if lockstep else None)
         self.inboxes = [self._inbox]
         if not lockstep:
             self.create_timer(seconds(self._period), self._on_tick)
@@ -154,9 +156,9 @@ class PlantNode(Shell):
         if plant.k == self._last and self._last:
             self._end()
             return
-        plant.step(tau)
-        self.pace.sample(now, time.monotonic_ns())
-        self._publish_sample()
+        if self._step(tau):
+            self.pace.sample(now, time.monotonic_ns())
+            self._publish_sample()
 
     def _publish_sample(self) -> None:
         hold, k = self._settings.hold_at, self._robot.k
@@ -202,7 +204,8 @@ class PlantNode(Shell):
                 if plant.k == self._last and self._last:
                     self._end()
                     return
-                plant.step(self._latest)
+                if not self._step(self._latest):
+                    return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
                 self._start = now - plant.k * self._period
             if self._tuning.news:
@@ -226,10 +229,28 @@ class PlantNode(Shell):
 
     # Both.
 
+    def _step(self, tau: Vector) -> bool:
+        """Go on by one period; return whether the robot still has a motion, and end if not."""
+        if self.failure is not None:
+            return False
+        try:
+            self._robot.step(tau)
+        except CtcError as error:
+            self.failure = str(error)
+            self.get_logger().fatal(self.failure)
+            self.done.set_result(None)
+        return self.failure is None
+
     def _publish_state(self) -> None:
         plant = self._robot
         self._states.publish(self._writer.write(
             self._start + plant.k * self._period, *plant.measured, plant.applied))
+
+    def _is_valid(self, efforts: wire.Efforts) -> bool:
+        try:
+            return bool(self._torques(efforts))
+        except Refused:
+            return False
 
     def _torques(self, efforts: wire.Efforts) -> Vector:
         """Return the torques of a message in our order."""

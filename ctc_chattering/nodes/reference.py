@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -64,7 +63,7 @@ class ReferenceNode(Shell):
         self._next = self._pieces = 0
         self._subscribers = 0
         self._clock_inbox = Inbox(
-            self, Clock, CLOCK, _read_clock, self._on_clock, qos(), trusting=True)
+            self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), plausible=self._is_next)
         self._states: Inbox[wire.State] | None = None
         self._route_inbox = Inbox(
             self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', wire.TrajectoryReader().read,
@@ -103,9 +102,15 @@ class ReferenceNode(Shell):
             return Status(DiagnosticStatus.WARN, f'nobody listens to {REFERENCE}', values)
         return Status(DiagnosticStatus.OK, 'running', values)
 
+    def _is_next(self, now: int) -> bool:
+        """Return whether a time is within the motion that is published already."""
+        return self._now is not None and self._now <= now < self._next * self._period
+
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
             raise Refused('real_time', 'the motion follows real time since its start')
+        if now > wire.LATEST:
+            raise Refused('stamp', f'no time is as late as {seconds(now):.9f} s')
         self._simulated, self._start = True, 0
         self._advance(now)
         self._extend()
@@ -192,10 +197,6 @@ def _through(route: Route, begin: int, state: Point, duration: float) -> Motion:
         return Waypoints(route.times, route.points, start=(begin, state))
     q, dq, ddq = state
     return Blend(Waypoints(route.times, route.points), begin, q, dq, duration or _BLEND, ddq)
-
-
-def _read_clock(data: bytes) -> int:
-    return wire.nanoseconds_of(deserialize_message(data, Clock).clock)
 
 
 #: What the executable runs.

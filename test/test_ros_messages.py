@@ -1,0 +1,188 @@
+"""Messages that no honest node would send, from the only publisher and from a second one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import itertools
+import math
+from pathlib import Path
+import re
+import time
+from typing import Any
+
+from bags import efforts, state
+from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed, Report
+import pytest
+from rclpy.qos import QoSProfile
+from ros import bringup, CONFIG, PATIENCE, Probe, probe
+from sensor_msgs.msg import JointState
+from test_ros_lockstep import assert_equal
+
+from ctc_chattering import params, wire
+from ctc_chattering.bag import read_bag
+from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
+from ctc_chattering.result import simulated
+
+pytestmark = pytest.mark.ros
+COUNT = 1000
+#: Who reads a topic, and how.
+READERS: dict[str, tuple[str, Callable[[], Callable[[bytes], Any]]]] = {
+    JOINT_STATES: ('controller', lambda: wire.StateReader().read),
+    COMMANDS: ('plant', lambda: wire.EffortReader().read),
+    REFERENCE: ('controller', lambda: wire.TrajectoryReader().read),
+    CLOCK: ('reference', lambda: wire.read_clock)}
+#: By what a topic's messages are refused when there is only one publisher.
+REFUSALS = {
+    JOINT_STATES: {'undecodable', 'joints', 'length', 'not_finite', 'stamp', 'repeated',
+                   'backward', 'jump', 'stale', 'overflow'},
+    COMMANDS: {'undecodable', 'joints', 'length', 'not_finite'},
+    REFERENCE: {'undecodable', 'joints', 'length', 'not_finite', 'stamp', 'times'},
+    CLOCK: {'undecodable', 'stamp'}}
+
+
+def undecodable(kind: Kind, messages: list[bytes]) -> int:
+    """Return how many are no messages at all."""
+    read, count = READERS[kind.topic][1](), 0
+    for data in messages:
+        try:
+            read(data)
+        except Exception:
+            count += 1
+    return count
+
+
+def is_huge(data: bytes) -> bool:
+    """Return whether these are torques from which no motion can be computed: such a run ends."""
+    try:
+        values = wire.EffortReader().read(data).values
+    except Exception:
+        return False
+    return any(math.isfinite(x) and abs(x) > 1e6 for x in values)
+
+
+def listen_raw(it: Probe, kind: Any, topic: str) -> list[bytes]:
+    """Return a list that fills with messages as they came."""
+    heard: list[bytes] = []
+    it.node.create_subscription(kind, topic, heard.append, QoSProfile(depth=1000), raw=True)
+    return heard
+
+
+def reports_of_refusals(it: Probe, node: str, topic: str) -> list[float]:
+    """Return when a node said that it refuses messages of a topic [s]."""
+    head = re.compile(rf'\[{node}\] \[WARN\] \[([0-9.]+)\] .*: {topic}: refused: ')
+    return [float(found[1]) for line in it.lines if (found := head.match(line))]
+
+
+def send(it: Probe, publisher: Any, messages: list[bytes]) -> None:
+    """Publish in batches that no queue drops."""
+    for i, data in enumerate(messages):
+        publisher.publish(data)
+        if i % 50 == 49:
+            it.executor.spin_once(timeout_sec=0.01)
+
+
+@pytest.mark.parametrize(('topic', 'arguments'), [
+    (JOINT_STATES, ()), (REFERENCE, ()), (CLOCK, ()), (COMMANDS, ('-p', 'pacing:=lockstep')),
+    (COMMANDS, ('-p', 'pacing:=real_time'))])
+def test_a_node_alone_refuses_counts_and_lives(topic: str, arguments: tuple[str, ...]) -> None:
+    kind, name = KINDS[topic], READERS[topic][0]
+    messages = [data for data in malformed(kind, COUNT)
+                if topic != COMMANDS or not is_huge(data)]
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        answers = {
+            'plant': lambda: listen_raw(it, JointState, JOINT_STATES),
+            'controller': lambda: listen_raw(it, KINDS[COMMANDS].type, COMMANDS),
+            'reference': lambda: listen_raw(it, KINDS[REFERENCE].type, REFERENCE)}[name]()
+        publisher = it.node.create_publisher(kind.type, topic, 1000)
+        child = it.start(name, *arguments)
+        diagnostics.until(
+            name, lambda r: r.values.get(f'{topic}: publishers') == '/probe', 'a connection')
+        send(it, publisher, messages)
+        bad = undecodable(kind, messages)
+        report = diagnostics.until(
+            name, lambda r: r.refused(topic).get('undecodable') == bad, f'{bad} undecodable')
+        refused = report.refused(topic)
+        assert set(refused) <= REFUSALS[topic]
+        assert sum(refused.values()) == report.count(f'{topic}: refused') < COUNT
+        said = reports_of_refusals(it, name, topic)
+        assert said
+        assert all(b - a > 0.8 for a, b in itertools.pairwise(said))  # It takes time to say it.
+
+        others = {JOINT_STATES: REFERENCE, REFERENCE: JOINT_STATES}
+        other = None
+        if topic in others:
+            other = it.node.create_publisher(KINDS[others[topic]].type, others[topic], 10)
+            it.until(other.get_subscription_count, 'the node')
+        answers.clear()
+        k = 0
+
+        def answered() -> bool:
+            """Send good messages until one is answered."""
+            nonlocal k
+            k += 1
+            t = divmod(time.time_ns(), 10 ** 9)
+            now = {CLOCK: clock(k, 0), COMMANDS: kind.valid, JOINT_STATES: state(
+                JOINTS, [[0.1, 0.2]] * 3, t), REFERENCE: KINDS[REFERENCE].valid}
+            publisher.publish(now[topic])
+            if other is not None:
+                other.publish(now[others[topic]])
+            return bool(answers) if topic != COMMANDS else any(
+                list(wire.StateReader().read(x).effort) == [0.1, 0.2] for x in answers)
+
+        it.until(answered, 'an answer')
+        assert child.status is None
+        assert not any('Traceback' in line or 'sequence size' in line for line in it.lines)
+
+
+@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing: str) -> None:
+    with probe() as it:
+        publisher = it.node.create_publisher(KINDS[COMMANDS].type, COMMANDS, 10)
+        states = listen_raw(it, JointState, JOINT_STATES)
+        child = it.start('plant', '-p', f'pacing:={pacing}')
+        it.until(lambda: states and publisher.get_subscription_count(), 'the plant')
+
+        def ended() -> bool:
+            publisher.publish(efforts(JOINTS, [1e200, 1e200]))
+            return child.status is not None
+
+        it.until(ended, 'the end')
+        child.obituary()
+        assert child.status == 1
+        lines = [line for line in it.lines if 'waiting for' not in line]
+        assert len(lines) == 1
+        assert 'the motion of the plant diverged at t = ' in lines[0]
+
+
+def test_a_second_publisher_changes_nothing_in_lockstep(tmp_path: Path) -> None:
+    """Everything but what the nodes say of it is as in the simulation, and the bag can be read."""
+    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
+    last: dict[str, Report] = {}
+    with bringup('--params-file', str(file), '--record', str(bag)) as process:
+        it = Probe()
+        try:
+            diagnostics = Diagnostics(it)
+            states = listen_raw(it, JointState, JOINT_STATES)
+            publishers = {topic: it.node.create_publisher(kind.type, topic, 1000)
+                          for topic, kind in KINDS.items()}
+            it.until(lambda: len(states) > 500 and all(
+                p.get_subscription_count() for p in publishers.values()), 'the graph')
+            messages = {topic: malformed(kind, COUNT, 2) for topic, kind in KINDS.items()}
+            for i in range(0, COUNT, 20):
+                for topic, publisher in publishers.items():
+                    for data in messages[topic][i:i + 20]:
+                        publisher.publish(data)
+                it.executor.spin_once(timeout_sec=0.002)
+            it.until(lambda: process.poll() is not None or last.update(diagnostics.latest),
+                     'the end')
+        finally:
+            it.close()
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert 'Traceback' not in output and 'sequence size' not in output
+    assert_equal(read_bag(bag), simulated(params.load(file)))
+    for topic, (node, _) in READERS.items():
+        refused = last[node].refused(topic)
+        assert refused['undecodable'] == undecodable(KINDS[topic], messages[topic])
+        assert sum(refused.values()) > 0.9 * COUNT
