@@ -251,7 +251,7 @@ class ControllerNode(Shell):
             raise Refused('stamp', f'no stamp is as late as {seconds(t):.9f} s')
         if not self._seen:
             self._clock_heard = self.count_publishers(CLOCK) > 0
-        self._simulated = self._clock_heard
+        self._simulated = self.hurried = self._clock_heard
         verdict = self._stamps.judge(t, now, self._simulated)
         if verdict != stamps.NEXT or self._lost:  # Lost: a torque of 0 was sent since.
             self._judged(verdict, t)

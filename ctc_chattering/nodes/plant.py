@@ -62,7 +62,7 @@ class PlantNode(Shell):
         self._commanded = 0
         self._timeouts = 0
         self._writer = wire.StateWriter(config.joint_names)
-        lockstep = config.pacing == 'lockstep'
+        lockstep = self.hurried = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
         self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())

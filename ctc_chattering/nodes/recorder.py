@@ -106,7 +106,7 @@ class RecorderNode(Shell):
         before = -1
         while before < self._received:
             before = self._received
-            executor.spin_until_future_complete(self.done, _SLICE)
+            self.serve(executor, _SLICE)
         time.sleep(NAP)
 
     def idle(self) -> None:
