@@ -63,7 +63,8 @@ def test_files_are_the_paper_s(name: str) -> None:
 
 def test_every_file_is_tried() -> None:
     assert {x.name for x in CONFIG.glob('*.yaml')} == {
-        'friction.yaml', 'disturbance.yaml', 'switch.yaml', 'switching.yaml'}
+        'friction.yaml', 'disturbance.yaml', 'switch.yaml', 'switching.yaml', 'panda.yaml',
+        'ur5.yaml'}
 
 
 def test_the_tour_of_the_switchings_is_the_first_experiment_but_for_the_gain() -> None:

@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rosbags.interfaces import Qos
 
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.numbering import Numbering
@@ -48,6 +49,7 @@ class RecorderNode(Shell):
         self._flushed = time.monotonic()
         self._time = 0
         self._simulated: bool | None = None
+        self._early: list[tuple[str, str, int, bytes, list[Qos]]] = []
         for topic in TOPICS.values():
             self.create_subscription(
                 message_type(topic.kind), topic.name, self._callback(topic),
@@ -69,18 +71,31 @@ class RecorderNode(Shell):
                 lost = numbering.lost(number, self.count_publishers(topic.name))
                 if lost:
                     self._lose(name, lost)
-            if self._simulated is None:
-                self._simulated = self.count_publishers(CLOCK) > 0
             if (is_state or is_clock) and len(data) >= 12:
                 sec, nanosec = stamp(data, 4)
                 self._time = max(0, sec * NANOSECONDS + nanosec)
+                if self._simulated is None:
+                    self._begin(is_clock or self.count_publishers(CLOCK) > 0)
             t = self._time if self._simulated else self.get_clock().now().nanoseconds
+            if self._simulated is None:
+                self._early.append((name, topic.kind, t, data, offered))
+                return
             try:
                 write(name, topic.kind, t, data, offered)
             except OSError as error:
                 self._give_up(error)
 
         return with_info(on_message)
+
+    def _begin(self, simulated: bool) -> None:
+        """Write what came before it could be known whether time is simulated."""
+        self._simulated = simulated
+        early, self._early = self._early, []
+        try:
+            for name, kind, t, data, offered in early:
+                self._recording.write(name, kind, self._time if simulated else t, data, offered)
+        except OSError as error:
+            self._give_up(error)
 
     def _lose(self, topic: str, count: int) -> None:
         """Count messages that never came."""
@@ -128,6 +143,8 @@ class RecorderNode(Shell):
 
     def finish(self) -> None:
         """Close the bag."""
+        if self.failure is None:
+            self._begin(bool(self._simulated))
         if self.failure is None:
             try:
                 self._recording.close()
