@@ -240,10 +240,13 @@ class _Graph:
         self._note(f'FAULT {fault}')
         begin = time.time_ns()
         failure = getattr(self, _DOERS[fault.kind])(fault) or ''
-        since = time.time_ns()
+        since, waited = time.time_ns(), self._idle_time()
         ailing, took = self._recover(since, soak.PATIENCE)
         if fault.kind in (soak.KILL, soak.STOP, soak.TAKEOVER):
             self._away(fault, begin, time.time_ns() if fault.kind == soak.KILL else since)
+        if ailing:
+            share = (self._idle_time() - waited) / took
+            ailing += f' (plant and controller waited {share:.0%} of that time for a processor)'
         failure = '; '.join(filter(None, (failure, ailing)))
         self._note(f'-> {failure or "recovered"} after {took:.2f} s')
         self._tally.add(fault, took, failure)
@@ -268,6 +271,11 @@ class _Graph:
             if not failure or took > patience:
                 return failure, took
             self._look()
+
+    def _idle_time(self) -> float:
+        """Return how long plant and controller have waited for a processor [s]."""
+        return sum(_waited(child.process.pid) for name, child in self._children.items()
+                   if name in ('plant', 'controller'))
 
     def _kill(self, fault: Fault) -> None:
         child = self._children[fault.target]
