@@ -9,16 +9,25 @@ import sys
 import tempfile
 import time
 
+import numpy as np
+
 from ctc_chattering import params
 from ctc_chattering.core.controller import Controller
+from ctc_chattering.core.models import model_of
+from ctc_chattering.core.plant import Plant
+from ctc_chattering.core.reference import make_motion
 from ctc_chattering.core.simulation import simulate
+from ctc_chattering.core.urdf import UrdfModel
 from ctc_chattering.domain import own_domain
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiments import EXPERIMENTS
 from ctc_chattering.orchestra import one_processor, perform
+from ctc_chattering.share import config_directory
 
 #: Round trips of one measurement of the ping-pong.
 _TRIPS = 10_000
+#: Control steps that are timed together.
+_BATCH = 200
 
 
 def measure(rounds: int) -> int:
@@ -40,6 +49,14 @@ def measure(rounds: int) -> int:
     seconds, step = simulation_time()
     print(f'simulation of 10 s at 1 kHz    {seconds:7.3f} s of computing')
     print(f'one control step               {1e6 * step:7.2f} us')
+    try:
+        seconds, bare = panda_step_time()
+    except CtcError as error:
+        print(f'7 joints: not measured: {error}')
+    else:
+        print(f'Pinocchio computeAllTerms      {1e6 * bare:7.2f} us  7 joints, called from Python')
+        print(f'one control step, 7 joints     {1e6 * seconds:7.2f} us  '
+              f'{seconds / bare:4.2f} times')
     return 0
 
 
@@ -79,6 +96,49 @@ def lockstep_rate(bag: Path | None) -> float:
     perform(experiment.path, experiment.overrides, bag, progress=progress, show=lambda _: None)
     (t0, wall0), (t1, wall1) = seen[0], seen[-1]
     return (t1 - t0) / period / (wall1 - wall0)
+
+
+def panda_step_time() -> tuple[float, float]:
+    """
+    Return what a control step of a Panda costs, and Pinocchio's computeAllTerms for its state [s].
+
+    Both are called in turn, over the states of a simulated run; the least of many batches counts,
+    since all else is other work of the machine.
+
+    Raises
+    ------
+    CtcError
+        If Pinocchio or the Panda's description is not installed.
+
+    """
+    setup = params.load(config_directory() / 'panda.yaml')
+    model = model_of(setup.controller, setup.descriptions['controller'])
+    robot = Plant(setup.plant.changed({'duration': 0.0}),
+                  model_of(setup.plant, setup.descriptions['plant']))
+    motion = make_motion(setup.reference, None, dict(zip(
+        setup.plant.joint_names, zip(*robot.measured))))
+    law, samples = Controller(setup.controller, model), []
+    for k in range(3000):
+        samples.append((*robot.measured, *motion.at(k * 1_000_000)))
+        robot.step(law.step(*samples[-1]).tau)
+    import pinocchio
+    assert isinstance(model, UrdfModel)
+    theirs = model.pinocchio_model
+    data = theirs.createData()
+    states = [(np.array(q), np.array(dq)) for q, dq, *_ in samples]
+    least = [float('inf')] * 2
+    for _ in range(10):
+        law.reset()
+        for k in range(0, len(samples), _BATCH):
+            begin = time.perf_counter()
+            for sample in samples[k:k + _BATCH]:
+                law.step(*sample)
+            middle = time.perf_counter()
+            for q, dq in states[k:k + _BATCH]:
+                pinocchio.computeAllTerms(theirs, data, q, dq)
+            end = time.perf_counter()
+            least = [min(least[0], middle - begin), min(least[1], end - middle)]
+    return least[0] / _BATCH, least[1] / _BATCH
 
 
 def simulation_time() -> tuple[float, float]:

@@ -99,6 +99,11 @@ class UrdfModel(ArrayModel):
         self._coriolis_at: tuple[tuple[float, ...], ...] = ()
         self._check_inertia()
 
+    @property
+    def pinocchio_model(self) -> Any:
+        """Pinocchio's own model, for looking at."""
+        return self._model
+
     def evaluator(self, q: Array, dq: Array) -> Callable[[], None]:
         """Return a function that fills `mass`, `coriolis` and `moment`."""
         crba, coriolis, model, data = self._tools
