@@ -128,7 +128,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> Non
         wait_for(lambda: (bag / 'bag.mcap').exists()
                  and (bag / 'bag.mcap').stat().st_size > 200_000, 'a part of the bag')
         victim, = (pid for pid, line in descendants(process.pid).items()
-                   if 'nodes.recorder' in line)
+                   if 'cli.node recorder' in line)
         os.kill(victim, signal.SIGKILL)
         killed = time.time()
         process.communicate(timeout=PATIENCE)
