@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import dataclasses
+import itertools
 from pathlib import Path
 import sys
 import tempfile
@@ -16,7 +17,7 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.core.controller import ControllerConfig
-from ctc_chattering.core.grid import NANOSECONDS, seconds
+from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.models import model_of
 from ctc_chattering.core.plant import PlantConfig
@@ -34,6 +35,8 @@ from ctc_chattering.graph import (
 from ctc_chattering.result import Result
 from ctc_chattering.salvage import is_damaged, rewrite
 
+#: Periods between two states that are no outage, and states that must follow a longer one.
+_FEW = 20
 #: Which field of a ParameterValue holds the value, by its type.
 _FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
            8: 'double_array_value', 9: 'string_array_value'}
@@ -118,7 +121,7 @@ class _Topics:
             raise CtcError(f'{self._path}: not a bag of this package: no message on '
                            f'controller/{PARAMETERS}')
         names = history[0][1].joint_names
-        states = self._states(names, since=history[0][0])
+        states = self._states(names, history[0][0], period_ns(history[0][1].control_period))
         if not states.t:
             raise CtcError(f'{self._path}: no state on {JOINT_STATES} that was answered')
         trajectory, start = self._trajectory(names)
@@ -150,6 +153,16 @@ class _Topics:
             for connection, _, data in self._reader.messages(connections):
                 yield self._reader.deserialize(data, connection.msgtype)
 
+    def _readable(self, name: str) -> Iterator[Any]:
+        """Yield the messages of a topic on which anybody may have published anything."""
+        connections = self._connections(name)
+        for connection, _, data in self._reader.messages(connections) if connections else ():
+            try:
+                message = self._reader.deserialize(data, connection.msgtype)
+            except Exception:  # Whatever a decoder makes of bytes that are no message.
+                continue
+            yield message
+
     def _parameters(self, node: str, kind: Any) -> list[tuple[int, Any]]:
         """Return the configurations of a node with the stamps [ns] they are in force from."""
         known = kind.parameters()
@@ -165,34 +178,57 @@ class _Topics:
                 history.append((_nanoseconds(message.stamp), config))
         return history
 
-    def _states(self, names: Sequence[str], since: int) -> _States:
+    def _states(self, names: Sequence[str], since: int, period: int) -> _States:
+        leap: list[tuple[int, Any]] = []
+        strays = 0
         times: list[int] = []
-        rows = []
-        for message in self._messages(JOINT_STATES):
+        rows: list[Any] = []
+        for message in self._readable(JOINT_STATES):
             t = _nanoseconds(message.header.stamp)
-            if t < since or (times and t <= times[-1]):
-                continue
-            if not set(names) <= set(message.name):
-                continue
-            order = [message.name.index(name) for name in names]
+            order = _order(message.name, names)
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))
-            times.append(t)
-            rows.append((message.position[order], message.velocity[order], effort[order]))
-        arrays = np.array(rows).reshape(len(rows), 3, len(names))
-        return _States(times, arrays[:, 0], arrays[:, 1], arrays[:, 2])
+            arrays = message.position, message.velocity, effort
+            if t < since or order is None or not _fit(len(message.name), arrays[:2]):
+                continue
+            if len(effort) != len(message.name):
+                continue
+            row = [x[order] for x in arrays]
+            if not np.isfinite(row[:2]).all() or (times and t <= times[-1]):
+                continue
+            if times and t - times[-1] > _FEW * period:
+                # Not believed before many have gone on from there.
+                if not leap or period <= 2 * (t - leap[-1][0]) <= 2 * _FEW * period:
+                    leap.append((t, row))
+                else:
+                    strays += 1
+                    if strays > 10 * _FEW:
+                        leap, strays = [], 0
+                if len(leap) < _FEW:
+                    continue
+            else:
+                leap, strays = [(t, row)], 0
+            times += [instant for instant, _ in leap]
+            rows += [values for _, values in leap]
+            leap = []
+        table = np.array(rows).reshape(len(rows), 3, len(names))
+        return _States(times, table[:, 0], table[:, 1], table[:, 2])
 
     def _trajectory(self, names: Sequence[str]) -> tuple[Trajectory, int]:
         """Return the desired motion and the instant of its first point [ns]."""
         trajectory, start = Trajectory(), 0
-        for message in self._messages(REFERENCE):
+        for message in self._readable(REFERENCE):
             first = _nanoseconds(message.header.stamp)
-            order = [message.joint_names.index(name) for name in names]
+            order = _order(message.joint_names, names)
             times = [first + _nanoseconds(p.time_from_start) for p in message.points]
+            rows = [(p.positions, p.velocities, p.accelerations) for p in message.points]
+            if order is None or any(b <= a for a, b in itertools.pairwise(times)) or not all(
+                    _fit(len(message.joint_names), row) and np.isfinite(row).all()
+                    for row in rows):
+                continue
             if not len(trajectory) and times:
                 start = times[0]
-            trajectory.extend(times, [tuple(
-                row[order].tolist() for row in (p.positions, p.velocities, p.accelerations))
-                for p in message.points])
+            trajectory.extend(
+                times, [tuple(x[order].tolist() for x in row) for row in rows])
         return trajectory, start
 
     def _torques(self, names: Sequence[str], states: _States) -> np.ndarray[Any, Any]:
@@ -203,13 +239,27 @@ class _Topics:
         them in turn; otherwise the torque is the one that the next state says was applied.
         """
         commands = []
-        for message in self._messages(COMMANDS):
-            labels = [dim.label for dim in message.layout.dim]
-            commands.append(message.data[[labels.index(name) for name in names]]
-                            if labels else message.data)
+        for message in self._readable(COMMANDS):
+            labels = [dim.label for dim in message.layout.dim] or list(names)
+            order = _order(labels, names)
+            if order is not None and _fit(len(labels), [message.data]) and np.isfinite(
+                    message.data[order]).all():
+                commands.append(message.data[order])
         if len(commands) == len(states.t):
             return np.array(commands)
         return np.concatenate([states.effort[1:], states.effort[-1:]])
+
+
+def _order(theirs: Sequence[str], ours: Sequence[str]) -> list[int] | None:
+    """Return where our joints stand among those of a message; None if it cannot be used."""
+    if len(set(theirs)) != len(theirs) or not set(ours) <= set(theirs):
+        return None
+    return [theirs.index(name) for name in ours]
+
+
+def _fit(n: int, rows: Sequence[Any]) -> bool:
+    """Return whether each row has a number for each of `n` joints."""
+    return all(len(row) == n for row in rows)
 
 
 def _nanoseconds(time: Any) -> int:

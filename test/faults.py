@@ -69,7 +69,12 @@ class Diagnostics:
 
 
 class Kind(NamedTuple):
-    """A topic with its type, a valid message, and a maker of messages that may be wrong."""
+    """
+    A topic with its type, a valid message, and a maker of messages that may be wrong.
+
+    The torques are not labelled as the controller labels its own: where the numbers of two
+    publishers meet, that is what they are told apart by.
+    """
 
     topic: str
     type: Any
@@ -99,7 +104,7 @@ def _state(dice: random.Random) -> bytes:
 
 
 def _efforts(dice: random.Random) -> bytes:
-    names = dice.choice(NAMES)
+    names = dice.choice([x for x in NAMES if x != JOINTS])
     return efforts(names, _row(dice, len(names)))
 
 
@@ -119,13 +124,15 @@ def clock(sec: int, nanosec: int) -> bytes:
     return bytes(Cdr().put('i', sec).put('I', nanosec).data)
 
 
+#: Late, so that nothing that is made of a valid message replaces what comes before.
+_LATE = 10 ** 9, 4
 _ROWS = [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]]
 KINDS = {kind.topic: kind for kind in (
-    Kind(JOINT_STATES, JointState, state(JOINTS, _ROWS), _state),
-    Kind(COMMANDS, Float64MultiArray, efforts(JOINTS, _ROWS[0]), _efforts),
+    Kind(JOINT_STATES, JointState, state(JOINTS, _ROWS, _LATE), _state),
+    Kind(COMMANDS, Float64MultiArray, efforts(JOINTS[::-1], _ROWS[0]), _efforts),
     Kind(REFERENCE, JointTrajectory, piece(
-        JOINTS, [([*_ROWS, []], 0, 1_000_000 * k) for k in range(4)]), _piece),
-    Kind(CLOCK, Clock, clock(3, 4), _clock))}
+        JOINTS, [([*_ROWS, []], 0, 1_000_000 * k) for k in range(4)], _LATE), _piece),
+    Kind(CLOCK, Clock, clock(*_LATE), _clock))}
 
 
 def mutated(kind: Kind, dice: random.Random) -> bytes:

@@ -9,6 +9,7 @@ from pathlib import Path
 import random
 
 from bags import command, entries, Entry, nanoseconds, parameters, same, serialized, write_bag
+from faults import KINDS, malformed
 import numpy as np
 import pytest
 from std_msgs.msg import String
@@ -148,13 +149,33 @@ def test_foreign_bag(tmp_path: Path) -> None:
 
 
 def test_damaged_messages(tmp_path: Path) -> None:
-    """Check a message cut off, and one of the wrong length, in an otherwise good bag."""
-    found = messages()
-    for i, bad in enumerate((
-            found[-5]._replace(message=serialized(found[-5].message)[:40]),
-            command(nanoseconds(0.2), ['joint1'], np.array([1.0])))):
-        write_bag(tmp_path / str(i), [*found, bad])
-        refused(tmp_path / str(i), 'damaged')
+    """Check that what the controller would refuse is passed over: any bytes, and wrong lengths."""
+    found: list[Entry] = []
+    for i, entry in enumerate(messages()):
+        found.append(entry)
+        kind = KINDS.get(entry.topic.removeprefix('/'))
+        if kind is not None and i > 50:
+            found += [entry._replace(message=data) for data in malformed(kind, 10, i)]
+    last = messages()[-5]
+    found.append(last._replace(message=serialized(last.message)[:40]))
+    found.append(command(nanoseconds(0.2), ['joint1'], np.array([1.0])))
+    result = read(tmp_path, found)
+    same(result.run, RESULT.run, ('tau',))
+    assert result.run.tau[:-1].tobytes() == RESULT.run.tau[:-1].tobytes()
+    assert result.configs == RESULT.configs
+
+
+def test_a_gap_in_the_states(tmp_path: Path) -> None:
+    """Check that what comes after an outage longer than any leap is there from its first state."""
+    found = []
+    for entry in messages():
+        if entry.topic == '/joint_states' and entry.t >= nanoseconds(0.1):
+            stamp = entry.message.header.stamp
+            stamp.sec += 7
+        found.append(entry)
+    run = read(tmp_path, found).run
+    assert run.q.tobytes() == RESULT.run.q.tobytes()
+    assert run.t[100] - run.t[99] == pytest.approx(7.001)
 
 
 def refused(path: Path, *words: str) -> None:

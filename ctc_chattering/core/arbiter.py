@@ -3,9 +3,9 @@ Which publisher sent a message, where several publish on a topic that only one m
 
 A subscriber is not told who sent a message, but every publisher numbers its own: 1, 2, 3, … The
 first one heard has control; its next message is known by its number. All others are refused for as
-long as it speaks. Where another one's number meets the owner's, nobody can tell whose a message is
-until the numbers have drifted apart again; then the one that came from behind, being the faster
-one, is ahead. Two that stay level are never told apart.
+long as it speaks. Where another one's number meets the owner's, only what a message says can tell
+whose it is, until the numbers have drifted apart again; then the one that came from behind, being
+the faster one, is ahead. Two that stay level and say the like are never told apart.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Arbiter:
     lapse : int
         Silence after which another one may take over [ns].
     trusting : bool
-        Whether a message that either of two publishers may have sent is taken if it is plausible.
+        Whether a message that either of two publishers may have sent is taken.
 
     """
 
@@ -60,6 +60,7 @@ class Arbiter:
             Returns whether the topic has one publisher at the most; asked in doubt only.
         plausible : callable
             Returns whether the message may be the owner's by what it says; asked in doubt only.
+            One that is not gives its sender away.
 
         """
         if (number is not None and self._next is not None and self._rival is None
@@ -100,8 +101,7 @@ class Arbiter:
                 return True
             self._rival = number
         if self._rival is not None and number in (self._next, self._rival):
-            return self._doubt(number, now, self._next, self._rival) or (
-                self._rival is not None and self._trusting and plausible())
+            return self._doubt(number, now, self._next, self._rival, plausible)
         self._note(number, now)
         return False
 
@@ -122,17 +122,20 @@ class Arbiter:
         if len(self._others) > _MANY:
             del self._others[next(iter(self._others))]
 
-    def _doubt(self, number: int, now: int, a: int, b: int) -> bool:
-        """
-        Let the one of two that is at this number go on; they are known once they are apart.
-
-        Return whether this one is known to be the owner.
-        """
+    def _doubt(self, number: int, now: int, a: int, b: int, plausible: Callable[[], bool]
+               ) -> bool:
+        """Let the one of two that is at this number go on; they are known once they are apart."""
         self._heard = now
-        low, high = sorted((b if number == a else a, number + 1))
+        other = b if number == a else a
+        if not plausible():
+            self._next = self._reach = other
+            self._rival = None
+            self._note(number, now)
+            return False
+        low, high = sorted((other, number + 1))
         self._next, self._rival = low, high
         if high - low < _APART:
-            return False
+            return self._trusting
         owner, other = (high, low) if self._overtaking else (low, high)
         self._next = self._reach = owner
         self._rival = None

@@ -119,10 +119,11 @@ class ControllerNode(Shell):
             self._described.publish(String(data=description))
         self._reference_inbox = Inbox(
             self, JointTrajectory, REFERENCE, wire.TrajectoryReader().read, self._on_reference,
-            qos(), plausible=self._continues)
+            qos(), trusting=True, plausible=self._continues)
         self._state_inbox = Inbox(
             self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(),
-            lambda state: self._state_joints.concerned(state.names), self._goes_on)
+            lambda state: self._state_joints.concerned(state.names), trusting=True,
+            plausible=self._goes_on)
         self.inboxes = [self._state_inbox, self._reference_inbox]
 
     def idle(self) -> None:

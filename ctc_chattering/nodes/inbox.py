@@ -81,9 +81,10 @@ class Inbox(Generic[T]):
         As the subscription has it.
     concerns : callable, optional
         Returns whether a message is meant for us; others are passed over without a word.
+    trusting : bool
+        Whether a message is taken that either of two publishers may have sent.
     plausible : callable, optional
-        Returns whether a message that either of two publishers may have sent goes on from the
-        last one that was taken; without it no such message is taken.
+        Returns whether what a message says is what the one in control would say next.
 
     Attributes
     ----------
@@ -95,15 +96,16 @@ class Inbox(Generic[T]):
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
                  concerns: Callable[[T], bool] | None = None,
-                 plausible: Callable[[T], bool] | None = None) -> None:
+                 trusting: bool = False, plausible: Callable[[T], bool] = lambda _: True
+                 ) -> None:
         self._node = node
         self.topic = topic
         self._full_name = node.resolve_topic_name(topic)
         self._read, self._take, self._concerns = read, take, concerns
-        self._plausible = plausible or (lambda _: False)
+        self._plausible = plausible
         self.refused: Counter[str] = Counter()
         self._reported = 0
-        self.arbiter = Arbiter(LAPSE, plausible is not None)
+        self.arbiter = Arbiter(LAPSE, trusting)
         self._exclusive = concerns is None
         self._contested = 0
         self._owner: tuple[bytes, str] | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 import time
 
@@ -60,6 +61,7 @@ class PlantNode(Shell):
         self._start = 0
         self._asked = self._repeated = self._said = time.monotonic_ns()
         self._commanded = 0
+        self._labels: Sequence[str] = ()
         self._timeouts = 0
         self._writer = wire.StateWriter(config.joint_names)
         lockstep = self.hurried = config.pacing == 'lockstep'
@@ -77,7 +79,7 @@ class PlantNode(Shell):
         self._inbox = Inbox(
             self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
             self._on_answer if lockstep else self._on_command, qos(),
-            plausible=self._is_valid if lockstep else None)
+            trusting=lockstep, plausible=self._is_like_the_last)
         self.inboxes = [self._inbox]
         if not lockstep:
             self.create_timer(seconds(self._period), self._on_tick)
@@ -150,6 +152,7 @@ class PlantNode(Shell):
 
     def _on_answer(self, efforts: wire.Efforts, now: int) -> None:
         tau = self._torques(efforts)
+        self._labels = efforts.names
         plant = self._robot
         if not self._begun or self._held:
             return
@@ -181,6 +184,7 @@ class PlantNode(Shell):
 
     def _on_command(self, efforts: wire.Efforts, now: int) -> None:
         self._latest = self._torques(efforts)
+        self._labels = efforts.names
         self._commanded = now
         if not self._begun:
             self._begun = True
@@ -246,9 +250,10 @@ class PlantNode(Shell):
         self._states.publish(self._writer.write(
             self._start + plant.k * self._period, *plant.measured, plant.applied))
 
-    def _is_valid(self, efforts: wire.Efforts) -> bool:
+    def _is_like_the_last(self, efforts: wire.Efforts) -> bool:
+        """Return whether torques come with the labels of those taken last, and can be used."""
         try:
-            return bool(self._torques(efforts))
+            return efforts.names == self._labels and bool(self._torques(efforts))
         except Refused:
             return False
 

@@ -12,15 +12,16 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rosbags.interfaces import Qos
 
+from ctc_chattering.core.arbiter import Arbiter
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.numbering import Numbering
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
-from ctc_chattering.nodes.inbox import with_info
+from ctc_chattering.nodes.inbox import LAPSE, with_info
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.settings import RecorderSettings
-from ctc_chattering.wire import message_type
+from ctc_chattering.wire import LATEST, message_type
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
@@ -60,7 +61,10 @@ class RecorderNode(Shell):
         offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
         write, stamp = self._recording.write, struct.Struct('<iI').unpack_from
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
-        numbering = Numbering()
+        numbering, arbiter = Numbering(), Arbiter(LAPSE, trusting=True)
+
+        def alone() -> bool:
+            return self.count_publishers(topic.name) <= 1
 
         def on_message(data: bytes, info: Mapping[str, Any]) -> None:
             self._received += 1
@@ -73,7 +77,10 @@ class RecorderNode(Shell):
                     self._lose(name, lost)
             if (is_state or is_clock) and len(data) >= 12:
                 sec, nanosec = stamp(data, 4)
-                self._time = max(0, sec * NANOSECONDS + nanosec)
+                said = sec * NANOSECONDS + nanosec
+                if arbiter.admits(number, time.monotonic_ns(), alone,
+                                  lambda: 0 <= said - self._time <= NANOSECONDS):
+                    self._time = min(max(0, said), LATEST)
                 if self._simulated is None:
                     self._begin(is_clock or self.count_publishers(CLOCK) > 0)
             t = self._time if self._simulated else self.get_clock().now().nanoseconds

@@ -63,7 +63,8 @@ class ReferenceNode(Shell):
         self._next = self._pieces = 0
         self._subscribers = 0
         self._clock_inbox = Inbox(
-            self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), plausible=self._is_next)
+            self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), trusting=True,
+            plausible=self._is_next)
         self._states: Inbox[wire.State] | None = None
         self._route_inbox = Inbox(
             self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', wire.TrajectoryReader().read,
