@@ -14,6 +14,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import wire
 from ctc_chattering.core import stamps
+from ctc_chattering.core.cadence import Cadence
 from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import Guard
@@ -75,6 +76,7 @@ class ControllerNode(Shell):
             round(self._settings.state_timeout * NANOSECONDS), 3 * self._period)
         self.tick = min(TICK, seconds(self._timeout) / 2)
         self._stamps = stamps.Stamps(self._timeout)
+        self._cadence = Cadence(self._period)
         self._trajectory = Trajectory(round(self._settings.reference_timeout * NANOSECONDS))
         self._lags = [self._period * (i + 1) for i in range(config.input_delay)]
         self._state_joints, self._reference_joints = Joints(names), Joints(names)
@@ -168,7 +170,13 @@ class ControllerNode(Shell):
                 f'no {REFERENCE} for {self._settings.reference_timeout:g} s; holding the '
                 'position')
         config = self._tuning.get(ControllerConfig)
+        self._cadence.rotate()
+        if level == DiagnosticStatus.OK and self._cadence.wrong:
+            level, message = DiagnosticStatus.WARN, (
+                f'running, but states come every {1e3 * self._cadence.mean:.3g} ms; '
+                f'control_period is {1e3 * config.control_period:g} ms')
         return Status(level, message, {
+            'period of the stamps, mean [ms]': 1e3 * self._cadence.mean,
             'law': config.law, 'switching': config.switching,
             'saturated samples': self._saturated, 'restarts': self._restarts,
             **{f'timeouts, {name}': count for name, count in self._timeouts.items()},
@@ -257,6 +265,7 @@ class ControllerNode(Shell):
         if verdict != stamps.NEXT or self._lost:  # Lost: a torque of 0 was sent since.
             self._judged(verdict, t)
         self._seen, self._lost, self._arrived, self._last = True, False, now, t
+        self._cadence.note(t)
         self._answer(_State(t, now, q, dq))
 
     def _judged(self, verdict: str, t: int) -> None:
@@ -270,6 +279,7 @@ class ControllerNode(Shell):
         self._restarts += 1
         self._restart(bumpless=not self._simulated)
         self.pace.pause()
+        self._cadence.pause()
         if verdict == stamps.ANEW:
             self._count = 0
             self._tuning.news = True

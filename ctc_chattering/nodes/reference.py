@@ -27,6 +27,8 @@ from ctc_chattering.trajectory_file import read_trajectory
 
 #: Time over which waypoints that begin in the past are joined, without a start duration [s].
 _BLEND = 0.5
+#: A stamp that is further from the node's clock is from another clock, or wrong [ns].
+_IN_STEP = NANOSECONDS // 4
 
 
 class ReferenceNode(Shell):
@@ -34,8 +36,9 @@ class ReferenceNode(Shell):
     Publishes pieces of the motion, each before it is needed.
 
     Where somebody publishes ``clock``, the motion is a function of that time; otherwise of the
-    node clock's time since the first joint state seen while somebody listened. Waypoints that
-    come on ``~/joint_trajectory`` take the place of the motion.
+    node clock's time since the first joint state seen while somebody listened, in terms of the
+    stamps of the states, whatever clock they are from. Waypoints that come on
+    ``~/joint_trajectory`` take the place of the motion.
     """
 
     def __init__(self) -> None:
@@ -60,6 +63,10 @@ class ReferenceNode(Shell):
         self._mine = frozenset(config.joint_names)
         self._start: int | None = None
         self._now: int | None = None
+        #: What the states' stamps are ahead of the node's clock, where that matters [ns].
+        self._lead = 0
+        #: The same of another clock that states seem to be from, and since when that is so [ns].
+        self._other = 0, 0
         self._next = self._pieces = 0
         self._subscribers = 0
         self._clock_inbox = Inbox(
@@ -86,7 +93,7 @@ class ReferenceNode(Shell):
             self.destroy_subscription(self._states.subscription)
             self._states = None
         if self._start is not None and not self._simulated:
-            self._advance(self.get_clock().now().nanoseconds - self._start)
+            self._advance(self.get_clock().now().nanoseconds + self._lead - self._start)
         count = self._publisher.get_subscription_count()
         if count > self._subscribers and self._now is not None:
             self._next = self._now // self._period
@@ -129,8 +136,8 @@ class ReferenceNode(Shell):
         if self.count_publishers(CLOCK) == 0:
             if not self._publisher.get_subscription_count():
                 return
-            now = self.get_clock().now().nanoseconds
-            t = t if abs(t - now) < NANOSECONDS else now
+            if not self._is_in_step(t, self.get_clock().now().nanoseconds):
+                return
             if self._start is None:
                 self._start = t
             t -= self._start
@@ -140,13 +147,32 @@ class ReferenceNode(Shell):
                 state.names, state.position, velocities) if isfinite(q + dq)}
             self._motion = make_motion(self._config, self._route, start, t)
 
+    def _is_in_step(self, t: int, now: int) -> bool:
+        """
+        Return whether a stamp goes with the node's clock at `now` [ns].
+
+        Before the start a source may show that its stamps are from another clock, by states that
+        keep the same distance from ours for a while.
+        """
+        lead = t - now
+        if abs(lead - self._lead) < _IN_STEP:
+            return True
+        if self._start is None and 0 <= t <= wire.LATEST:
+            other, since = self._other
+            if abs(lead - other) >= _IN_STEP:
+                self._other = lead, now
+            elif now - since > _IN_STEP:
+                self._lead = lead
+                return True
+        return False
+
     def _on_route(self, piece: wire.Piece, _arrival: int) -> None:
         """Go through waypoints, after what has been published already."""
         if self._now is None or self._motion is None:
             raise Refused('early', 'the motion has not begun')
         begin = (self._now // self._period + self._piece) * self._period
         stamped = piece.start != 0
-        shift = -(self._start or 0) if stamped else begin
+        shift = self._lead - (self._start or 0) if stamped else begin
         try:
             route = Route(*piece[:3])._replace(times=[t + shift for t in piece.times]).ordered(
                 self._config.joint_names)
