@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 import os
 from pathlib import Path
 import platform
@@ -220,6 +221,7 @@ class _Graph:
                 raise CtcError(f'the graph did not begin within {_START:g} s: {failure}; for a '
                                'slow machine, choose a larger --control-period')
             self._begun = time.monotonic()
+            self.outages.append(Outage(0, time.time_ns()))  # While they all start.
             for name in PROCESSES:
                 self._memory[name].begin(0.0)
             for fault in faults:
@@ -246,7 +248,8 @@ class _Graph:
             self._away(fault, begin, time.time_ns() if fault.kind == soak.KILL else since)
         if ailing:
             share = (self._idle_time() - waited) / took
-            ailing += f' (plant and controller waited {share:.0%} of that time for a processor)'
+            ailing += (f' (threads of plant and controller waited {share:.0%} of that time for a '
+                       'processor)')
         failure = '; '.join(filter(None, (failure, ailing)))
         self._note(f'-> {failure or "recovered"} after {took:.2f} s')
         self._tally.add(fault, took, failure)
@@ -419,12 +422,12 @@ def _resident(pid: int) -> float:
 
 
 def _waited(pid: int) -> float:
-    """Return how long a process' main thread was ready, but had no processor [s]."""
-    try:
-        text = Path(f'/proc/{pid}/schedstat').read_text(encoding='ascii')
-        return int(text.split()[1]) / NANOSECONDS
-    except (OSError, IndexError):
-        return 0.0
+    """Return how long a process' threads, summed, were ready, but had no processor [s]."""
+    total = 0
+    for path in Path(f'/proc/{pid}/task').glob('*/schedstat'):
+        with suppress(OSError, IndexError):  # A thread that has gone.
+            total += int(path.read_text(encoding='ascii').split()[1])
+    return total / NANOSECONDS
 
 
 def _machine() -> dict[str, Any]:
