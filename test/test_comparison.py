@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,7 +103,7 @@ def cells(line: str) -> list[str]:
     return [x.strip() for x in line.strip().strip('|').split('|')]
 
 
-def test_overrides_go_to_every_run(tmp_path: Path) -> None:
+def test_overrides_go_to_every_run() -> None:
     """And a backend that is left out is the file's."""
     seen: list[Overrides] = []
     file = CONFIG / 'friction.yaml'
@@ -113,7 +114,8 @@ def test_overrides_go_to_every_run(tmp_path: Path) -> None:
         seen.append(overrides)
         return result
 
-    over = {'controller': {'law': 'compensation', 'ka': [12.0, 12.0]}, 'plant': {'gravity': 9.81}}
+    over: dict[str, dict[str, Any]] = {
+        'controller': {'law': 'compensation', 'ka': [12.0, 12.0]}, 'plant': {'gravity': 9.81}}
     found = list(run_variants(file, None, run, over))
     assert {x.backend for x in found} == {'builtin'}
     assert [x['controller'] for x in seen] == [
@@ -122,7 +124,7 @@ def test_overrides_go_to_every_run(tmp_path: Path) -> None:
     assert over['controller']['law'] == 'compensation'  # The caller's is as it was.
 
 
-def test_a_run_that_ends_too_early_is_refused(tmp_path: Path) -> None:
+def test_a_run_that_ends_too_early_is_refused() -> None:
     with pytest.raises(CtcError, match='the run ends before the time that is judged, 5 s to 10 s'):
         next(run_variants(CONFIG / 'panda.yaml', 'mujoco', over_simulation,
                           {'plant': {'duration': 0.01}}))

@@ -159,7 +159,9 @@ def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing
 
 def test_a_second_publisher_changes_nothing_in_lockstep(tmp_path: Path) -> None:
     """Everything but what the nodes say of it is as in the simulation, and the bag can be read."""
-    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
+    bag, file = tmp_path / 'bag', tmp_path / 'params.yaml'
+    file.write_text((CONFIG / 'friction.yaml').read_text().replace(
+        'pacing: lockstep', 'pacing: lockstep\n    hold_at: 0.2'))
     messages = {topic: malformed(kind, COUNT, 2) for topic, kind in KINDS.items()}
     bad = {topic: undecodable(kind, messages[topic]) for topic, kind in KINDS.items()}
     with bringup('--params-file', str(file), '--record', str(bag)) as process:
@@ -169,11 +171,14 @@ def test_a_second_publisher_changes_nothing_in_lockstep(tmp_path: Path) -> None:
             states = listen_raw(it, JointState, JOINT_STATES)
             publishers = {topic: it.node.create_publisher(kind.type, topic, 1000)
                           for topic, kind in KINDS.items()}
-            it.until(lambda: len(states) > 100, 'motion')
-            assert it.set('plant', 'hold_at', 9.0).successful  # To be asked before it ends.
+            diagnostics.until('plant', lambda r: r.message == 'held at t = 0.2 s', 'motion')
             for topic, (node, _) in READERS.items():
-                diagnostics.until(node, lambda r, topic=topic: '/probe' in r.values[  # type: ignore
-                    f'{topic}: publishers'], 'a connection')
+                said = f'{topic}: publishers'
+                diagnostics.until(
+                    node, lambda r, said=said: '/probe' in r.values[said],  # type: ignore
+                    'a connection')
+            assert it.set('plant', 'hold_at', 9.0).successful
+            it.until(lambda: len(states) > 300, 'motion')
             for i in range(0, COUNT, 20):
                 for topic, publisher in publishers.items():
                     for data in messages[topic][i:i + 20]:

@@ -43,9 +43,11 @@ class Arbiter:
         self._rival: int | None = None
         #: Whether, where they last met, it was the owner that came from behind.
         self._overtaking = False
+        #: What was known of the owner before the last message gave another one control.
+        self._former: tuple[int | None, int, int] | None = None
 
     def admits(self, number: int | None, now: int, alone: Callable[[], bool],
-               plausible: Callable[[], bool] = lambda: True) -> bool:
+               plausible: Callable[[], bool] | None = None) -> bool:
         """
         Return whether a message is the owner's.
 
@@ -58,21 +60,30 @@ class Arbiter:
             Any clock that only goes forward [ns].
         alone : callable
             Returns whether the topic has one publisher at the most; asked in doubt only.
-        plausible : callable
-            Returns whether the message may be the owner's by what it says; asked in doubt only.
-            One that is not gives its sender away.
+        plausible : callable, optional
+            Returns whether what the message says is what the owner would say next; asked in doubt
+            only. If not, the sender is known not to be the owner; if so, and it is to be taken,
+            to be the owner.
 
         """
         if (number is not None and self._next is not None and self._rival is None
                 and self._next <= number <= self._reach and number not in self._others):
             self._follow(number, now)
+            self._former = None
             return True
+        self._former = None
         return self._judge(number, now, alone, plausible)
 
     def pass_over(self, number: int | None) -> None:
         """Note a message that concerns nobody, the owner's or not: only its number counts."""
         if number is not None and number == self._reach:
             self._reach = number + 1
+
+    def revoke(self, number: int | None, now: int) -> None:
+        """Note that the message just admitted is of no use: it gives nobody control."""
+        if number is not None and self._former is not None and self._next == number + 1:
+            self._next, self._reach, self._heard = self._former
+            self._note(number, now)
 
     def reject(self, number: int | None, now: int, alone: Callable[[], bool]) -> None:
         """Note a message that nobody can read: it is somebody's, and gives no control."""
@@ -84,10 +95,12 @@ class Arbiter:
             self.admits(number, now, alone, lambda: False)
 
     def _judge(self, number: int | None, now: int, alone: Callable[[], bool],
-               plausible: Callable[[], bool]) -> bool:
+               plausible: Callable[[], bool] | None) -> bool:
         if number is None:
             return alone()
         if self._next is None or now - self._heard > self._lapse:
+            if number != self._next:
+                self._former = self._next, self._reach, self._heard
             self._others.pop(number, None)
             self._follow(number, now)
             return True
@@ -122,16 +135,21 @@ class Arbiter:
         if len(self._others) > _MANY:
             del self._others[next(iter(self._others))]
 
-    def _doubt(self, number: int, now: int, a: int, b: int, plausible: Callable[[], bool]
-               ) -> bool:
+    def _doubt(self, number: int, now: int, a: int, b: int,
+               plausible: Callable[[], bool] | None) -> bool:
         """Let the one of two that is at this number go on; they are known once they are apart."""
         self._heard = now
         other = b if number == a else a
-        if not plausible():
+        if plausible is not None and not plausible():
             self._next = self._reach = other
             self._rival = None
             self._note(number, now)
             return False
+        if plausible is not None and self._trusting:
+            self._follow(number, now)
+            self._others[other] = now
+            self._overtaking = False
+            return True
         low, high = sorted((other, number + 1))
         self._next, self._rival = low, high
         if high - low < _APART:

@@ -96,7 +96,7 @@ class Inbox(Generic[T]):
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
                  concerns: Callable[[T], bool] | None = None,
-                 trusting: bool = False, plausible: Callable[[T], bool] = lambda _: True
+                 trusting: bool = False, plausible: Callable[[T], bool] | None = None
                  ) -> None:
         self._node = node
         self.topic = topic
@@ -125,10 +125,15 @@ class Inbox(Generic[T]):
             if self._concerns is not None and not self._concerns(message):
                 self.arbiter.pass_over(number)
                 return
+            like = self._plausible
             if not self.arbiter.admits(
-                    number, now, self._alone, lambda: self._plausible(message)):
+                    number, now, self._alone, None if like is None else lambda: like(message)):
                 raise Refused('second_publisher', 'another publisher has control')
-            self._take(message, now)
+            try:
+                self._take(message, now)
+            except Refused:
+                self.arbiter.revoke(number, now)
+                raise
         except Refused as refused:
             self.refuse(refused, now)
 

@@ -64,7 +64,7 @@ class RecorderNode(Shell):
         numbering, arbiter = Numbering(), Arbiter(LAPSE, trusting=True)
 
         def alone() -> bool:
-            return self.count_publishers(topic.name) <= 1
+            return bool(self.count_publishers(topic.name) <= 1)
 
         def on_message(data: bytes, info: Mapping[str, Any]) -> None:
             self._received += 1
