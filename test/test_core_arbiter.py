@@ -251,7 +251,7 @@ def test_without_numbers(trusting: bool) -> None:
     for now in (0, 1, 2 * LAPSE):
         assert not arbiter.admits(None, now, _several)
         assert arbiter.admits(None, now, _alone)
-        arbiter.pass_over(None)
+        arbiter.pass_over(None, 0)
     assert arbiter.admits(1, 3 * LAPSE, _several)
     assert not arbiter.admits(None, 3 * LAPSE, _several)
     assert arbiter.admits(2, 3 * LAPSE, _several)
@@ -270,12 +270,37 @@ def test_messages_that_concern_nobody(
     for now, who, number in _merged(*pair):
         if who == 1:
             if foreign:
-                arbiter.pass_over(number)
+                arbiter.pass_over(number, now)
         elif first or foreign or ours[number % len(ours)]:
             assert arbiter.admits(number, now, _several)
             first = False
         else:
-            arbiter.pass_over(number)
+            arbiter.pass_over(number, now)
+
+
+@settings(max_examples=500, deadline=None)
+@given(_pairs(), st.lists(st.sampled_from(('ours', 'over', 'bytes')), min_size=1, max_size=50),
+       st.lists(st.sampled_from(('ours', 'over')), min_size=1, max_size=20))
+def test_what_messages_say_settles_every_doubt(
+        pair: tuple[Stream, Stream], kinds: list[str], mine: list[str]) -> None:
+    """Check an intruder that also sends what nobody can read and what concerns nobody."""
+    arbiter, first = Arbiter(LAPSE, True), True
+    heard = 0
+    for now, who, number in _merged(*_while_it_speaks(*pair)):
+        kind = kinds[number % len(kinds)] if who else mine[number % len(mine)]
+        if (first and (who or kind != 'ours')) or now - heard > LAPSE:
+            continue
+        first = False
+        if kind == 'over':
+            arbiter.pass_over(number, now)
+        elif kind == 'bytes':
+            arbiter.reject(number, now, _several)
+        else:
+            honest = who == 0
+            taken = arbiter.admits(number, now, _several, lambda honest=honest: honest)  # type: ignore[misc]
+            assert taken == honest, (now, who, number)
+        if who == 0 and kind == 'ours':
+            heard = now
 
 
 def test_passing_over_is_no_pardon() -> None:
@@ -283,7 +308,7 @@ def test_passing_over_is_no_pardon() -> None:
     arbiter = Arbiter(LAPSE, False)
     assert arbiter.admits(1, 0, _several)
     for number in (2, 3, 5):
-        arbiter.pass_over(number)
+        arbiter.pass_over(number, 1)
     assert not arbiter.admits(6, 1, _several)
     assert not arbiter.admits(5, 1, _several)
     assert arbiter.admits(4, 1, _several)

@@ -171,7 +171,7 @@ def test_a_second_publisher_changes_nothing_in_lockstep(tmp_path: Path) -> None:
             states = listen_raw(it, JointState, JOINT_STATES)
             publishers = {topic: it.node.create_publisher(kind.type, topic, 1000)
                           for topic, kind in KINDS.items()}
-            diagnostics.until('plant', lambda r: r.message == 'held at t = 0.2 s', 'motion')
+            diagnostics.until('plant', lambda r: r.message.startswith('held'), 'the first hold')
             for topic, (node, _) in READERS.items():
                 said = f'{topic}: publishers'
                 diagnostics.until(

@@ -38,7 +38,10 @@ class Arbiter:
         #: The owner's next number if all messages were its that were passed over since.
         self._reach = 0
         self._heard = 0
+        #: The next numbers of others, and when they were last heard [ns].
         self._others: dict[int, int] = {}
+        #: The same of those of which all messages were passed over.
+        self._strangers: dict[int, int] = {}
         #: The next number of another one while it is in doubt which of the two is the owner's.
         self._rival: int | None = None
         #: Whether, where they last met, it was the owner that came from behind.
@@ -67,17 +70,30 @@ class Arbiter:
 
         """
         if (number is not None and self._next is not None and self._rival is None
-                and self._next <= number <= self._reach and number not in self._others):
+                and self._next <= number <= self._reach
+                and number not in self._others and number not in self._strangers):
             self._follow(number, now)
             self._former = None
             return True
         self._former = None
         return self._judge(number, now, alone, plausible)
 
-    def pass_over(self, number: int | None) -> None:
+    def pass_over(self, number: int | None, now: int) -> None:
         """Note a message that concerns nobody, the owner's or not: only its number counts."""
-        if number is not None and number == self._reach:
+        if number is None:
+            return
+        for known in (self._others, self._strangers):
+            if number in known:
+                known[number + 1] = now
+                if number != self._reach:  # Otherwise it may be the owner's as well.
+                    del known[number]
+                break
+        else:
+            if number != self._reach:
+                self._strangers[number + 1] = now
+        if number == self._reach:
             self._reach = number + 1
+        self._trim()
 
     def revoke(self, number: int | None, now: int) -> None:
         """Note that the message just admitted is of no use: it gives nobody control."""
@@ -106,17 +122,41 @@ class Arbiter:
             return True
         if alone():
             self._others.clear()
+            self._strangers.clear()
             self._follow(number, now)
             return True
-        if number == self._next and self._rival is None:  # And one of the others' as well.
-            if now - self._others.pop(number) > self._lapse:  # One that has gone since.
+        if (self._rival is None and self._next <= number <= self._reach
+                and number not in self._others):  # Of one of which nothing concerns us so far.
+            seen = self._strangers.pop(number)
+            if plausible is not None and now - seen <= self._lapse and not plausible():
+                self._note(number, now)
+                return False
+            self._follow(number, now)
+            self._strangers[number] = seen
+            return True
+        if self._rival is None and self._next <= number <= self._reach:
+            # And one of the others' as well.
+            seen = self._others.pop(number)
+            if now - seen > self._lapse:  # One that has gone since.
                 self._follow(number, now)
                 return True
+            if self._next != self._reach:
+                return self._settle(number, now, seen, plausible)
             self._rival = number
         if self._rival is not None and number in (self._next, self._rival):
             return self._doubt(number, now, self._next, self._rival, plausible)
         self._note(number, now)
         return False
+
+    def _settle(self, number: int, now: int, seen: int,
+                plausible: Callable[[], bool] | None) -> bool:
+        """Tell by a message alone whose it is: the owner's number is not known exactly."""
+        if plausible is None or not plausible():
+            self._note(number, now)
+            return False
+        self._follow(number, now)
+        self._others[number] = seen
+        return True
 
     def _follow(self, number: int, now: int) -> None:
         """Know the owner by the number after this one."""
@@ -129,11 +169,16 @@ class Arbiter:
     def _note(self, number: int, now: int) -> None:
         """Remember what comes next from a publisher that has no control."""
         self._others.pop(number, None)
+        self._strangers.pop(number, None)
         self._others[number + 1] = now
         if number + 1 == self._next:
             self._overtaking = False
-        if len(self._others) > _MANY:
-            del self._others[next(iter(self._others))]
+        self._trim()
+
+    def _trim(self) -> None:
+        for known in (self._others, self._strangers):
+            if len(known) > _MANY:
+                del known[next(iter(known))]
 
     def _doubt(self, number: int, now: int, a: int, b: int,
                plausible: Callable[[], bool] | None) -> bool:

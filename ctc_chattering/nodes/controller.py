@@ -234,9 +234,9 @@ class ControllerNode(Shell):
             self._answer(self._waiting._replace(now=now))
 
     def _goes_on(self, state: wire.State) -> bool:
-        """Return whether a state is the plant's next one."""
-        return state.t > self._last and (state.t - self._last) % self._period == 0 and (
-            state.t - self._last <= self._timeout)
+        """Return whether a state is the next one by its stamp."""
+        step = state.t - self._last
+        return 0 < step <= self._timeout and not (self._simulated and step % self._period)
 
     def _continues(self, piece: wire.Piece) -> bool:
         """Return whether a piece begins where the motion is known, or right behind it."""

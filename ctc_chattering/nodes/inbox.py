@@ -123,7 +123,7 @@ class Inbox(Generic[T]):
                 raise Refused('undecodable', f'{len(data)} bytes that are no message: '
                               f'{" ".join(str(error).split())}') from None
             if self._concerns is not None and not self._concerns(message):
-                self.arbiter.pass_over(number)
+                self.arbiter.pass_over(number, now)
                 return
             like = self._plausible
             if not self.arbiter.admits(
