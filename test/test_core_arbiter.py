@@ -297,7 +297,8 @@ def test_what_messages_say_settles_every_doubt(
             arbiter.reject(number, now, _several)
         else:
             honest = who == 0
-            taken = arbiter.admits(number, now, _several, lambda honest=honest: honest)  # type: ignore[misc]
+            taken = arbiter.admits(
+                number, now, _several, lambda it=honest: it)  # type: ignore[misc]
             assert taken == honest, (now, who, number)
         if who == 0 and kind == 'ours':
             heard = now
