@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 import dataclasses
 import itertools
@@ -105,6 +106,8 @@ class _States:
     q: np.ndarray[Any, Any]
     dq: np.ndarray[Any, Any]
     effort: np.ndarray[Any, Any]
+    #: How many times the last one of a stamp was sent again, by stamp.
+    again: Counter[int]
 
 
 class _Topics:
@@ -183,6 +186,7 @@ class _Topics:
         strays = 0
         times: list[int] = []
         rows: list[Any] = []
+        again: Counter[int] = Counter()
         for message in self._readable(JOINT_STATES):
             t = _nanoseconds(message.header.stamp)
             order = _order(message.name, names)
@@ -193,7 +197,10 @@ class _Topics:
             if len(effort) != len(message.name):
                 continue
             row = [x[order] for x in arrays]
-            if not np.isfinite(row[:2]).all() or (times and t <= times[-1]):
+            if not np.isfinite(row[:2]).all():
+                continue
+            if times and t <= times[-1]:
+                again[t] += t == times[-1] and np.array_equal(row, rows[-1])
                 continue
             if times and t - times[-1] > _FEW * period:
                 # Not believed before many have gone on from there.
@@ -211,7 +218,7 @@ class _Topics:
             rows += [values for _, values in leap]
             leap = []
         table = np.array(rows).reshape(len(rows), 3, len(names))
-        return _States(times, table[:, 0], table[:, 1], table[:, 2])
+        return _States(times, table[:, 0], table[:, 1], table[:, 2], again)
 
     def _trajectory(self, names: Sequence[str]) -> tuple[Trajectory, int]:
         """Return the desired motion and the instant of its first point [ns]."""
@@ -236,15 +243,22 @@ class _Topics:
         Return the torque that answers each state.
 
         Commands carry no stamp. Where there is one for every state, as in lockstep, they answer
-        them in turn; otherwise the torque is the one that the next state says was applied.
+        them in turn, a state that was sent again more than once; otherwise the torque is the one
+        that the next state says was applied.
         """
-        commands = []
+        commands: list[Any] = []
+        surplus = 0
         for message in self._readable(COMMANDS):
             labels = [dim.label for dim in message.layout.dim] or list(names)
             order = _order(labels, names)
             if order is not None and _fit(len(labels), [message.data]) and np.isfinite(
                     message.data[order]).all():
-                commands.append(message.data[order])
+                tau = message.data[order]
+                if surplus and np.array_equal(tau, commands[-1]):
+                    surplus -= 1
+                    continue
+                surplus = states.again[states.t[min(len(commands), len(states.t) - 1)]]
+                commands.append(tau)
         if len(commands) == len(states.t):
             return np.array(commands)
         return np.concatenate([states.effort[1:], states.effort[-1:]])

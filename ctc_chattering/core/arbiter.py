@@ -29,10 +29,15 @@ class Arbiter:
     trusting : bool
         Whether a message that either of two publishers may have sent is taken.
 
+    Attributes
+    ----------
+    lapse : int
+        As above; may be changed.
+
     """
 
     def __init__(self, lapse: int, trusting: bool) -> None:
-        self._lapse = lapse
+        self.lapse = lapse
         self._trusting = trusting
         self._next: int | None = None
         #: The owner's next number if all messages were its that were passed over since.
@@ -105,7 +110,7 @@ class Arbiter:
         """Note a message that nobody can read: it is somebody's, and gives no control."""
         if number is None:
             return
-        if self._next is None or now - self._heard > self._lapse:
+        if self._next is None or now - self._heard > self.lapse:
             self._note(number, now)
         else:
             self.admits(number, now, alone, lambda: False)
@@ -114,7 +119,7 @@ class Arbiter:
                plausible: Callable[[], bool] | None) -> bool:
         if number is None:
             return alone()
-        if self._next is None or now - self._heard > self._lapse:
+        if self._next is None or now - self._heard > self.lapse:
             if number != self._next:
                 self._former = self._next, self._reach, self._heard
             self._others.pop(number, None)
@@ -128,7 +133,7 @@ class Arbiter:
         if (self._rival is None and self._next <= number <= self._reach
                 and number not in self._others):  # Of one of which nothing concerns us so far.
             seen = self._strangers.pop(number)
-            if plausible is not None and now - seen <= self._lapse and not plausible():
+            if plausible is not None and now - seen <= self.lapse and not plausible():
                 self._note(number, now)
                 return False
             self._follow(number, now)
@@ -137,7 +142,7 @@ class Arbiter:
         if self._rival is None and self._next <= number <= self._reach:
             # And one of the others' as well.
             seen = self._others.pop(number)
-            if now - seen > self._lapse:  # One that has gone since.
+            if now - seen > self.lapse:  # One that has gone since.
                 self._follow(number, now)
                 return True
             if self._next != self._reach:

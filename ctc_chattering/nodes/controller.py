@@ -32,7 +32,7 @@ from ctc_chattering.graph import (
     TRACKING,
 )
 from ctc_chattering.nodes.description import Description
-from ctc_chattering.nodes.inbox import Inbox, Refused
+from ctc_chattering.nodes.inbox import Inbox, LAPSE, PATIENCE, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status, TICK
@@ -131,6 +131,8 @@ class ControllerNode(Shell):
     def idle(self) -> None:
         """Answer the state that waits for those who are to hear the answer; miss the next one."""
         self._clock_heard = self.count_publishers(CLOCK) > 0
+        for inbox in self.inboxes:
+            inbox.arbiter.lapse = PATIENCE if self._clock_heard else LAPSE
         now = time.monotonic_ns()
         late = not self._simulated and now - self._arrived > self._timeout
         if late and self._seen and not self._lost:
@@ -272,7 +274,9 @@ class ControllerNode(Shell):
         """Act on a stamp that does not follow the last one."""
         if verdict not in stamps.TAKEN:
             if verdict == stamps.REPEATED and self._simulated:
-                raise Refused(verdict, '')  # A plant that waits says it again.
+                if t == self._last and self._waiting is None and self._held is not None:
+                    self._commands.publish(self._writer.write(self._held))
+                raise Refused(verdict, '')  # A plant that waits says it again, and so do we.
             raise Refused(verdict, f'{_WRONG_STAMP[verdict]}: {seconds(t):.9f} s')
         if not self._seen:
             return

@@ -19,8 +19,9 @@ T = TypeVar('T')
 #: By which rclpy sees that a callback wants the information.
 _SIGNATURE = inspect.signature(lambda _message, _info: None)
 
-#: Silence of a publisher after which another one may take its place [ns].
-LAPSE = NANOSECONDS // 2
+#: Silence of a publisher after which another one may take its place [ns]: in real time, and where
+#: time can wait, however slow the machine.
+LAPSE, PATIENCE = NANOSECONDS // 2, 5 * NANOSECONDS
 #: Time between two reports of refused messages [ns].
 _REPORT = NANOSECONDS
 
@@ -85,6 +86,8 @@ class Inbox(Generic[T]):
         Whether a message is taken that either of two publishers may have sent.
     plausible : callable, optional
         Returns whether what a message says is what the one in control would say next.
+    lapse : int
+        Silence after which another publisher may take over [ns].
 
     Attributes
     ----------
@@ -96,8 +99,8 @@ class Inbox(Generic[T]):
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
                  concerns: Callable[[T], bool] | None = None,
-                 trusting: bool = False, plausible: Callable[[T], bool] | None = None
-                 ) -> None:
+                 trusting: bool = False, plausible: Callable[[T], bool] | None = None,
+                 lapse: int = LAPSE) -> None:
         self._node = node
         self.topic = topic
         self._full_name = node.resolve_topic_name(topic)
@@ -105,7 +108,7 @@ class Inbox(Generic[T]):
         self._plausible = plausible
         self.refused: Counter[str] = Counter()
         self._reported = 0
-        self.arbiter = Arbiter(LAPSE, trusting)
+        self.arbiter = Arbiter(lapse, trusting)
         self._exclusive = concerns is None
         self._contested = 0
         self._owner: tuple[bytes, str] | None = None

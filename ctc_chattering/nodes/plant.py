@@ -20,7 +20,7 @@ from ctc_chattering.core.robot import Robot
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.nodes.description import Description
-from ctc_chattering.nodes.inbox import Inbox, Refused
+from ctc_chattering.nodes.inbox import Inbox, LAPSE, PATIENCE, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status
@@ -60,6 +60,9 @@ class PlantNode(Shell):
         self._subscribers = [0, 0]
         self._start = 0
         self._asked = self._repeated = self._said = time.monotonic_ns()
+        #: Times that the last state was sent again, and answers more than one that the state
+        #: before may still get.
+        self._repeats = self._surplus = 0
         self._commanded = 0
         self._labels: Sequence[str] = ()
         self._timeouts = 0
@@ -79,7 +82,8 @@ class PlantNode(Shell):
         self._inbox = Inbox(
             self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
             self._on_answer if lockstep else self._on_command, qos(),
-            trusting=lockstep, plausible=self._is_like_the_last)
+            trusting=lockstep, plausible=self._is_like_the_last,
+            lapse=PATIENCE if lockstep else LAPSE)
         self.inboxes = [self._inbox]
         if not lockstep:
             self.create_timer(seconds(self._period), self._on_tick)
@@ -105,6 +109,8 @@ class PlantNode(Shell):
                 self._publish_clock()
             if now - max(self._asked, self._repeated) > _REPEAT and not self._held:
                 self._repeated = now
+                self._repeats += 1
+                self._publish_clock()
                 self._publish_state()
         self._subscribers = counts
         if not self._held and now - max(self._asked, self._said) > _SAY:
@@ -156,6 +162,10 @@ class PlantNode(Shell):
         plant = self._robot
         if not self._begun or self._held:
             return
+        if self._surplus and tau == self._latest:
+            self._surplus -= 1
+            return
+        self._latest, self._surplus, self._repeats = tau, self._repeats, 0
         if plant.k == self._last and self._last:
             self._end()
             return

@@ -16,7 +16,7 @@ from ctc_chattering.core.arbiter import Arbiter
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.numbering import Numbering
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
-from ctc_chattering.nodes.inbox import LAPSE, with_info
+from ctc_chattering.nodes.inbox import LAPSE, PATIENCE, with_info
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
@@ -61,7 +61,8 @@ class RecorderNode(Shell):
         offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
         write, stamp = self._recording.write, struct.Struct('<iI').unpack_from
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
-        numbering, arbiter = Numbering(), Arbiter(LAPSE, trusting=True)
+        numbering = Numbering()
+        arbiter = Arbiter(PATIENCE if is_clock else LAPSE, trusting=True)
 
         def alone() -> bool:
             return bool(self.count_publishers(topic.name) <= 1)
@@ -81,6 +82,8 @@ class RecorderNode(Shell):
                 if arbiter.admits(number, time.monotonic_ns(), alone,
                                   lambda: 0 <= said - self._time <= NANOSECONDS):
                     self._time = min(max(0, said), LATEST)
+                if self._simulated and is_state:
+                    arbiter.lapse = PATIENCE
                 if self._simulated is None:
                     self._begin(is_clock or self.count_publishers(CLOCK) > 0)
             t = self._time if self._simulated else self.get_clock().now().nanoseconds

@@ -19,7 +19,7 @@ from ctc_chattering.core.trajectory import Point
 from ctc_chattering.core.waypoints import Route, Waypoints
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.graph import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
-from ctc_chattering.nodes.inbox import Inbox, Refused
+from ctc_chattering.nodes.inbox import Inbox, PATIENCE, Refused
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status
 from ctc_chattering.settings import ReferenceSettings
@@ -71,7 +71,7 @@ class ReferenceNode(Shell):
         self._subscribers = 0
         self._clock_inbox = Inbox(
             self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), trusting=True,
-            plausible=self._is_next)
+            plausible=self._is_next, lapse=PATIENCE)
         self._states: Inbox[wire.State] | None = None
         self._route_inbox = Inbox(
             self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', wire.TrajectoryReader().read,
