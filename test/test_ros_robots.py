@@ -425,7 +425,8 @@ def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
             assert_equal(result, simulated(params.load(file)))
             assert run.q_d[0].tolist() == run.q[0].tolist() == [0.4, -0.3]
             assert run.dq_d[0].tolist() == [0.0, 0.0]
-        assert run.q_d[0] == pytest.approx(run.q[0], abs=0.01)
+        # In real time the controller may be late by some tenths of a second.
+        assert run.q_d[0] == pytest.approx(run.q[0], abs=0.1)
         assert np.abs(run.tau).max() < 300.0
 
 
