@@ -340,18 +340,22 @@ def test_waypoints_are_gone_through_in_real_time_and_held_at_the_end() -> None:
         it.start('reference', '-p', 'center:=[0.0, 0.0]', '-p', 'amplitude:=[0.0, 0.0]')
         it.until(lambda: len(tracking) > 100 and topic.get_subscription_count(), 'motion')
 
+        def sample(m: JointState) -> Sample:
+            return Sample(ns(m.header.stamp), tuple(m.position[:2]), tuple(m.velocity[:2]))
+
         def samples() -> list[Sample]:
-            return [Sample(ns(m.header.stamp), tuple(m.position[:2]), tuple(m.velocity[:2]))
-                    for m in tracking]
+            return [sample(m) for m in tracking]
 
         def held(q: Sequence[float], since: int = 0) -> Callable[[], bool]:
             """Return whether the desired position has rested there for 0.2 s."""
             def done() -> bool:
-                if len(tracking) < 2:
-                    return False
-                now = ns(tracking[-1].header.stamp)
-                last = [x for x in samples()[-2000:] if x.t >= now - S // 5]
-                return last[0].t > since and all(x.q == tuple(q) and x.dq == ZERO for x in last)
+                for m in reversed(tracking):
+                    x = sample(m)
+                    if x.q != tuple(q) or x.dq != ZERO or x.t <= since:
+                        return False
+                    if x.t <= ns(tracking[-1].header.stamp) - S // 5:
+                        return True
+                return False
             return done
 
         here: Sequence[float] = ZERO
