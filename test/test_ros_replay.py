@@ -36,7 +36,8 @@ def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> N
         clocks = it.listen(Clock, '/clock')
         process = subprocess.Popen(
             [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', str(bag), '--rate',
-             str(rate), '--delay', '3'], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+             str(rate), '--delay', '3'], text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT)
         try:
             it.until(lambda: states or process.poll() is not None, 'the first state')
             begin = time.monotonic()
