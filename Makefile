@@ -12,7 +12,7 @@ demo: $(READY)
 	$(BIN)/ctc reproduce --out results --overwrite
 
 test: $(READY) lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=auto --dist=worksteal
 
 # Studies that take a minute or more each.
 slow: $(READY)

@@ -31,7 +31,8 @@ setup(
         'mujoco': ['mujoco'],
         # The model urdf; of apt, ros-jazzy-pinocchio.
         'urdf': ['pin'],
-        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'pin', 'pytest', 'scipy'],
+        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'pin', 'pytest', 'pytest-xdist',
+                 'scipy'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,

@@ -31,8 +31,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> None:
     run = read_bag(bag).run
     with probe() as it:
-        states = it.listen(JointState, 'joint_states')
-        commands = it.listen(Float64MultiArray, 'effort_controller/commands')
+        states = it.listen(JointState, 'joint_states', 10_000)
+        commands = it.listen(Float64MultiArray, 'effort_controller/commands', 10_000)
         clocks = it.listen(Clock, '/clock')
         process = subprocess.Popen(
             [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', str(bag), '--rate',
@@ -49,7 +49,7 @@ def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> N
         finally:
             process.kill()
         assert process.returncode == 0, output
-        assert 0.7 / rate < took < 1.3 / rate + 1.0  # The machine may be slow.
+        assert 0.7 / rate < took < 1.3 / rate + 3.0  # The machine may be slow.
         assert [list(m.position) for m in states] == run.q.tolist()
         assert [list(m.data) for m in commands] == run.tau.tolist()
 

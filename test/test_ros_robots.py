@@ -86,7 +86,8 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
         told = it.listen(String, f'controller/{DESCRIPTION}', LATCHED)
         it.start('controller', *ARM, '-p', 'state_timeout:=1.0')
         it.start('plant', *ARM, '-p', 'initial_position:=[0.2, -0.3]')
-        it.start('reference', '-p', 'joint_names:=[a,b]', '-p', 'amplitude:=[1.5, 0.5]')
+        it.start('reference', '-p', 'joint_names:=[a,b]', '-p', 'amplitude:=[1.5, 0.5]',
+                 '-p', 'frequency:=[6.0, 6.0]')  # So that the limits are always reached.
         nodes = ('controller', 'plant')
         for node in nodes:
             report = reports.until(node, lambda r: r.level == ERROR, 'the error')

@@ -134,7 +134,8 @@ class ReferenceNode(Shell):
     def _on_state(self, state: wire.State, _arrival: int) -> None:
         t = state.t
         if self.count_publishers(CLOCK) == 0:
-            if not self._publisher.get_subscription_count():
+            if not self._publisher.get_subscription_count() or not self.heard(
+                    (self._publisher,), self._settings.wait_for):
                 return
             if not self._is_in_step(t, self.get_clock().now().nanoseconds):
                 return
