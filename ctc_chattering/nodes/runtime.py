@@ -10,9 +10,11 @@ import time
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterType
 import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.parameter_service import ParameterService
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -60,6 +62,23 @@ class Status(NamedTuple):
     values: Mapping[str, object]
 
 
+class _ParameterService(ParameterService):
+    """Takes a value of no known type for one that is not set; rclpy's raises, in our spin."""
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        return super()._set_parameters_callback(_typed(request), response)
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        return super()._set_parameters_atomically_callback(_typed(request), response)
+
+
+def _typed(request: Any) -> Any:
+    for parameter in request.parameters:
+        if parameter.value.type > ParameterType.PARAMETER_STRING_ARRAY:
+            parameter.value.type = ParameterType.PARAMETER_NOT_SET
+    return request
+
+
 class Shell(Node):
     """
     A node that `run` can drive, and that reports on ``/diagnostics`` once a second.
@@ -82,7 +101,8 @@ class Shell(Node):
     """
 
     def __init__(self, name: str) -> None:
-        super().__init__(name)
+        super().__init__(name, start_parameter_services=False)
+        _ParameterService(self)
         self.done = Future()
         self.failure: str | None = None
         self.tick = TICK
