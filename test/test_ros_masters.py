@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import itertools
 import signal
 import time
 from typing import Any
@@ -100,7 +101,7 @@ def test_the_first_publisher_of_torques_moves_the_robot_until_it_is_silent(pacin
                          and list(states[-1].effort) == TORQUE, 'the change of control')
                 times = [ns(m.header.stamp) for m in states if any(m.effort)]
                 # The last torque is held for 0.1 s, then the brakes are on for the rest.
-                assert max(b - a for a, b in zip(times, times[1:])) > 350 * MS
+                assert max(b - a for a, b in itertools.pairwise(times)) > 350 * MS
                 states.clear()
                 children['controller'].signal(signal.SIGCONT)
                 it.until(lambda: second.send() and len(states) > 500, 'states')

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterType
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter_service import ParameterService
@@ -97,6 +98,8 @@ class Shell(Node):
         Complete it to end the process with status 0.
     failure : str or None
         Set it to have the process end with status 1.
+    stop : sequence of int
+        The signals that have asked for the end.
 
     """
 
@@ -105,12 +108,20 @@ class Shell(Node):
         _ParameterService(self)
         self.done = Future()
         self.failure: str | None = None
+        self.stop: Sequence[int] = ()
         self.tick = TICK
         self.hurried = False
         self.pace = Pace()
         self.inboxes: list[Inbox[Any]] = []
+        # A spin for simulated time does not come back while there are messages: see `serve`.
+        self.create_timer(TICK, self.heed, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._report_due = 0
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, qos(10))
+
+    def heed(self) -> None:
+        """End the spin when a signal has come."""
+        if self.stop and not self.done.done():
+            self.done.set_result(None)
 
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `tick`."""
@@ -234,6 +245,7 @@ def run(make_node: Callable[[], Shell], name: str,
             params.node_values(sections, name, str(path))
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
+        node.stop = stop
         executor = Executor()
         executor.add_node(node)
         while not (stop or node.done.done()) and rclpy.ok():
