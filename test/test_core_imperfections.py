@@ -148,6 +148,16 @@ def _rub(joint: int, tau: float) -> Callable[[float, Array], Array]:
     return field
 
 
+def test_a_stribeck_velocity_next_to_nothing_is_no_friction_in_motion() -> None:
+    one, other = (_plant(SLIDERS, coulomb_friction=[1.5, 0.4], initial_velocity=[0.1, 0.1], **more)
+                  for more in ({}, {'stribeck_friction': [1.0, 0.3],
+                                    'stribeck_velocity': [1e-200, 5e-324]}))
+    for _ in range(100):
+        one.step([3.0, 1.5])
+        other.step([3.0, 1.5])
+    assert _state(other) == pytest.approx(_state(one), rel=1e-12)
+
+
 @pytest.mark.parametrize('direction', [1.0, -1.0])
 def test_sliding_against_scipy(direction: float) -> None:
     """Check Kf + Ks exp(-(dq / vs)²) + c dq through the fall and rise of the friction."""

@@ -262,7 +262,7 @@ class Plant(Robot):
         """Return `u` less what friction at the velocity `dq` exceeds its value near rest by."""
         assert self._law is not None
         return [
-            x - viscous * v + (fall * m * (1.0 - exp(-(v / speed) ** 2)) if fall else 0.0)
+            x - viscous * v + (fall * m * (1.0 - exp(-(r := v / speed) * r)) if fall else 0.0)
             for x, v, m, (viscous, fall, speed) in zip(u, dq, mode, self._law)]
 
     def _runge_kutta(self, t: float, h: float, load: Vector) -> tuple[Vector, Vector]:

@@ -94,6 +94,8 @@ class ControllerNode(Shell):
         self._count = 0
         self._heard = False
         self._waiting: _State | None = None
+        #: The last state, if no torque can be computed for it with the parameters in force.
+        self._beyond: _State | None = None
         #: The torque sent last; None where nothing has been sent, or a last one of 0.
         self._held: Vector | None = None
         #: Whether somebody publishes the clock, and whether somebody did at the last state.
@@ -189,6 +191,8 @@ class ControllerNode(Shell):
         config = self._tuning.get(ControllerConfig)
         if self._controller is not None:
             self._controller.configure(config)
+        if self._beyond is not None:
+            self._waiting, self._beyond = self._beyond, None
         self._watched = min(config.error_limit) < inf
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response
@@ -295,6 +299,7 @@ class ControllerNode(Shell):
         law = self._controller
         assert law is not None
         t = state.t
+        self._beyond = None
         point = self._trajectory.at(t)
         if not self._heard:
             self._heard = self.heard(
@@ -306,12 +311,9 @@ class ControllerNode(Shell):
         self._waiting = None
         ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]
         q = state.q
-        try:
-            sample = law.step(q, state.dq, *point, ahead)
-        except (ValueError, OverflowError):  # sin(inf)
-            sample = None
-        if sample is None or not isfinite(sum(sample.tau) + sum(sample.v)):
-            law.reset(bumpless=True, held=self._held)
+        sample = self._sample(state, point, ahead)
+        if sample is None:
+            self._beyond = state
             self._state_inbox.refuse(
                 Refused('overflow', f'no torque can be computed for {list(q)}, '
                         f'{list(state.dq)}'), state.now)
@@ -336,6 +338,24 @@ class ControllerNode(Shell):
         self.pace.sample(state.now, end)
         if end - state.now > self._period and not self._simulated:
             self.pace.misses += 1
+
+    def _sample(self, state: _State, point: Point, ahead: list[Point]) -> Sample | None:
+        """
+        Return the law's answer; None, and the law begins anew, if it has none that is finite.
+
+        Simulated time waits for the answer: there, the law that begins anew is asked again.
+        """
+        law = self._controller
+        assert law is not None
+        for _ in range(2 if self._simulated else 1):
+            try:
+                sample = law.step(state.q, state.dq, *point, ahead)
+                if isfinite(sum(sample.tau) + sum(sample.v)):
+                    return sample
+            except (ValueError, OverflowError):  # sin(inf)
+                pass
+            law.reset(bumpless=True, held=self._held)
+        return None
 
     def _must_wait(self, t: int) -> bool:
         """Return whether the reference lags behind, and time, being simulated, can wait."""

@@ -13,7 +13,7 @@ from rcl_interfaces.msg import (
     ParameterEvent,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -110,6 +110,8 @@ class NodeParameters:
         """Turn integers into numbers where numbers are due; leave the rest to `_judge`."""
         result = []
         for parameter in parameters:
+            if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.
+                raise ParameterNotDeclaredException([parameter.name])
             spec = self._specs.get(parameter.name)
             try:
                 coerced = parameter if spec is None else self._to_parameter(
@@ -127,6 +129,10 @@ class NodeParameters:
 
     def _judge(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
+            for parameter in parameters:  # One that is not set would be undeclared.
+                spec = self._specs.get(parameter.name)
+                if spec is not None and parameter.value is None:
+                    raise ParameterError(spec.name, None, spec.allowed)
             self._candidates(parameters)
         except CtcError as error:
             return SetParametersResult(successful=False, reason=str(error))

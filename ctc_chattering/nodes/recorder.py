@@ -29,6 +29,8 @@ _DEPTH = 100_000
 _FLUSH = 0.5
 #: How long one look at the queue lasts [s].
 _SLICE = 0.001
+#: How long it takes messages that came before the end, while more are to come [ns].
+_DRAIN = NANOSECONDS // 5
 
 
 class RecorderNode(Shell):
@@ -46,6 +48,10 @@ class RecorderNode(Shell):
         tuning = NodeParameters(self, (RecorderSettings,), lambda: None)
         self._recording = Recording(Path(tuning.get(RecorderSettings).bag))
         self._received = 0
+        #: When the last message taken was sent [ns], by the system's clock.
+        self._sent = 0
+        #: When the signal to end was seen, by the same clock.
+        self._asked = 0
         self._dropped: Counter[str] = Counter()
         self._flushed = time.monotonic()
         self._time = 0
@@ -69,6 +75,7 @@ class RecorderNode(Shell):
 
         def on_message(data: bytes, info: Mapping[str, Any]) -> None:
             self._received += 1
+            self._sent = info.get('source_timestamp') or 0
             if self.failure is not None:
                 return
             number = info.get('publication_sequence_number')
@@ -126,13 +133,31 @@ class RecorderNode(Shell):
             'messages': sum(self._recording.counts.values()), 'dropped': lost,
             **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
 
+    def heed(self) -> None:
+        """Leave it to `spin`, which has something to do yet."""
+
     def spin(self, executor: Any) -> None:
-        """Take all that has come, in batches."""
+        """Take all that has come, in batches; at the end, all that was sent before it."""
         before = -1
-        while before < self._received:
+        while before < self._received and not self._has_enough():
             before = self._received
             self.serve(executor, _SLICE)
-        time.sleep(NAP)
+        if not self.stop:
+            time.sleep(NAP)
+
+    def _has_enough(self) -> bool:
+        """Return whether, once asked to end, nothing is left that was sent before, or too much."""
+        if not self.stop:
+            return False
+        now = time.time_ns()
+        self._asked = self._asked or now
+        if self._sent > self._asked:
+            return True
+        # When the others have ended, there is time for all that they have sent.
+        if now - self._asked < _DRAIN or not self.count_publishers(JOINT_STATES):
+            return False
+        self.get_logger().warning('asked to end while more came than could be recorded')
+        return True
 
     def idle(self) -> None:
         """Put what was received onto the disk every so often."""

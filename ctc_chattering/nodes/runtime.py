@@ -10,9 +10,12 @@ import time
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterType
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.parameter_service import ParameterService
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -60,6 +63,23 @@ class Status(NamedTuple):
     values: Mapping[str, object]
 
 
+class _ParameterService(ParameterService):
+    """Takes a value of no known type for one that is not set; rclpy's raises, in our spin."""
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        return super()._set_parameters_callback(_typed(request), response)
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        return super()._set_parameters_atomically_callback(_typed(request), response)
+
+
+def _typed(request: Any) -> Any:
+    for parameter in request.parameters:
+        if parameter.value.type > ParameterType.PARAMETER_STRING_ARRAY:
+            parameter.value.type = ParameterType.PARAMETER_NOT_SET
+    return request
+
+
 class Shell(Node):
     """
     A node that `run` can drive, and that reports on ``/diagnostics`` once a second.
@@ -78,19 +98,30 @@ class Shell(Node):
         Complete it to end the process with status 0.
     failure : str or None
         Set it to have the process end with status 1.
+    stop : sequence of int
+        The signals that have asked for the end.
 
     """
 
     def __init__(self, name: str) -> None:
-        super().__init__(name)
+        super().__init__(name, start_parameter_services=False)
+        _ParameterService(self)
         self.done = Future()
         self.failure: str | None = None
+        self.stop: Sequence[int] = ()
         self.tick = TICK
         self.hurried = False
         self.pace = Pace()
         self.inboxes: list[Inbox[Any]] = []
+        # A spin for simulated time does not come back while there are messages: see `serve`.
+        self.create_timer(TICK, self.heed, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._report_due = 0
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, qos(10))
+
+    def heed(self) -> None:
+        """End the spin when a signal has come."""
+        if self.stop and not self.done.done():
+            self.done.set_result(None)
 
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `tick`."""
@@ -214,6 +245,7 @@ def run(make_node: Callable[[], Shell], name: str,
             params.node_values(sections, name, str(path))
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
+        node.stop = stop
         executor = Executor()
         executor.add_node(node)
         while not (stop or node.done.done()) and rclpy.ok():
