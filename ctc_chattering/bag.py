@@ -128,13 +128,17 @@ class _Topics:
         if not states.t:
             raise CtcError(f'{self._path}: no state on {JOINT_STATES} that was answered')
         trajectory, start = self._trajectory(names)
-        points = [trajectory.at(t) for t in states.t]
-        if None in points:
+        points = [p for t in states.t if (p := trajectory.at(t))]
+        if not points:
             raise CtcError(f'{self._path}: no {REFERENCE} for the state at '
-                           f'{seconds(states.t[points.index(None)]):g} s')
-        q_d, dq_d, ddq_d = (np.array([p[i] for p in points if p]) for i in range(3))
-        run = Run(np.array([seconds(t - start) for t in states.t]), states.q, states.dq,
-                  q_d, dq_d, ddq_d, self._torques(names, states), np.zeros_like(states.q))
+                           f'{seconds(states.t[0]):g} s')
+        # A recorder that comes amid a run hears states before it hears the reference.
+        unknown = len(states.t) - len(points)
+        q, dq, tau = (x[unknown:] for x in (
+            states.q, states.dq, self._torques(names, states)))
+        q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
+        run = Run(np.array([seconds(t - start) for t in states.t[unknown:]]), q, dq,
+                  q_d, dq_d, ddq_d, tau, np.zeros_like(q))
         configs = [(seconds(t - start), config) for t, config in history]
         plants = self._parameters('plant', PlantConfig)
         experiment = plants[0][1].experiment if plants else self._path.name

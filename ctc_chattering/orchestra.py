@@ -15,6 +15,7 @@ from typing import Any
 from ctc_chattering import params, signals, supervisor
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Overrides
+from ctc_chattering.security import check_security
 from ctc_chattering.settings import LOOP
 from ctc_chattering.share import config_directory
 
@@ -55,6 +56,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
     setup = params.load(path, overrides)
     if record is not None and record.exists():
         raise CtcError(f'{record}: exists already, not overwritten')
+    check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault(
         'FASTRTPS_DEFAULT_PROFILES_FILE', str(config_directory() / 'fastdds.xml'))

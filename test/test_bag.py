@@ -130,6 +130,15 @@ def test_parameters_of_others_do_not_matter(tmp_path: Path) -> None:
     check(read(tmp_path, [*messages(), parameters('controller', 10 ** 8, news, False)]))
 
 
+def test_a_recorder_that_came_amid_the_run(tmp_path: Path) -> None:
+    """Check that the run begins where the reference is known."""
+    found = [x for x in messages() if x.topic != '/reference' or x.t >= nanoseconds(0.05)]
+    run = read(tmp_path, found).run
+    assert run.t[0] == 0.0
+    for name in ('q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau'):
+        assert getattr(run, name).tobytes() == getattr(RESULT.run, name)[50:].tobytes()
+
+
 def without(topic: str) -> Callable[[Entry], bool]:
     return lambda entry: not entry.topic.endswith(topic)
 

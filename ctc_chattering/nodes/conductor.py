@@ -119,11 +119,21 @@ class Observer:
     ros_args : sequence of str
         Arguments for ROS, such as a namespace.
 
+    Raises
+    ------
+    CtcError
+        If ROS cannot start.
+
     """
 
     def __init__(self, events: Sequence[Event], lockstep: bool, ros_args: Sequence[str]) -> None:
-        rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Conductor(events, lockstep)
+        try:
+            rclpy.init(
+                args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+            self._node = Conductor(events, lockstep)
+        except Exception as error:
+            rclpy.try_shutdown()
+            raise CtcError(' '.join(str(error).split())) from None
         self._executor = Executor()
         self._executor.add_node(self._node)
 

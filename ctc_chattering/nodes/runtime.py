@@ -27,6 +27,7 @@ from ctc_chattering.core.pace import Pace
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import DIAGNOSTICS, TOPICS
 from ctc_chattering.nodes.inbox import Inbox
+from ctc_chattering.security import check_security
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor as Executor
@@ -243,6 +244,7 @@ def run(make_node: Callable[[], Shell], name: str,
         for path in _params_files(arguments):
             sections = params.read(path)
             params.node_values(sections, name, str(path))
+        check_security()
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         node.stop = stop

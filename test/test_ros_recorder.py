@@ -1,0 +1,274 @@
+"""What the recorder loses when it is killed, and when it cannot keep up; and that it says so."""
+
+from __future__ import annotations
+
+from ast import literal_eval
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import closing
+import itertools
+from pathlib import Path
+import random
+import signal
+import time
+from typing import Any, NamedTuple
+
+from faults import Diagnostics, ERROR, OK
+from mcap.reader import make_reader
+import numpy as np
+import pytest
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
+from ros import CONFIG, PATIENCE, perform, Probe, probe
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from test_recording import metadata
+from test_ros_robots import PATIENT
+
+from ctc_chattering import params, supervisor
+from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.errors import CtcError
+from ctc_chattering.graph import COMMANDS, DIAGNOSTICS, JOINT_STATES
+from ctc_chattering.nodes.inbox import with_info
+from ctc_chattering.result import simulated
+from ctc_chattering.salvage import is_damaged, repair
+from ctc_chattering.wire import State, StateReader
+
+pytestmark = pytest.mark.ros
+STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
+PERIOD = 1_000_000
+#: What a killed recorder may lose [ns].
+LOSS = NANOSECONDS
+#: Recorders killed in each graph, and those alive at the same time.
+KILLS, ALIVE = 10, 3
+#: Largest size of a bag without a message [bytes].
+EMPTY = 500
+
+
+class Seen(NamedTuple):
+    """A message that was published: its bytes, when [ns], and its publisher's number."""
+
+    data: bytes
+    t: int
+    number: int
+
+
+class Witness:
+    """Sees what is published, as fast as it comes, and when it was."""
+
+    def __init__(self, it: Probe) -> None:
+        old, it.executor = it.executor, EventsExecutor(context=it.context)
+        assert isinstance(old, SingleThreadedExecutor)
+        old.remove_node(it.node)
+        it.executor.add_node(it.node)
+        self.states, self.commands = (self._listen(it, kind, topic) for kind, topic in (
+            (JointState, JOINT_STATES), (Float64MultiArray, COMMANDS)))
+
+    def _listen(self, it: Probe, kind: Any, topic: str) -> list[Seen]:
+        seen: list[Seen] = []
+
+        def on_message(data: bytes, info: Mapping[str, Any]) -> None:
+            seen.append(Seen(
+                bytes(data), info['source_timestamp'], info['publication_sequence_number']))
+
+        it.node.create_subscription(kind, topic, with_info(on_message), 100_000, raw=True)
+        return seen
+
+
+def recorded(bag: Path) -> dict[str, list[bytes]]:
+    """Return the messages of a bag by topic, as `ctc plot` reads them."""
+    found: dict[str, list[bytes]] = {}
+    with closing(open_bag(bag)) as reader:
+        for connection, _, data in reader.messages():
+            found.setdefault(connection.topic, []).append(bytes(data))
+    return found
+
+
+class Killed(NamedTuple):
+    """A recorder's bag, when something was seen in it, and when the recorder was killed [ns]."""
+
+    bag: Path
+    begin: int
+    end: int
+    #: Whether it said before that messages were dropped on the way.
+    dropped: bool
+
+
+def size(bag: Path) -> int:
+    file = bag / f'{bag.name}.mcap'
+    return file.stat().st_size if file.exists() else 0
+
+
+def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]:
+    """Start recorders, and kill each of them at a random moment of its life."""
+    killed: list[Killed] = []
+    lives: dict[Path, tuple[supervisor.Child, float]] = {}
+    begun: dict[Path, int] = {}
+    started = 0
+
+    def due() -> bool:
+        now = time.time_ns()
+        for bag in lives:
+            if bag not in begun and size(bag) > EMPTY:
+                begun[bag] = now
+        return any(now - begin > 1e9 * lives[bag][1] for bag, begin in begun.items())
+
+    while len(killed) < KILLS:
+        while started < KILLS and len(lives) < ALIVE:
+            bag = folder / f'bag{started}'
+            lives[bag] = it.start('recorder', '-p', f'bag:={bag}'), dice.uniform(0.0, 1.5)
+            started += 1
+        it.until(due, 'the moment')
+        bag = min(begun, key=lambda x: begun[x] + 1e9 * lives[x][1])
+        child, _ = lives.pop(bag)
+        begin, end = begun.pop(bag), time.time_ns()
+        child.signal(signal.SIGKILL)
+        killed.append(Killed(bag, begin, end, 'were dropped' in child.obituary()))
+    return killed
+
+
+@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+def test_recorders_killed_at_random_moments_lose_a_second_at_most(
+        pacing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """
+    Nothing is missing before, unless a recorder that could not keep up said so; the loop does not
+    feel it; others can read the mended bag.
+
+    What was published, and when, says a witness; in lockstep every state in every bag equals the
+    simulation, to the last bit, and none is missing between two.
+    """
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(CONFIG / 'fastdds.xml'))
+    patience = ('-p', 'state_timeout:=2.0', *(PATIENT if pacing == 'real_time' else ()))
+    with probe() as it:
+        reports, witness = Diagnostics(it), Witness(it)
+        loop = [it.start('plant', '-p', f'pacing:={pacing}', '-p', 'command_timeout:=2.0'),
+                it.start('controller', *patience), it.start('reference')]
+        it.until(lambda: len(witness.commands) > 100, 'motion')
+        killed = kill_at_random(it, tmp_path, random.Random(pacing))
+        count = len(witness.commands)
+        it.until(lambda: len(witness.commands) > count + 100, 'that the loop goes on')
+        controller, plant = reports.next('controller'), reports.next('plant')
+        assert (controller.count('restarts'), controller.count('timeouts, state'),
+                plant.count('timeouts, command')) == (0, 0, 0)
+        assert [child.status for child in loop] == [None] * 3
+        assert not any('Traceback' in line for line in it.lines)
+
+    read = StateReader().read
+    published = [(read(x.data), x.t) for x in witness.states]
+    whole = latest = 0
+    states: list[State] = []
+    for bag, begin, end, overrun in killed:
+        assert is_damaged(bag)
+        found, _ = repair(bag)
+        assert len(others(bag)) == found.messages > 0
+        mine = [read(data) for data in recorded(bag).get(STATES, [])]
+        have = {x.t for x in mine}
+        missing = [x.t for x, t in published if mine and mine[0].t <= x.t and t <= end - LOSS
+                   and x.t not in have]
+        assert missing == [] or overrun, bag
+        try:
+            whole += len(read_bag(bag).run.t) > 100 and not overrun
+        except CtcError:  # It had not met all of the graph.
+            assert end - begin < LOSS
+        states += mine
+        latest = max(latest, *(x.t for x in mine[-1:]), 0)
+        if pacing == 'lockstep' and not overrun:
+            steps = {b.t - a.t for a, b in itertools.pairwise(mine)}
+            assert steps <= {0, PERIOD}  # A state that is not answered at once is sent again.
+    assert whole >= KILLS // 2
+    if pacing == 'lockstep':
+        expected = simulated(params.load(None, {'plant': {'duration': latest / 1e9}})).run
+        rows = np.array([x.t // PERIOD for x in states])
+        assert np.array_equal(np.array([x.position for x in states]), expected.q[rows])
+        assert np.array_equal(np.array([x.velocity for x in states]), expected.dq[rows])
+
+
+def others(bag: Path) -> list[bytes]:
+    """Return the messages that both `rosbags` and `mcap` find in a bag, without help of ours."""
+    with AnyReader([bag]) as reader:
+        found = [bytes(data) for _, _, data in reader.messages()]
+    with (bag / f'{bag.name}.mcap').open('rb') as stream:
+        assert Counter(found) == Counter(
+            message.data for _, _, message in make_reader(stream).iter_messages())
+    return found
+
+
+def test_nothing_is_dropped_at_the_full_rate(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    status, output = perform('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '5',
+                             '--record', str(bag))
+    assert status == 0, output
+    assert 'dropped' not in output
+    found = recorded(bag)
+    reader = StateReader()
+    assert [reader.read(data).t for data in found[STATES]] == [k * PERIOD for k in range(5001)]
+    assert len(found[TORQUES]) == 5001
+    assert not metadata(bag)['custom_data']
+    said = dropped(bag)
+    assert said
+    assert set(said) == {(OK, '0')}
+
+
+def dropped(bag: Path) -> list[tuple[bytes, str]]:
+    """Return the level of each report of a recorder in a bag, and what it says was dropped."""
+    found = []
+    with closing(open_bag(bag)) as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic == DIAGNOSTICS:
+                message: Any = reader.deserialize(data, connection.msgtype)
+                found += [(bytes([status.level]), value.value) for status in message.status
+                          for value in status.values
+                          if status.name == '/recorder' and value.key == 'dropped']
+    return found
+
+
+def test_what_is_dropped_is_counted_exactly_and_said(tmp_path: Path) -> None:
+    """A recorder that is stopped for too long: what it recorded and lost is what was published."""
+    bag, duration = tmp_path / 'bag', 8.0
+    everybody = ('-p', 'wait_for:=[recorder,controller,plant]')
+    with probe() as it:
+        reports, witness = Diagnostics(it), Witness(it)
+        recorder = it.start('recorder', '-p', f'bag:={bag}')
+        it.until(lambda: (bag / 'bag.mcap').exists(), 'the recorder')
+        it.start('controller', *everybody)
+        it.start('reference', *everybody)
+        plant = it.start('plant', '-p', 'pacing:=lockstep', '-p', f'duration:={duration}',
+                         *everybody)
+        it.until(after(witness, 500), 'motion')
+        recorder.signal(signal.SIGSTOP)
+        it.until(after(witness, 4000), 'too much for the middleware')
+        recorder.signal(signal.SIGCONT)
+        it.until(lambda: plant.status is not None, 'the end')
+        it.until(lambda: time_of(witness.states[-1]) == duration * 1e9
+                 and witness.commands[-1].number > duration * 1e3, 'the last messages')
+        published = {STATES: witness.states[-1].number, TORQUES: witness.commands[-1].number}
+        reports.next('recorder')
+        report = reports.next('recorder')
+        recorder.signal(signal.SIGINT)
+        assert recorder.process.wait(PATIENCE) == 0
+    lost = {topic: report.count(f'dropped, {topic}') for topic in published}
+    assert min(lost.values()) > 1000
+    assert report.level == ERROR
+    total = report.count('dropped')
+    assert report.message == f'{total} messages were dropped'
+    assert total == sum(int(value) for key, value in report.values.items()
+                        if key.startswith('dropped, '))
+    found = recorded(bag)
+    assert {topic: len(found[topic]) + count for topic, count in lost.items()} == published
+    said = metadata(bag)['custom_data']['dropped']
+    assert all(f"'{topic}': {count}" in said for topic, count in lost.items())
+    assert sum(literal_eval(said).values()) == total
+    assert (ERROR, str(total)) in dropped(bag)
+    assert any('messages were dropped' in line for line in it.lines)
+    assert any(line.endswith(f', {total} dropped') for line in it.lines)
+
+
+def after(witness: Witness, count: int) -> Callable[[], bool]:
+    """Return whether so many states have been published."""
+    return lambda: bool(witness.states) and witness.states[-1].number > count
+
+
+def time_of(message: Seen) -> int:
+    return StateReader().read(message.data).t
