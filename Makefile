@@ -12,7 +12,8 @@ demo: $(READY)
 	$(BIN)/ctc reproduce --out results --overwrite
 
 test: $(READY) lint
-	$(BIN)/python -m pytest --numprocesses=auto --dist=worksteal
+	$(BIN)/python -m pytest -m 'not slow and not alone' --numprocesses=auto --dist=worksteal
+	$(BIN)/python -m pytest -m alone
 
 # Studies that take a minute or more each.
 slow: $(READY)

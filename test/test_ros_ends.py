@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from ctc_chattering import supervisor
 from ctc_chattering.graph import JOINT_STATES
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.alone]
 NODES = ('recorder', 'plant', 'controller', 'reference')
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
 #: What is promised [s].
