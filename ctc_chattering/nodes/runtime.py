@@ -24,6 +24,7 @@ from rclpy.task import Future
 from ctc_chattering import params, signals
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.pace import Pace
+from ctc_chattering.deadline import end_after
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import DIAGNOSTICS, TOPICS
 from ctc_chattering.nodes.inbox import Inbox
@@ -45,6 +46,9 @@ NAP = 0.02
 _REPORT = NANOSECONDS
 #: What `run` waits at the end for the last messages to arrive, all together [s].
 _FAREWELL = 0.3
+#: How long the middleware may take after that to leave the graph [s]: Fast DDS hangs now and then
+#: where others leave at the same time.
+_LEAVE = 0.5
 
 
 def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
@@ -218,7 +222,7 @@ class Shell(Node):
 def run(make_node: Callable[[], Shell], name: str,
         argv: Sequence[str] | None = None, stop: list[int] | None = None) -> int:
     """
-    Run a node until it is done, or SIGINT or SIGTERM comes.
+    Run a node until it is done, or SIGINT or SIGTERM comes; the process then ends, too.
 
     Parameters
     ----------
@@ -240,6 +244,7 @@ def run(make_node: Callable[[], Shell], name: str,
     arguments = list(sys.argv if argv is None else argv)
     stop = signals.collect() if stop is None else stop
     node = executor = None
+    status = 1
     try:
         for path in _params_files(arguments):
             sections = params.read(path)
@@ -254,6 +259,7 @@ def run(make_node: Callable[[], Shell], name: str,
             node.spin(executor)
             node.idle()
             node.report(time.monotonic_ns())
+        status = 1 if node.failure else 0
     except CtcError as error:
         print(f'{name}: {error}', file=sys.stderr, flush=True)
         return 1
@@ -268,6 +274,7 @@ def run(make_node: Callable[[], Shell], name: str,
         if node is not None:
             node.finish()
             _wait_for_all_acked(node)
+            end_after(_LEAVE, 1 if node.failure else status)
             node.destroy_node()
         rclpy.try_shutdown()
     return 1 if node.failure else 0
