@@ -48,7 +48,7 @@ _REPORT = NANOSECONDS
 _FAREWELL = 0.3
 #: How long the middleware may take after that to leave the graph [s]: Fast DDS hangs now and then
 #: where others leave at the same time.
-_LEAVE = 0.5
+_LEAVE = 0.4
 
 
 def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
