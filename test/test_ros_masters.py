@@ -107,6 +107,9 @@ def test_the_first_publisher_of_torques_moves_the_robot_until_it_is_silent(pacin
                 it.until(lambda: second.send() and len(states) > 500, 'states')
                 driven = [list(m.effort) for m in states if any(m.effort)]
                 assert driven and all(x == TORQUE for x in driven)
+                it.until(lambda: second.send() and contested(
+                    diagnostics.latest['plant'], COMMANDS, '/intruder', '/controller'),
+                    'who has control now')
         states.clear()
         it.until(lambda: any(any(m.effort) and list(m.effort) != TORQUE for m in states),
                  'the first again')

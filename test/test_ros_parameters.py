@@ -214,7 +214,7 @@ def test_gains_with_which_no_torque_can_be_computed_stop_time_until_they_are_cha
         assert it.set('controller', 'kp', [HUGE, HUGE]).successful
         assert it.set('plant', 'hold_at', 0.06).successful
         report = diagnostics.until('controller', lambda r: r.refused(JOINT_STATES), 'a refusal')
-        assert report.refused(JOINT_STATES)['overflow'] == 1
+        assert report.refused(JOINT_STATES)['overflow'] >= 1  # The plant may ask again.
         assert it.set('controller', 'kp', [90.0, 80.0]).successful
         report = diagnostics.until('plant', lambda r: r.message.startswith('held'), 'motion')
         assert report.values['time of the run [s]'] == '0.06'

@@ -36,12 +36,11 @@ from ctc_chattering.result import simulated
 from ctc_chattering.salvage import is_damaged, repair
 from ctc_chattering.wire import State, StateReader
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.alone]
 STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
 PERIOD = 1_000_000
-#: What a killed recorder may lose, and what one in five may lose on a machine so loaded that it does
-#: not get a processor in time [ns].
-LOSS, LATE = NANOSECONDS, 2 * NANOSECONDS
+#: What a killed recorder may lose [ns].
+LOSS = NANOSECONDS
 #: Recorders killed in each graph, and those alive at the same time.
 KILLS, ALIVE = 10, 3
 #: Largest size of a bag without a message [bytes].
@@ -157,7 +156,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
 
     read = StateReader().read
     published = [(read(x.data), x.t) for x in witness.states]
-    whole = late = latest = 0
+    whole = latest = 0
     states: list[State] = []
     for bag, end, overrun in killed:
         assert is_damaged(bag)
@@ -167,8 +166,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         have = {x.t for x in mine}
         missing = [end - t for x, t in published if mine and mine[0].t <= x.t
                    and x.t not in have]
-        assert overrun or max(missing, default=0) <= LATE, bag
-        late += max(missing, default=0) > LOSS
+        assert overrun or max(missing, default=0) <= LOSS, bag
         try:
             whole += len(read_bag(bag).run.t) > 100 and not overrun
         except CtcError as error:  # It was killed before it had met all of the graph.
@@ -179,7 +177,6 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
             steps = {b.t - a.t for a, b in itertools.pairwise(mine)}
             assert steps <= {0, PERIOD}  # A state that is not answered at once is sent again.
     assert whole >= KILLS // 2
-    assert late <= KILLS // 5
     if pacing == 'lockstep':
         expected = simulated(params.load(None, {'plant': {'duration': latest / 1e9}})).run
         rows = np.array([x.t // PERIOD for x in states])

@@ -33,11 +33,14 @@ class Arbiter:
     ----------
     lapse : int
         As above; may be changed.
+    passed_on : bool
+        Becomes true when control has passed to another publisher after a silence.
 
     """
 
     def __init__(self, lapse: int, trusting: bool) -> None:
         self.lapse = lapse
+        self.passed_on = False
         self._trusting = trusting
         self._next: int | None = None
         #: The owner's next number if all messages were its that were passed over since.
@@ -104,6 +107,7 @@ class Arbiter:
         """Note that the message just admitted is of no use: it gives nobody control."""
         if number is not None and self._former is not None and self._next == number + 1:
             self._next, self._reach, self._heard = self._former
+            self.passed_on = False
             self._note(number, now)
 
     def reject(self, number: int | None, now: int, alone: Callable[[], bool]) -> None:
@@ -122,6 +126,7 @@ class Arbiter:
         if self._next is None or now - self._heard > self.lapse:
             if number != self._next:
                 self._former = self._next, self._reach, self._heard
+                self.passed_on = self._next is not None
             self._others.pop(number, None)
             self._follow(number, now)
             return True

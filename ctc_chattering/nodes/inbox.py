@@ -93,6 +93,8 @@ class Inbox(Generic[T]):
     ----------
     refused : Counter
         Refused messages by kind.
+    owned : bool
+        Whether it is known which of the `publishers` is in control.
 
     """
 
@@ -112,6 +114,7 @@ class Inbox(Generic[T]):
         self._exclusive = concerns is None
         self._contested = 0
         self._owner: tuple[bytes, str] | None = None
+        self.owned = False
         self.subscription = node.create_subscription(
             kind, topic, with_info(self._on_message), profile, raw=True)
 
@@ -160,11 +163,17 @@ class Inbox(Generic[T]):
         """
         Return who publishes on the topic, the one in control first.
 
-        It is the one that was there alone before the others came.
+        It is the one that was there alone before the others came, or the only other one when that
+        one has fallen silent; see `owned`.
         """
         found = [(bytes(x.endpoint_gid), f'{x.node_namespace.rstrip("/")}/{x.node_name}')
                  for x in self._node.get_publishers_info_by_topic(self._full_name)]
         if len(found) == 1:
             self._owner = found[0]
+        elif self.arbiter.passed_on:
+            others = [x for x in found if x != self._owner]
+            self._owner = others[0] if len(others) == 1 else None
+        self.arbiter.passed_on = False
+        self.owned = self._owner in found
         found.sort(key=lambda item: item != self._owner)
         return [name for _, name in found]

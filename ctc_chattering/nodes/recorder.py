@@ -26,7 +26,7 @@ from ctc_chattering.wire import LATEST, message_type
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
 #: Between two flushes to the disk [s].
-_FLUSH = 0.5
+_FLUSH = 0.3
 #: How long one look at the queue lasts [s].
 _SLICE = 0.001
 #: How long it takes messages that came before the end, while more are to come [ns].

@@ -153,8 +153,11 @@ class Shell(Node):
                 everything[f'{inbox.topic}: refused, {kind}'] = count
             if inbox.contested(len(names)):
                 level = max(level, DiagnosticStatus.WARN)
-                message = f'{message}; {inbox.topic} has publishers beside {names[0]}: ' + (
-                    ', '.join(names[1:]))
+                who = ', '.join(names)
+                if inbox.owned:
+                    who = f'{names[0]}: {", ".join(names[1:]) or "some that have gone"}'
+                message = f'{message}; {inbox.topic} has ' + (
+                    f'publishers beside {who}' if inbox.owned else f'several publishers: {who}')
         name = self.get_fully_qualified_name()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=level, name=name, message=message, hardware_id=name,
