@@ -10,8 +10,8 @@ import shutil
 import tempfile
 from typing import NamedTuple
 
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import breakup_chunk, StreamReader
 from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import parse_qos
 
@@ -42,7 +42,8 @@ class Salvage:
     begin, end : int
         Log times of the first and the last of them [ns].
     lost : int
-        Bytes at the end of the files that could not be read.
+        Bytes that could not be read: damaged chunks, the ends of files that are cut off, and
+        messages that no bag can hold.
 
     """
 
@@ -55,7 +56,7 @@ class Salvage:
         """Return the finding on one line."""
         span = seconds(self.end - self.begin)
         return (f'{self.messages} messages over {span:.3f} s recovered, '
-                f'{self.lost} bytes at the end unreadable')
+                f'{self.lost} bytes unreadable')
 
 
 def is_damaged(bag: Path) -> bool:
@@ -85,7 +86,13 @@ def rewrite(bag: Path, target: Path) -> Salvage:
     try:
         for file in sorted(bag.glob('*.mcap')):
             for entry in _entries(file, found):
-                recording.write(entry.topic, entry.kind, entry.t, entry.data, _qos(entry.qos))
+                try:
+                    recording.write(entry.topic, entry.kind, entry.t, entry.data, _qos(entry.qos))
+                except OSError:
+                    raise
+                except Exception:  # Of a type that there is not, at a time that no clock shows, …
+                    found.lost += len(entry.data)
+                    continue
                 found.begin = min(found.begin, entry.t) if found.messages else entry.t
                 found.end = max(found.end, entry.t)
                 found.messages += 1
@@ -128,32 +135,54 @@ def repair(bag: Path) -> tuple[Salvage, Path]:
 
 
 def _entries(file: Path, found: Salvage) -> Iterator[Entry]:
-    """Yield the messages of one file up to where it is cut off or damaged."""
+    """Yield the messages of one file, without chunks that are damaged, up to where it is cut."""
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
+    for record in _records(file, found):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message):
+            channel = channels.get(record.channel_id)
+            schema = schemas.get(channel.schema_id) if channel else None
+            if channel is None or schema is None:
+                found.lost += len(record.data)
+                continue
+            yield Entry(channel.topic, schema.name, record.log_time, bytes(record.data),
+                        str(channel.metadata.get('offered_qos_profiles', '')))
+
+
+def _records(file: Path, found: Salvage) -> Iterator[McapRecord]:
+    """Yield what stands in one file, in chunks or outside."""
+    size = file.stat().st_size
     with file.open('rb') as stream:
+        records = StreamReader(stream, emit_chunks=True, record_size_limit=size).records
         whole = 0
-        records = StreamReader(stream, record_size_limit=file.stat().st_size).records
         while True:
             try:
                 record = next(records)
+                whole = stream.tell()
             except StopIteration:
                 return
             except Exception:  # Whatever a decoder makes of bytes that are no record.
-                found.lost += file.stat().st_size - whole
+                found.lost += size - whole
                 return
-            whole = stream.tell()
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message):
-                channel = channels[record.channel_id]
-                yield Entry(channel.topic, schemas[channel.schema_id].name, record.log_time,
-                            bytes(record.data),
-                            str(channel.metadata.get('offered_qos_profiles', '')))
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            try:
+                inside = breakup_chunk(record, validate_crc=True)
+            except Exception:  # The same, of a decompressor.
+                found.lost += len(record.data)
+                continue
+            yield from inside
 
 
 @functools.cache
 def _qos(text: str) -> tuple[Qos, ...]:
-    return tuple(parse_qos(text))
+    """Return what publishers offered; nothing if it cannot be read."""
+    try:
+        return tuple(parse_qos(text))
+    except Exception:  # A parser of YAML, on bytes that are none.
+        return ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import closing
 import os
 from pathlib import Path
@@ -10,9 +11,13 @@ import re
 import resource
 import shutil
 import signal
+import struct
+from tempfile import TemporaryDirectory
 import time
 
 from bags import entries, write_bag
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
@@ -23,9 +28,9 @@ from ros import bringup, CONFIG, descendants, PATIENCE, perform, wait_for
 from ctc_chattering import params
 from ctc_chattering.bag import open_bag, read_bag
 from ctc_chattering.errors import CtcError
-from ctc_chattering.recording import Recording
+from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
-from ctc_chattering.salvage import repair
+from ctc_chattering.salvage import repair, rewrite
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:
@@ -75,6 +80,79 @@ def test_cut_at_50_places_all_flushed_before_is_there(
         assert f'{len(found)} messages over' in capsys.readouterr().err
         assert set(found) <= set(complete)
         assert len(found) == min(40 * flushed, len(complete))
+
+
+@st.composite
+def recordings(draw: st.DrawFn) -> list[list[tuple[str, int, bytes]]]:
+    """Return messages with topic and log time, those of each flush in a list."""
+    steps = st.tuples(st.sampled_from('abc'), st.integers(0, 10 ** 9), st.integers(0, 300))
+    t, flushes = 0, []
+    for part in draw(st.lists(st.lists(steps, min_size=1, max_size=8), min_size=1, max_size=5)):
+        rows = []
+        for topic, step, length in part:
+            t += step
+            text = draw(st.randoms(use_true_random=False)).randbytes(length) + b'\0'
+            rows.append((f'/{topic}', t, b'\0\1\0\0' + struct.pack('<I', length + 1) + text))
+        flushes.append(rows)
+    return flushes
+
+
+def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[bytes, list[int]]:
+    """Record without an end; return the file, and its size after each flush."""
+    recording, sizes = Recording(folder), []
+    file = folder / f'{folder.name}.mcap'
+    for rows in flushes:
+        for topic, t, data in rows:
+            recording.write(topic, 'std_msgs/msg/String', t, data, [offered_qos(10, False)])
+        recording.flush()
+        sizes.append(file.stat().st_size)
+    data = file.read_bytes()
+    recording.abandon()
+    return data, sizes
+
+
+@settings(max_examples=60, deadline=None)
+@given(recordings(), st.floats(0.0, 1.0), st.none() | st.integers(1, 255))
+def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
+        flushes: list[list[tuple[str, int, bytes]]], where: float, wrong: int | None) -> None:
+    """Of a bag that is cut off, whole flushes; of one with a wrong byte, those before it."""
+    with TemporaryDirectory() as scratch:
+        data, sizes = killed(Path(scratch) / 'run', flushes)
+        place = min(int(where * len(data)), len(data) - 1)
+        flushed = sum(size <= place for size in sizes)
+        safe = [row for rows in flushes[:flushed] for row in rows]
+        bag = Path(scratch) / 'bag'
+        bag.mkdir()
+        tail = b'' if wrong is None else bytes([data[place] ^ wrong]) + data[place + 1:]
+        (bag / 'bag.mcap').write_bytes(data[:place] + tail)
+        try:
+            count = rewrite(bag, Path(scratch) / 'whole').messages
+            found = messages(Path(scratch) / 'whole')
+        except CtcError as error:
+            assert safe == []
+            assert len(str(error).splitlines()) == 1
+            return
+        assert len(found) == count
+        if wrong is None:  # A flush ends with an index, which nothing is lost without.
+            rest = [row for rows in flushes[flushed:flushed + 1] for row in rows]
+            assert sorted(found) in (sorted(safe), sorted(safe + rest))
+        else:
+            assert not Counter(safe) - Counter(found)
+
+
+def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
+    rows = [('/a', t, b'\0\1\0\0' + struct.pack('<I', 201) + bytes([t]) * 200 + b'\0')
+            for t in range(1, 4)]
+    data, sizes = killed(tmp_path / 'run', [[row] for row in rows])
+    record = struct.calcsize('<BQQQQII4sQ')
+    damaged = bytearray(data)
+    damaged[sizes[0] + record:sizes[0] + record + 8] = bytes(8)
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag' / 'bag.mcap').write_bytes(damaged)
+    found = rewrite(tmp_path / 'bag', tmp_path / 'whole')
+    assert messages(tmp_path / 'whole') == [rows[0], rows[2]]
+    assert found.messages == 2
+    assert 8 < found.lost < sizes[1] - sizes[0]
 
 
 def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(
