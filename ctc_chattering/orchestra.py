@@ -14,10 +14,10 @@ from typing import Any
 
 from ctc_chattering import params, signals, supervisor
 from ctc_chattering.errors import CtcError
+from ctc_chattering.middleware import use_profile
 from ctc_chattering.params import Overrides
 from ctc_chattering.security import check_security
 from ctc_chattering.settings import LOOP
-from ctc_chattering.share import config_directory
 
 
 class Stopped(CtcError):
@@ -58,8 +58,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
         raise CtcError(f'{record}: exists already, not overwritten')
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault(
-        'FASTRTPS_DEFAULT_PROFILES_FILE', str(config_directory() / 'fastdds.xml'))
+    use_profile()
     observer_class = _observer()
     lockstep = setup.plant.pacing == 'lockstep'
     names = (*(('recorder',) if record else ()), *LOOP)

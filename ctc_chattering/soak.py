@@ -63,8 +63,8 @@ WARM_UP = 30.0
 JUDGED = 30.0
 #: Growth that fails the run [kB/min], where it comes to more than so much in all [kB].
 GROWTH, GROWN = 100.0, 2000.0
-#: A step between stamps of joint states that is a gap [ns], and what an outage reaches beyond its
-#: ends [ns].
+#: A step between stamps of joint states, or from the last one to the bag's end, that is a gap [ns],
+#: and what an outage reaches beyond its ends [ns].
 GAP = NANOSECONDS // 5
 MARGIN = NANOSECONDS // 2
 #: Unrecovered faults and deaths that are reported one by one.
@@ -249,7 +249,7 @@ def ailing(reports: Mapping[str, Report], since: int, rate: float) -> str:
     since : int
         Those from before do not count [ns].
     rate : float
-        Samples per second that the controller must answer.
+        Samples per second that the controller must answer, and the recorder must record.
 
     """
     for name in PROCESSES:
@@ -264,6 +264,10 @@ def ailing(reports: Mapping[str, Report], since: int, rate: float) -> str:
     recorder = reports['recorder']
     if not recorder.number('messages') or 'stopped' in recorder.message:
         return f'recorder: {recorder.message}'
+    # For each sample there are a state and a torque at least.
+    recorded = recorder.number('rate [Hz]')
+    if recorded < 2.0 * rate:
+        return f'recorder: {recorded:.0f} messages per second of {2.0 * rate:.0f}'
     return ''
 
 

@@ -48,10 +48,12 @@ def examine(bags: Sequence[Path], names: Sequence[str], outages: Sequence[Outage
         try:
             messages += reader.message_count
             stamps = list(_stamps(reader, names))
+            end = reader.end_time
         finally:
             reader.close()
         states += len(stamps)
-        found += gaps(stamps, outages)
+        # The bag's end, after the last of them.
+        found += gaps([*stamps, max(end, stamps[-1] + 1)] if stamps else [], outages)
     return {'count': len(bags), 'salvaged': salvaged, 'messages': messages, 'states': states,
             'gaps': len(found), 'unexplained_gaps': sum(not gap.explained for gap in found),
             'longest_gap_s': seconds(max((abs(b - a) for a, b, _ in found), default=0)),

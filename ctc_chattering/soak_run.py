@@ -17,6 +17,7 @@ from ctc_chattering import params, soak, supervisor
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.domain import own_domain
 from ctc_chattering.errors import CtcError
+from ctc_chattering.middleware import use_profile
 from ctc_chattering.orchestra import stop_signals
 from ctc_chattering.share import config_directory
 from ctc_chattering.soak import Fault, Outage, PROCESSES, Report, SELF
@@ -38,6 +39,8 @@ _TINY = 1e-12
 _AFTERMATH = 5.0
 #: In which one that has died begins anew [ns].
 _REVIVAL = 10 * NANOSECONDS
+#: In which all have ended [ns].
+_END = 60 * NANOSECONDS
 #: Between two lines of the log about memory [s].
 _NOTES = 30.0
 #: Deaths that are reported one by one.
@@ -78,8 +81,7 @@ def perform(duration: float, seed: int, out: Path, control_period: float | None 
     if control_period is not None:
         overrides['/**'] = {'control_period': control_period}
     setup = params.load(config_directory() / 'friction.yaml', overrides)
-    os.environ.setdefault(
-        'FASTRTPS_DEFAULT_PROFILES_FILE', str(config_directory() / 'fastdds.xml'))
+    use_profile()
     bags = out / 'bags'
     bags.mkdir(parents=True, exist_ok=True)
     with (stop_signals() as caught, own_domain(), tempfile.TemporaryDirectory() as scratch,
@@ -379,6 +381,7 @@ class _Graph:
         """Stop everything."""
         self._saboteur.end()
         self._saboteur.close()
+        self.outages.append(Outage(time.time_ns(), time.time_ns() + _END))
         supervisor.stop([x for name, x in self._children.items() if name != 'recorder'])
         supervisor.stop([x for name, x in self._children.items() if name == 'recorder'], 20.0)
         for child in self._children.values():

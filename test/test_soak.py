@@ -116,7 +116,8 @@ def test_totals_are_summed_over_generations() -> None:
 
 
 def reports(t: int = 2 * S, **messages: str) -> dict[str, Report]:
-    values = {'controller': {'rate [Hz]': '950.3'}, 'recorder': {'messages': '12'}}
+    values = {'controller': {'rate [Hz]': '950.3'},
+              'recorder': {'messages': '12', 'rate [Hz]': '3500.0'}}
     said = {**dict.fromkeys(soak.PROCESSES, 'running'), 'recorder': 'recording to x', **messages}
     return {name: Report(t, message, values.get(name, {})) for name, message in said.items()}
 
@@ -129,6 +130,10 @@ def test_what_ails_a_graph() -> None:
     assert soak.ailing(reports(), S, 990.0) == 'controller: 950 samples per second of 990'
     assert 'brakes' in soak.ailing(reports(plant='no command; brakes on'), S, 900.0)
     assert 'stopped' in soak.ailing(reports(recorder='recording has stopped: full'), S, 900.0)
+    assert soak.ailing(reports(), S, 2000.0) == 'controller: 950 samples per second of 2000'
+    deaf = reports()
+    deaf['recorder'].values['rate [Hz]'] = '4.0'  # type: ignore[index]
+    assert soak.ailing(deaf, S, 900.0) == 'recorder: 4 messages per second of 1800'
     missing = reports()
     del missing['reference']
     assert soak.ailing(missing, S, 900.0) == 'reference says nothing'

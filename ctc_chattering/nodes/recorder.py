@@ -29,6 +29,8 @@ _DEPTH = 100_000
 _FLUSH = 0.3
 #: How long one look at the queue lasts [s].
 _SLICE = 0.001
+#: Without a state of those who publish them, for so long, something is worth a word [s].
+_SILENCE = 3.0
 #: How long it takes messages that came before the end, while more are to come [ns].
 _DRAIN = NANOSECONDS // 5
 
@@ -53,7 +55,8 @@ class RecorderNode(Shell):
         #: When the signal to end was seen, by the same clock.
         self._asked = 0
         self._dropped: Counter[str] = Counter()
-        self._flushed = time.monotonic()
+        self._flushed = self._reported = self._heard = time.monotonic()
+        self._received_before = 0
         self._time = 0
         self._simulated: bool | None = None
         self._early: list[tuple[str, str, int, bytes, list[Qos]]] = []
@@ -83,6 +86,8 @@ class RecorderNode(Shell):
                 lost = numbering.lost(number, self.count_publishers(topic.name))
                 if lost:
                     self._lose(name, lost)
+            if is_state:
+                self._heard = time.monotonic()
             if (is_state or is_clock) and len(data) >= 12:
                 sec, nanosec = stamp(data, 4)
                 said = sec * NANOSECONDS + nanosec
@@ -123,14 +128,20 @@ class RecorderNode(Shell):
 
     def status(self) -> Status:
         """Return what was recorded."""
-        lost = sum(self._dropped.values())
+        now, lost = time.monotonic(), sum(self._dropped.values())
+        rate = (self._received - self._received_before) / max(now - self._reported, 1e-3)
+        self._received_before, self._reported = self._received, now
         level, message = DiagnosticStatus.OK, f'recording to {self._recording.path}'
         if self.failure is not None:
             level, message = DiagnosticStatus.ERROR, self.failure
+        elif (now - self._heard > _SILENCE and not self._simulated
+              and self.count_publishers(JOINT_STATES)):
+            level = DiagnosticStatus.WARN
+            message = f'{JOINT_STATES}: nothing comes, though it is published'
         elif lost:
             level, message = DiagnosticStatus.ERROR, f'{lost} messages were dropped'
         return Status(level, message, {
-            'messages': sum(self._recording.counts.values()), 'dropped': lost,
+            'messages': sum(self._recording.counts.values()), 'rate [Hz]': rate, 'dropped': lost,
             **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
 
     def heed(self) -> None:

@@ -1,0 +1,51 @@
+"""What is found in the bags of a soak test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ctc_chattering.core.grid import NANOSECONDS as S
+from ctc_chattering.recording import offered_qos, Recording
+from ctc_chattering.soak import Outage
+from ctc_chattering.soak_bags import examine
+from ctc_chattering.wire import StateWriter
+
+NAMES = ('joint1', 'joint2')
+MS = S // 1000
+
+
+def record(path: Path, stamps: range, until: int) -> Path:
+    """Write states, and something else each half second until some time."""
+    writer, row = StateWriter(NAMES), (0.0, 0.0)
+    text = b'\0\1\0\0\1\0\0\0\0'
+    rows = [(t, 'joint_states', 'sensor_msgs/msg/JointState', writer.write(t, row, row, row))
+            for t in stamps]
+    rows += [(t, 'news', 'std_msgs/msg/String', text) for t in range(0, until, S // 2)]
+    recording = Recording(path)
+    for t, topic, kind, data in sorted(rows):
+        recording.write(f'/{topic}', kind, t, bytes(data), [offered_qos(10, False)])
+    recording.close()
+    return path
+
+
+@pytest.mark.parametrize(('until', 'outages', 'gaps', 'unexplained'), [
+    (S, [], 0, 0), (9 * S, [], 1, 1), (9 * S, [Outage(S, 2 * S)], 1, 0),
+    (9 * S, [Outage(20 * S, 21 * S)], 1, 1)])
+def test_states_that_end_before_the_bag_are_a_gap(
+        until: int, outages: list[Outage], gaps: int, unexplained: int, tmp_path: Path) -> None:
+    found = examine([record(tmp_path / 'bag', range(0, S, MS), until)], NAMES, outages)
+    assert (found['states'], found['gaps'], found['unexplained_gaps']) == (1000, gaps, unexplained)
+    assert found['messages'] == 1000 + until // (S // 2)
+
+
+def test_every_bag_is_opened_and_what_is_none_is_named(tmp_path: Path) -> None:
+    whole = record(tmp_path / 'a', range(0, S, MS), S)
+    cut = record(tmp_path / 'b', range(0, S, MS), S)
+    (cut / 'metadata.yaml').unlink()
+    (cut / 'b.mcap').write_bytes((cut / 'b.mcap').read_bytes()[:-300])
+    (tmp_path / 'c').mkdir()
+    found = examine([whole, cut, tmp_path / 'c'], NAMES, [])
+    assert (found['count'], found['salvaged'], found['states']) == (3, 1, 2000)
+    assert len(found['unreadable']) == 1
