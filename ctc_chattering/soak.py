@@ -63,8 +63,8 @@ WARM_UP = 30.0
 JUDGED = 30.0
 #: Growth that fails the run [kB/min], where it comes to more than so much in all [kB].
 GROWTH, GROWN = 100.0, 2000.0
-#: A step between stamps of joint states, or from the last one to the bag's end, that is a gap [ns],
-#: and what an outage reaches beyond its ends [ns].
+#: A step between stamps of joint states, or from the last of them to the end of the bag, that is a
+#: gap [ns], and what an outage reaches beyond its ends [ns].
 GAP = NANOSECONDS // 5
 MARGIN = NANOSECONDS // 2
 #: Unrecovered faults and deaths that are reported one by one.

@@ -119,6 +119,9 @@ class ReferenceNode(Shell):
             raise Refused('real_time', 'the motion follows real time since its start')
         if now > wire.LATEST:
             raise Refused('stamp', f'no time is as late as {seconds(now):.9f} s')
+        if self._simulated and now == self._now:
+            # Time stands still, maybe because what was published has not been taken.
+            self._next = now // self._period
         self._simulated, self._start = True, 0
         self._advance(now)
         self._extend()
