@@ -139,7 +139,8 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
     What was published, and when, says a witness; in lockstep every state in every bag equals the
     simulation, to the last bit, and none is missing between two.
     """
-    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(CONFIG / 'fastdds.xml'))
+    profile = 'fastdds_real_time.xml' if pacing == 'real_time' else 'fastdds.xml'
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(CONFIG / profile))
     patience = ('-p', 'state_timeout:=5.0', *(PATIENT if pacing == 'real_time' else ()))
     with probe() as it:
         reports, witness = Diagnostics(it), Witness(it)

@@ -37,7 +37,6 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
     """
     for number in signals.STOP:
         signal.signal(number, lambda *_: os._exit(0))  # There is nothing to be left in order.
-    importlib.import_module('ctc_chattering.middleware').use_profile()
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     runtime = importlib.import_module('ctc_chattering.nodes.runtime')
     return int(runtime.run(module.NODE, name, argv, signals.collect()))
