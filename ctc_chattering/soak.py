@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import dataclasses
 import itertools
 import random
+import statistics
 from typing import Any, NamedTuple, TypeVar
 
 from ctc_chattering.core.controller import LAWS
@@ -57,6 +58,9 @@ KILLING = 1.0 / 3.0
 #: Time in which the graph must recover [s], and the part of its sample rate that it must reach.
 PATIENCE = 10.0
 RATE = 0.9
+#: A machine that computes at less than so much of the speed at which the run began is too slow to
+#: judge anybody by.
+SLOW = 0.7
 #: A generation's memory is fitted from so long after its start [s], and judged if the fit extends
 #: over so long [s].
 WARM_UP = 30.0
@@ -376,20 +380,65 @@ class Totals:
                 if text in key and self[key]}
 
 
+class Speed:
+    """
+    How fast the machine computes, in terms of how fast it did when the run began.
+
+    Attributes
+    ----------
+    least : float
+        At worst; 1 before anything was measured.
+    slow : int
+        Number of measurements below `SLOW`.
+
+    """
+
+    def __init__(self) -> None:
+        self.least, self.slow = 1.0, 0
+        self._costs: list[float] = []
+        self._base = 0.0
+
+    def add(self, cost: float) -> None:
+        """Take what a piece of work has just cost [s of processor time]."""
+        self._costs.append(cost)
+        if self._base:
+            found = self._base / cost
+            self.least = min(self.least, found)
+            self.slow += found < SLOW
+
+    def begin(self) -> None:
+        """Take the median of what was measured so far for the speed at the beginning."""
+        self._base = statistics.median(self._costs)
+        self._costs.clear()
+
+    def since(self, count: int) -> float:
+        """Return the speed over the last `count` measurements, one at least."""
+        costs = self._costs[-max(1, count):]
+        return self._base * len(costs) / sum(costs) if costs and self._base else 1.0
+
+
 class Tally:
     """How often a kind of fault was injected, and how the graph recovered."""
 
     def __init__(self) -> None:
         self.injected: Counter[str] = Counter()
         self.recovered: Counter[str] = Counter()
+        self.unjudged: Counter[str] = Counter()
         self.longest: dict[str, float] = {}
         self.failures: list[str] = []
         self.failed = 0
 
-    def add(self, fault: Fault, took: float, failure: str) -> None:
-        """Count a fault: recovered after `took` [s], or `failure` says what is wrong."""
+    def add(self, fault: Fault, took: float, failure: str, speed: float = 1.0) -> None:
+        """
+        Count a fault: recovered after `took` [s], or `failure` says what is wrong.
+
+        It is not judged if the `speed` of the machine was less than `SLOW` meanwhile.
+        """
         kind = f'{fault.kind} {fault.target}' if fault.kind in (KILL, STOP) else fault.kind
         self.injected[kind] += 1
+        if failure and speed < SLOW:
+            self.unjudged[kind] += 1
+            return
         if failure:
             self.failed += 1
             if len(self.failures) < _MANY:
@@ -401,6 +450,7 @@ class Tally:
     def as_mapping(self) -> dict[str, dict[str, Any]]:
         """Return it by kind."""
         return {kind: {'injected': self.injected[kind], 'recovered': self.recovered[kind],
+                       'not_judged': self.unjudged[kind],
                        'longest_recovery_s': self.longest.get(kind)}
                 for kind in sorted(self.injected)}
 
@@ -440,7 +490,8 @@ def gaps(stamps: Iterable[int], outages: Sequence[Outage]) -> list[Gap]:
 def complaints(document: Mapping[str, Any]) -> list[str]:
     """Return what makes the run a failure."""
     result = list(document['failures'])
-    missing = sum(x['injected'] - x['recovered'] for x in document['faults'].values())
+    missing = sum(x['injected'] - x['recovered'] - x['not_judged']
+                  for x in document['faults'].values())
     if missing > len(result):
         result.append(f'{missing} faults were not recovered from, in all')
     result += document['deaths']
@@ -468,19 +519,26 @@ def to_markdown(document: Mapping[str, Any]) -> str:
     """Return the tables and the verdict."""
     machine, bags, faults = document['machine'], document['bags'], document['faults']
     longest = [x['longest_recovery_s'] for x in faults.values() if x['longest_recovery_s']]
-    totals = [sum(x[key] for x in faults.values()) for key in ('injected', 'recovered')]
+    totals = [sum(x[key] for x in faults.values())
+              for key in ('injected', 'recovered', 'not_judged')]
+    speed = machine['speed']
     lines = ['# Soak', '', *_table(('', ''), (
         ('duration', f'{document["duration_s"] / 60.0:.1f} min of '
                      f'{document["asked_s"] / 60.0:.1f}'),
         ('seed', document['seed']),
         ('control period', f'{1e3 * document["control_period_s"]:g} ms'),
         ('machine', f'{machine["processor"]}, {machine["cores"]} cores'),
-        ('system', f'Python {machine["python"]}, {machine["kernel"]}')))]
+        ('system', f'Python {machine["python"]}, {machine["kernel"]}'),
+        ('speed', f'{speed["least"]:.0%} of that at the beginning at worst, below {SLOW:.0%} '
+                  f'for {speed["slow_s"]} s')))]
     lines += ['', '## Faults', '',
               f'Recovered: within {PATIENCE:g} s all nodes say that they run, the controller at '
-              f'{RATE:.0%} of its rate or more. They say so once a second.', '']
-    lines += _table(('fault', 'injected', 'recovered', 'longest recovery [s]'), (
-        *((kind, x['injected'], x['recovered'], _shown(x['longest_recovery_s'], '.1f'))
+              f'{RATE:.0%} of its rate or more, the recorder at as much. They say so once a second.',
+              '', f'Not judged: not recovered, while the machine computed at less than {SLOW:.0%} of '
+              'its speed at the beginning.', '']
+    lines += _table(('fault', 'injected', 'recovered', 'not judged', 'longest recovery [s]'), (
+        *((kind, x['injected'], x['recovered'], x['not_judged'],
+           _shown(x['longest_recovery_s'], '.1f'))
           for kind, x in faults.items()),
         ('**all**', *totals, _shown(max(longest, default=None), '.1f'))))
     lines += ['', '## Processes', '',

@@ -37,8 +37,12 @@ _OVERLAP = 0.3
 _TINY = 1e-12
 #: What was dropped so long after the recorder was stopped was dropped because of that [s].
 _AFTERMATH = 5.0
+#: The work by which the machine's speed is measured: so many numbers are summed up.
+_WORK = 20_000
 #: In which one that has died begins anew [ns].
 _REVIVAL = 10 * NANOSECONDS
+#: What the speed at the beginning is measured over [s].
+_SETTLE = 5.0
 #: In which all have ended [ns].
 _END = 60 * NANOSECONDS
 #: Between two lines of the log about memory [s].
@@ -97,7 +101,7 @@ def perform(duration: float, seed: int, out: Path, control_period: float | None 
     # Signals do again what they did: reading the bags may take a while.
     from ctc_chattering.soak_bags import examine
     found = examine(sorted(bags.iterdir()), setup.plant.joint_names, graph.outages)
-    return {'seed': seed, 'asked_s': duration, 'machine': _machine(), **document,
+    return {'seed': seed, 'asked_s': duration, **document,
             'bags': {**found, **graph.drops}}
 
 
@@ -123,6 +127,7 @@ class _Graph:
         self._died = dict.fromkeys(PROCESSES, 0)
         self._deaths: list[str] = []
         self._tally = soak.Tally()
+        self._speed = soak.Speed()
         self._measured = self._noted = 0.0
         self._begun = self._ended = time.monotonic()
         self._disturbed = 0.0
@@ -166,6 +171,7 @@ class _Graph:
                 self._start(name)
         if now - self._measured >= 1.0:
             self._measured = now
+            self._speed.add(_cost())
             self._memory[SELF].add(now - self._begun, _resident(os.getpid()))
             self._waited[SELF][1] = _waited(os.getpid())
             for name, child in self._children.items():
@@ -176,7 +182,8 @@ class _Graph:
             if self._measured >= self._noted + _NOTES:
                 self._noted = self._measured
                 self._note('memory [kB]: ' + ', '.join(
-                    f'{name} {memory.now:.0f}' for name, memory in self._memory.items()))
+                    f'{name} {memory.now:.0f}' for name, memory in self._memory.items())
+                    + f'; speed {self._speed.since(round(_NOTES)):.2f}')
 
     def _wait(self, lasts: float) -> None:
         end = time.monotonic() + lasts
@@ -222,6 +229,8 @@ class _Graph:
             if failure:
                 raise CtcError(f'the graph did not begin within {_START:g} s: {failure}; for a '
                                'slow machine, choose a larger --control-period')
+            self._wait(_SETTLE)
+            self._speed.begin()
             self._begun = time.monotonic()
             self.outages.append(Outage(0, time.time_ns()))  # While they all start.
             for name in PROCESSES:
@@ -253,8 +262,9 @@ class _Graph:
             ailing += (f' (threads of plant and controller waited {share:.0%} of that time for a '
                        'processor)')
         failure = '; '.join(filter(None, (failure, ailing)))
-        self._note(f'-> {failure or "recovered"} after {took:.2f} s')
-        self._tally.add(fault, took, failure)
+        speed = self._speed.since(round(took))
+        self._note(f'-> {failure or "recovered"} after {took:.2f} s, speed {speed:.2f}')
+        self._tally.add(fault, took, failure, speed)
 
     def _away(self, fault: Fault, begin: int, end: int) -> None:
         victim = soak.OWNERS.get(fault.target, fault.target)
@@ -391,6 +401,8 @@ class _Graph:
     def document(self) -> dict[str, Any]:
         """Return all numbers."""
         return {'duration_s': self._ended - self._begun,
+                'machine': {**_machine(), 'speed': {
+                    'least': self._speed.least, 'slow_s': self._speed.slow}},
                 'control_period_s': self._setup.plant.control_period,
                 'faults': self._tally.as_mapping(), 'failures': self._tally.failures,
                 'deaths': self._deaths,
@@ -431,6 +443,16 @@ def _waited(pid: int) -> float:
         with suppress(OSError, IndexError):  # A thread that has gone.
             total += int(path.read_text(encoding='ascii').split()[1])
     return total / NANOSECONDS
+
+
+def _cost() -> float:
+    """Return what a piece of work costs, others' use of the processors not counted [s]."""
+    costs = []
+    for _ in range(3):
+        begin = time.thread_time()
+        sum(range(_WORK))
+        costs.append(time.thread_time() - begin)
+    return min(costs)
 
 
 def _machine() -> dict[str, Any]:

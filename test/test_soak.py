@@ -101,6 +101,19 @@ def test_memory_is_that_of_the_longest_lived_generation_after_its_warm_up() -> N
     assert (short.growth, short.start, short.end) == (None, 5.0, 5.0)
 
 
+def test_speed_is_that_of_the_beginning() -> None:
+    speed = soak.Speed()
+    for cost in (1.0, 9.0, 2.0):
+        speed.add(cost)
+    assert speed.since(1) == speed.least == 1.0
+    speed.begin()
+    assert speed.since(1) == 1.0
+    for cost in (2.0, 4.0, 4.0, 1.0):
+        speed.add(cost)
+    assert (speed.since(0), speed.since(1), speed.since(3)) == (2.0, 2.0, pytest.approx(2 / 3))
+    assert (speed.least, speed.slow) == (0.5, 2)
+
+
 def test_totals_are_summed_over_generations() -> None:
     totals = soak.Totals()
     for generation in range(3):
@@ -162,7 +175,8 @@ def document(**more: Any) -> dict[str, Any]:
     tally.add(Fault(2.0, soak.RESET, 'controller'), 0.4, '')
     return {
         'seed': 7, 'asked_s': 120.0, 'duration_s': 90.0, 'control_period_s': 1e-3,
-        'machine': {'processor': 'Z80', 'cores': 1, 'python': '3.12', 'kernel': 'Linux 6'},
+        'machine': {'processor': 'Z80', 'cores': 1, 'python': '3.12', 'kernel': 'Linux 6',
+                    'speed': {'least': 0.456, 'slow_s': 12}},
         'faults': tally.as_mapping(), 'failures': tally.failures, 'deaths': [],
         'processes': {name: dict(PROCESS) for name in (*soak.PROCESSES, soak.SELF)},
         'bags': {'count': 2, 'salvaged': 1, 'messages': 5000, 'states': 2000, 'gaps': 1,
@@ -173,8 +187,9 @@ def document(**more: Any) -> dict[str, Any]:
 def test_the_table_says_everything() -> None:
     text = soak.to_markdown(document())
     for line in ('| duration | 1.5 min of 2.0 |', '| seed | 7 |', '| machine | Z80, 1 cores |',
-                 '| SIGKILL plant | 1 | 1 | 2.5 |', '| ~/reset | 1 | 1 | 0.4 |',
-                 '| **all** | 2 | 2 | 2.5 |',
+                 '| speed | 46% of that at the beginning at worst, below 70% for 12 s |',
+                 '| SIGKILL plant | 1 | 1 | 0 | 2.5 |', '| ~/reset | 1 | 1 | 0 | 0.4 |',
+                 '| **all** | 2 | 2 | 0 | 2.5 |',
                  '| plant | 1000 | 2 | 3 | 4 | 1 | 0 | 0.5 | 70.0 → 71.0 | 5.0 | 80 |',
                  '| controller | joint_states: not_finite | 3 |',
                  '| 2 | 1 | 5000 | 2000 | 1 | 1.25 | 0 | 6 | 0 |', 'Passed.'):
@@ -183,7 +198,7 @@ def test_the_table_says_everything() -> None:
     assert len(set(widths)) <= 6, 'a row of another length than its table'
     json.dumps(finite(document()), allow_nan=False)
     empty = document(faults={})
-    assert '| **all** | 0 | 0 |  |' in soak.to_markdown(empty)
+    assert '| **all** | 0 | 0 | 0 |  |' in soak.to_markdown(empty)
 
 
 def test_verdict() -> None:
@@ -195,6 +210,14 @@ def test_verdict() -> None:
     assert failed[0] == 'at 0.0 s, SIGSTOP plant for 1.00 s: plant says nothing'
     assert len(failed) < 30 and failed[-1].startswith('100 faults')
     assert tally.as_mapping()['SIGSTOP plant']['longest_recovery_s'] is None
+    slow = soak.Tally()
+    for k in range(3):
+        slow.add(Fault(float(k), soak.STOP, 'plant', 1.0), 10.0, 'plant says nothing', 0.6)
+    assert slow.as_mapping()['SIGSTOP plant']['not_judged'] == 3 and not slow.failures
+    assert soak.complaints(document(faults=slow.as_mapping())) == []
+    slow.add(Fault(4.0, soak.STOP, 'plant', 1.0), 10.0, 'plant says nothing', 0.8)
+    assert len(soak.complaints(document(
+        faults=slow.as_mapping(), failures=slow.failures))) == 1
     assert soak.complaints(document(deaths=['plant died'])) == ['plant died']
     bags = document()['bags']
     for key in ('unexplained_gaps', 'unexplained_dropped'):
