@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from io import BytesIO
 import os
 from pathlib import Path
+import struct
+import tempfile
 from typing import Any
 
 from rosbags.interfaces import (
@@ -33,6 +36,38 @@ def offered_qos(depth: int, latched: bool) -> Qos:
         _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
 
 
+class _Spool:
+    """
+    The index of each chunk, which the writer needs again at the end only.
+
+    It takes the place of the writer's list, and keeps them in a file without a name: many flushes
+    make many chunks, and a recording may last for days.
+    """
+
+    _LENGTH = struct.Struct('<I')
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, record: BytesIO) -> None:
+        data = record.getbuffer()
+        self._file.write(self._LENGTH.pack(len(data)))
+        self._file.write(data)
+        self._count += 1
+
+    def __iter__(self) -> Iterator[BytesIO]:
+        self._file.seek(0)
+        for _ in range(self._count):
+            record = BytesIO()
+            (length,) = self._LENGTH.unpack(self._file.read(self._LENGTH.size))
+            record.write(self._file.read(length))
+            yield record
+
+
 class Recording:
     """
     A bag being written.
@@ -58,6 +93,8 @@ class Recording:
             self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
+            storage: Any = self._writer.storage
+            storage.chunks = _Spool(path)
         except WriterError:
             raise CtcError(f'{path}: exists already, not overwritten') from None
         except OSError as error:

@@ -533,9 +533,9 @@ def to_markdown(document: Mapping[str, Any]) -> str:
                   f'for {speed["slow_s"]} s')))]
     lines += ['', '## Faults', '',
               f'Recovered: within {PATIENCE:g} s all nodes say that they run, the controller at '
-              f'{RATE:.0%} of its rate or more, the recorder at as much. They say so once a second.',
-              '', f'Not judged: not recovered, while the machine computed at less than {SLOW:.0%} of '
-              'its speed at the beginning.', '']
+              f'{RATE:.0%} of its rate or more, the recorder at as much. They say so once a '
+              f'second. Not judged: not recovered, while the machine computed at less than '
+              f'{SLOW:.0%} of its speed at the beginning.', '']
     lines += _table(('fault', 'injected', 'recovered', 'not judged', 'longest recovery [s]'), (
         *((kind, x['injected'], x['recovered'], x['not_judged'],
            _shown(x['longest_recovery_s'], '.1f'))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+import tracemalloc
 from typing import Any
 
 from bags import entries, Entry, serialized, write_bag
@@ -122,3 +123,25 @@ def test_qos_is_that_of_the_first_message(tmp_path: Path, messages: list[Entry])
     assert recording.counts == {'/joint_states': 2}
     (topic,) = metadata(tmp_path / 'bag')['topics_with_message_count']
     assert topic['topic_metadata']['offered_qos_profiles'][0]['depth'] == 3
+
+
+def test_flushes_cost_no_memory_and_each_chunk_is_in_the_index(tmp_path: Path) -> None:
+    recording, counts, sizes = Recording(tmp_path / 'bag'), (200, 1200, 1200), []
+    text, qos, t = b'\0\1\0\0\1\0\0\0\0', [offered_qos(10, False)], 0
+    tracemalloc.start()
+    for count in counts:
+        for _ in range(count):
+            t += 1
+            recording.write('/news', 'std_msgs/msg/String', t, text, qos)
+            recording.flush()
+        sizes.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    assert sizes[2] - sizes[1] < 20 * 1200  # A chunk's index has 100 bytes or more.
+    recording.close()
+    with (tmp_path / 'bag' / 'bag.mcap').open('rb') as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert [x.message_start_time for x in summary.chunk_indexes] == list(range(1, t + 1))
+        assert [m.log_time for *_, m in reader.iter_messages(starting_at=t - 9)] == list(
+            range(t - 9, t + 1))
