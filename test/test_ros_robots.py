@@ -284,6 +284,8 @@ def test_states_of_another_clock_have_a_reference_in_its_time() -> None:
         period = ('-p', 'control_period:=0.002')
         it.start('controller', *period, '-p', 'state_decimation:=1', '-p', 'state_timeout:=1.0')
         it.start('reference', *period, '-p', 'start_duration:=2.0')
+        source.reports.until('controller', lambda r: r.values['reference: publishers']
+                             == '/reference', 'that it knows the reference')
         begin = time.monotonic_ns()
         it.node.create_timer(0.002, lambda: source.publish(
             5 * S + time.monotonic_ns() - begin, (0.4, -0.3), (0.0, 0.0)))
@@ -430,9 +432,9 @@ def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
             assert_equal(result, simulated(params.load(file)))
             assert run.q_d[0].tolist() == run.q[0].tolist() == [0.4, -0.3]
             assert run.dq_d[0].tolist() == [0.0, 0.0]
-        # In real time the controller may be late by some tenths of a second.
+        # In real time the controller may be late by some tenths of a second, and miss samples.
         assert run.q_d[0] == pytest.approx(run.q[0], abs=0.1)
-        assert np.abs(run.tau).max() < 300.0
+        assert np.abs(run.tau).max() < (300.0 if pacing == 'lockstep' else 1000.0)
 
 
 def test_waypoints_from_a_file_equal_the_simulation(tmp_path: Path) -> None:

@@ -21,6 +21,8 @@ from ctc_chattering.graph import CLOCK
 
 #: Period of ``/clock`` where the bag holds none [ns].
 _CLOCK_PERIOD = 10_000_000
+#: For how long subscribers that are known may take to be connected [s].
+_MATCHING = 5.0
 #: Longest sleep between two looks at signals [s].
 _NAP = 0.05
 
@@ -57,6 +59,13 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
         has_clock = any(topic.endswith('/' + CLOCK) for topic in publishers)
         clock = None if has_clock else node.create_publisher(Clock, '/clock', 10)
         begin = time.monotonic() + delay
+        while not stop and (left := begin - time.monotonic()) > 0.0:
+            time.sleep(min(left, _NAP))
+        while not stop and time.monotonic() < begin + _MATCHING and not all(
+                publisher.get_subscription_count() >= node.count_subscribers(topic)
+                for topic, publisher in publishers.items()):
+            time.sleep(_NAP)
+        begin = time.monotonic()
         for t, topic, data in _messages(reader, clock is not None):
             due = begin + (t - reader.start_time) / NANOSECONDS / rate
             while not stop and (left := due - time.monotonic()) > 0.0:
