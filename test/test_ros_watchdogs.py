@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
+import itertools
 import os
 from pathlib import Path
 import signal
@@ -200,6 +201,9 @@ def test_without_commands_the_plant_brakes(graph: Graph) -> None:
     assert len(graph.log('plant', 'no command for')) == report.count('timeouts, command')
     robot = Plant(PlantConfig())
     robot.braking = True
+    graph.probe.until(  # What is reported may be heard before the states are.
+        lambda: len(graph.states) > 50 and not any(
+            any(m.effort) for m in itertools.islice(reversed(graph.states), 50)), 'brakes')
     idle = [i for i, m in enumerate(graph.states) if list(m.effort) == ZERO]
     begin = graph.states[idle[0]]
     # Of the brakes' first samples some may be made good in one tick and published as one.

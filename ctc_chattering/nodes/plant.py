@@ -17,6 +17,7 @@ from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.robot import Robot
+from ctc_chattering.core.ticks import Ticks
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.nodes.description import Description
@@ -58,7 +59,9 @@ class PlantNode(Shell):
         self._latest: Vector = self._rest
         self._begun = self._held = False
         self._subscribers = [0, 0]
+        #: Time of sample 0 [ns]; that of lockstep is 0.
         self._start = 0
+        self._ticks = Ticks(self._period)
         self._asked = self._repeated = self._said = time.monotonic_ns()
         #: Times that the last state was sent again, and answers more than one that the state
         #: before may still get.
@@ -86,7 +89,7 @@ class PlantNode(Shell):
             lapse=PATIENCE if lockstep else LAPSE)
         self.inboxes = [self._inbox]
         if not lockstep:
-            self.create_timer(seconds(self._period), self._on_tick)
+            self._timer = self.create_timer(seconds(self._period), self._on_tick)
 
     @property
     def _robot(self) -> Robot:
@@ -198,7 +201,8 @@ class PlantNode(Shell):
         self._commanded = now
         if not self._begun:
             self._begun = True
-            self._start = self.get_clock().now().nanoseconds
+            if self._ticks.start is None:
+                self._anchor(self.get_clock().now().nanoseconds)
             self._tuning.announce(self._start)
         if self._robot.braking:
             self._robot.braking = False
@@ -209,10 +213,10 @@ class PlantNode(Shell):
         plant = self._robot
         now = self.get_clock().now().nanoseconds
         if not self._begun:
-            self._start = now
+            self._anchor(now)
         else:
             self._watch(begin)
-            due = (now - self._start) // self._period - plant.k
+            due = self._ticks.due(now, plant.k)
             self.pace.misses += max(0, due - 1)
             for _ in range(min(due, _CATCH_UP)):
                 if plant.k == self._last and self._last:
@@ -221,13 +225,17 @@ class PlantNode(Shell):
                 if not self._step(self._latest):
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
-                self._start = now - plant.k * self._period
+                self._anchor(now)
             if self._tuning.news:
                 self._tuning.announce(self._start + plant.k * self._period)
             if due < 1:
                 return
         self._publish_state()
         self.pace.sample(begin, time.monotonic_ns())
+
+    def _anchor(self, now: int) -> None:
+        """Have the present sample be that of the tick that was due last."""
+        self._start = self._ticks.anchor(now, self._timer.time_until_next_call(), self._robot.k)
 
     def _watch(self, now: int) -> None:
         """Brake when no command has come for too long."""
