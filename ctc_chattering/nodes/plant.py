@@ -202,7 +202,7 @@ class PlantNode(Shell):
         if not self._begun:
             self._begun = True
             if self._ticks.start is None:
-                self._anchor(self.get_clock().now().nanoseconds)
+                self._anchor()
             self._tuning.announce(self._start)
         if self._robot.braking:
             self._robot.braking = False
@@ -213,7 +213,7 @@ class PlantNode(Shell):
         plant = self._robot
         now = self.get_clock().now().nanoseconds
         if not self._begun:
-            self._anchor(now)
+            self._anchor()
         else:
             self._watch(begin)
             due = self._ticks.due(now, plant.k)
@@ -225,7 +225,7 @@ class PlantNode(Shell):
                 if not self._step(self._latest):
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
-                self._anchor(now)
+                self._anchor()
             if self._tuning.news:
                 self._tuning.announce(self._start + plant.k * self._period)
             if due < 1:
@@ -233,8 +233,9 @@ class PlantNode(Shell):
         self._publish_state()
         self.pace.sample(begin, time.monotonic_ns())
 
-    def _anchor(self, now: int) -> None:
+    def _anchor(self) -> None:
         """Have the present sample be that of the tick that was due last."""
+        now = self.get_clock().now().nanoseconds  # Of just now, as what is left from then on.
         self._start = self._ticks.anchor(now, self._timer.time_until_next_call(), self._robot.k)
 
     def _watch(self, now: int) -> None:
