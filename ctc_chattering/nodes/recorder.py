@@ -14,6 +14,7 @@ from rosbags.interfaces import Qos
 
 from ctc_chattering.core.arbiter import Arbiter
 from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.core.log_time import LogTime
 from ctc_chattering.core.numbering import Numbering
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.nodes.inbox import LAPSE, PATIENCE, with_info
@@ -57,7 +58,7 @@ class RecorderNode(Shell):
         self._dropped: Counter[str] = Counter()
         self._flushed = self._reported = self._heard = time.monotonic()
         self._received_before = 0
-        self._time = 0
+        self._time = LogTime()
         self._simulated: bool | None = None
         self._early: list[tuple[str, str, int, bytes, list[Qos]]] = []
         for topic in TOPICS.values():
@@ -92,13 +93,13 @@ class RecorderNode(Shell):
                 sec, nanosec = stamp(data, 4)
                 said = sec * NANOSECONDS + nanosec
                 if arbiter.admits(number, time.monotonic_ns(), alone,
-                                  lambda: 0 <= said - self._time <= NANOSECONDS):
-                    self._time = min(max(0, said), LATEST)
+                                  lambda: abs(said - self._time.now) <= NANOSECONDS):
+                    self._time.note(name, min(max(0, said), LATEST))
                 if self._simulated and is_state:
                     arbiter.lapse = PATIENCE
                 if self._simulated is None:
                     self._begin(is_clock or self.count_publishers(CLOCK) > 0)
-            t = self._time if self._simulated else self.get_clock().now().nanoseconds
+            t = self._time.now if self._simulated else self.get_clock().now().nanoseconds
             if self._simulated is None:
                 self._early.append((name, topic.kind, t, data, offered))
                 return
@@ -115,7 +116,8 @@ class RecorderNode(Shell):
         early, self._early = self._early, []
         try:
             for name, kind, t, data, offered in early:
-                self._recording.write(name, kind, self._time if simulated else t, data, offered)
+                self._recording.write(
+                    name, kind, self._time.now if simulated else t, data, offered)
         except OSError as error:
             self._give_up(error)
 
