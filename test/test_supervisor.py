@@ -133,9 +133,10 @@ def test_stop_shares_its_patience(start: Start) -> None:
 def test_children_outlive_no_parent() -> None:
     """Kill a parent with SIGKILL; its child, which ignores SIGINT, must go too."""
     kid = IGNORE + FOREVER
-    code = ('import sys\nfrom ctc_chattering.supervisor import Child\n'
-            f'child = Child("kid", [sys.executable, "-c", {kid!r}], '
-            'lambda line: print(child.process.pid, flush=True))\nchild.process.wait()')
+    code = ('import sys\nfrom threading import Event\n'
+            'from ctc_chattering.supervisor import Child\nready = Event()\n'
+            f'child = Child("kid", [sys.executable, "-c", {kid!r}], lambda line: ready.set())\n'
+            'ready.wait()\nprint(child.process.pid, flush=True)\nchild.process.wait()')
     root = str(Path(__file__).parents[1])
     with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True,
                           env={**os.environ, 'PYTHONPATH': root}) as parent:
