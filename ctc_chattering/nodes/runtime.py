@@ -44,8 +44,9 @@ TICK = 0.05
 NAP = 0.02
 #: Time between two messages on /diagnostics [ns].
 _REPORT = NANOSECONDS
-#: What `run` waits at the end for the last messages to arrive, all together [s].
-_FAREWELL = 0.3
+#: What `run` waits at the end for the last messages to arrive, all together [s]: after a signal,
+#: and without one; and between two looks for signals.
+_FAREWELL, _PATIENCE, _SLICE = 0.3, 5.0, 0.1
 #: How long the middleware may take after that to leave the graph [s]: Fast DDS hangs now and then
 #: where others leave at the same time.
 _LEAVE = 0.4
@@ -276,19 +277,28 @@ def run(make_node: Callable[[], Shell], name: str,
             executor.remove_node(node)
         if node is not None:
             node.finish()
-            _wait_for_all_acked(node)
+            _wait_for_all_acked(node, stop)
             end_after(_LEAVE, 1 if node.failure else status)
             node.destroy_node()
         rclpy.try_shutdown()
     return 1 if node.failure else 0
 
 
-def _wait_for_all_acked(node: Node) -> None:
-    """Wait until the last messages have arrived, but not for peers that were killed."""
-    deadline = time.monotonic() + _FAREWELL
+def _wait_for_all_acked(node: Node, stop: Sequence[int]) -> None:
+    """
+    Wait until the last messages have arrived, but not for peers that were killed.
+
+    A signal leaves little time for it; at an end of its own a node has enough, for what was lost
+    on the way is sent again only now and then.
+    """
+    begin = time.monotonic()
     for publisher in list(node.publishers):
-        left = max(0.0, deadline - time.monotonic())
-        publisher.wait_for_all_acked(Duration(seconds=left))
+        while True:
+            left = begin + (_FAREWELL if stop else _PATIENCE) - time.monotonic()
+            if publisher.wait_for_all_acked(Duration(seconds=min(max(0.0, left), _SLICE))):
+                break
+            if left <= 0.0:
+                return
 
 
 def _shown(value: object) -> str:
