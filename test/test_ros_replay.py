@@ -27,6 +27,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize('rate', [0.5, 2.0])
 def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> None:
     run = read_bag(bag).run
