@@ -23,6 +23,8 @@ from ctc_chattering.graph import CLOCK
 _CLOCK_PERIOD = 10_000_000
 #: For how long subscribers that are known may take to be connected [s].
 _MATCHING = 5.0
+#: What they may take to know of it themselves [s].
+_SETTLE = 0.5
 #: Longest sleep between two looks at signals [s].
 _NAP = 0.05
 
@@ -65,7 +67,7 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
                 publisher.get_subscription_count() >= node.count_subscribers(topic)
                 for topic, publisher in publishers.items()):
             time.sleep(_NAP)
-        begin = time.monotonic()
+        begin = time.monotonic() + _SETTLE
         for t, topic, data in _messages(reader, clock is not None):
             due = begin + (t - reader.start_time) / NANOSECONDS / rate
             while not stop and (left := due - time.monotonic()) > 0.0:
