@@ -10,19 +10,11 @@ from ctc_chattering.share import config_directory
 VARIABLES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
 
 
-def use_profile(real_time: bool) -> None:
+def use_profile() -> None:
     """
-    Have this process and its children use a profile of ours, if they use no other one.
+    Have this process and its children use `config/fastdds.xml`, if they use no other profile.
 
     To be called before the first node is made.
-
-    Parameters
-    ----------
-    real_time : bool
-        Whether nobody may be held up, even at the price of smaller buffers; see
-        `config/fastdds_real_time.xml`.
-
     """
     if not any(name in os.environ for name in VARIABLES):
-        name = 'fastdds_real_time.xml' if real_time else 'fastdds.xml'
-        os.environ[VARIABLES[0]] = str(config_directory() / name)
+        os.environ[VARIABLES[0]] = str(config_directory() / 'fastdds.xml')

@@ -58,7 +58,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
         raise CtcError(f'{record}: exists already, not overwritten')
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    use_profile(setup.plant.pacing == 'real_time')
+    use_profile()
     observer_class = _observer()
     lockstep = setup.plant.pacing == 'lockstep'
     names = (*(('recorder',) if record else ()), *LOOP)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from io import BytesIO
 import os
@@ -68,6 +69,26 @@ class _Spool:
             yield record
 
 
+class _Sync:
+    """Has the disk take what a file holds, in a thread of its own: a slow one takes seconds."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1)
+        self._last: Future[None] | None = None
+
+    def begin(self, file: int) -> None:
+        """Go on, if the last time has ended; raise what came of that."""
+        if self._last is None or self._last.done():
+            self.end()
+            self._last = self._pool.submit(os.fsync, file)
+
+    def end(self) -> None:
+        """Wait for the last time, and raise what came of it."""
+        last, self._last = self._last, None
+        if last is not None:
+            last.result()
+
+
 class Recording:
     """
     A bag being written.
@@ -95,6 +116,7 @@ class Recording:
             self._writer.open()
             storage: Any = self._writer.storage
             storage.chunks = _Spool(path)
+            self._sync = _Sync()
         except WriterError:
             raise CtcError(f'{path}: exists already, not overwritten') from None
         except OSError as error:
@@ -129,19 +151,27 @@ class Recording:
         self._writer.set_custom_data(key, value)
 
     def flush(self) -> None:
-        """Put all that was written onto the disk, to be read even if this process is killed."""
+        """
+        Write all out, so that it can be read even if this process is killed.
+
+        The disk is asked to keep it, too. What comes of that is raised by a later call, as
+        `OSError`; as long as the disk takes, no more is asked of it, while writing goes on.
+        """
         storage: Any = self._writer.storage
         if storage.chunk.bio.tell():
             storage.close_chunk()
         storage.bio.flush()
-        os.fsync(storage.bio.fileno())
+        self._sync.begin(storage.bio.fileno())
 
     def abandon(self) -> None:
         """Close without index and metadata: the disk takes no more."""
+        with suppress(OSError):
+            self._sync.end()
         with suppress(OSError):
             storage: Any = self._writer.storage
             storage.abort()
 
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""
+        self._sync.end()
         self._writer.close()

@@ -85,7 +85,7 @@ def perform(duration: float, seed: int, out: Path, control_period: float | None 
     if control_period is not None:
         overrides['/**'] = {'control_period': control_period}
     setup = params.load(config_directory() / 'friction.yaml', overrides)
-    use_profile(real_time=True)
+    use_profile()
     bags = out / 'bags'
     bags.mkdir(parents=True, exist_ok=True)
     with (stop_signals() as caught, own_domain(), tempfile.TemporaryDirectory() as scratch,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import signal
@@ -138,6 +138,15 @@ def descendants(pid: int) -> dict[int, str]:
     while ring:
         ring = [child for child, (parent, _) in parents.items() if parent in ring]
         found.update({child: parents[child][1] for child in ring})
+    return found
+
+
+def descriptors(pid: int) -> set[str]:
+    """Return what the descriptors of a process point to; it may close some meanwhile."""
+    found = set()
+    for path in Path(f'/proc/{pid}/fd').iterdir():
+        with suppress(FileNotFoundError):
+            found.add(str(path.readlink()))
     return found
 
 

@@ -36,10 +36,20 @@ def test_a_run_that_begins_anew_is_believed_at_its_second_message() -> None:
     assert time.now == 10 * MS
 
 
+def test_what_was_not_heard_for_a_while_is_believed_at_its_second_message() -> None:
+    time = LogTime()
+    time.note('states', 5 * S)
+    assert time.now == 5 * S
+    time.note('states', 9 * S)
+    assert time.now == 5 * S
+    time.note('states', 9 * S + MS)
+    assert time.now == 9 * S + MS
+
+
 def test_a_stray_message_is_not() -> None:
     time = LogTime()
     time.note('clock', 10 * S)
-    for stray in (0, 5 * S, S, -S):
+    for stray in (0, 5 * S, 10 ** 9 * S, S, 20 * S, -S):
         time.note('clock', stray)
         time.note('states', stray)
         assert time.now == 10 * S

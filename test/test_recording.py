@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+import errno
 from pathlib import Path
+import threading
+import time
 import tracemalloc
 from typing import Any
+from unittest.mock import Mock
 
 from bags import entries, Entry, serialized, write_bag
 from mcap.reader import make_reader
@@ -16,6 +20,7 @@ from ctc_chattering import params
 from ctc_chattering.errors import CtcError
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
+from ctc_chattering.salvage import rewrite
 
 SETUP = params.load(None, {'plant': {'duration': 0.2}, 'bringup': {
     'events': ['0.1 controller law compensation']}})
@@ -145,3 +150,41 @@ def test_flushes_cost_no_memory_and_each_chunk_is_in_the_index(tmp_path: Path) -
         assert [x.message_start_time for x in summary.chunk_indexes] == list(range(1, t + 1))
         assert [m.log_time for *_, m in reader.iter_messages(starting_at=t - 9)] == list(
             range(t - 9, t + 1))
+
+
+def flushed(recording: Recording, count: int) -> None:
+    """Write so many messages, with a flush after each."""
+    for t in range(count):
+        recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', [])
+        recording.flush()
+
+
+def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was flushed can be read while the disk still takes what came before."""
+    go = threading.Event()
+    sync = Mock(side_effect=lambda _: go.wait(60.0))
+    monkeypatch.setattr('os.fsync', sync)
+    recording = Recording(tmp_path / 'bag')
+    flushed(recording, 3)
+    assert rewrite(tmp_path / 'bag', tmp_path / 'rewritten').messages == 3
+    sync.assert_called_once()
+    go.set()
+    recording.close()
+    assert metadata(tmp_path / 'bag')['message_count'] == 3
+
+
+def test_what_the_disk_did_not_take_is_said(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('os.fsync', Mock(side_effect=OSError(errno.EIO, 'Input/output error')))
+    recording = Recording(tmp_path / 'closed')
+    flushed(recording, 1)
+    with pytest.raises(OSError, match='Input/output error'):
+        recording.close()
+    recording.abandon()
+    recording = Recording(tmp_path / 'flushed')
+    end = time.monotonic() + 60.0
+    with pytest.raises(OSError, match='Input/output error'):
+        while time.monotonic() < end:
+            flushed(recording, 1)
+    recording.abandon()
+    assert rewrite(tmp_path / 'flushed', tmp_path / 'rewritten').messages > 0

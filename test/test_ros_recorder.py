@@ -131,7 +131,7 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
 
 @pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
 def test_recorders_killed_at_random_moments_lose_a_second_at_most(
-        pacing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        pacing: str, tmp_path: Path) -> None:
     """
     Nothing is missing before, unless a recorder that could not keep up said so; the loop goes on,
     with at most the pause of docs/safety.md; others can read the mended bag.
@@ -139,8 +139,6 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
     What was published, and when, says a witness; in lockstep every state in every bag equals the
     simulation, to the last bit, and none is missing between two.
     """
-    profile = 'fastdds_real_time.xml' if pacing == 'real_time' else 'fastdds.xml'
-    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(CONFIG / profile))
     patience = ('-p', 'state_timeout:=5.0', *(PATIENT if pacing == 'real_time' else ()))
     with probe() as it:
         reports, witness = Diagnostics(it), Witness(it)
@@ -209,6 +207,29 @@ def test_nothing_is_dropped_at_the_full_rate(tmp_path: Path) -> None:
     said = dropped(bag)
     assert said
     assert set(said) == {(OK, '0')}
+
+
+def test_messages_without_a_pause_do_not_keep_it_from_the_disk(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    with probe() as it:
+        reports = Diagnostics(it)
+        it.start('recorder', '-p', f'bag:={bag}')
+        publisher = it.node.create_publisher(Float64MultiArray, COMMANDS, 1000)
+        it.until(lambda: publisher.get_subscription_count() > 0, 'the recorder')
+        begin = now = time.monotonic()
+        growth, reported, latest = [begin], 0, size(bag)
+        while now < begin + 4.0:
+            for _ in range(10):
+                publisher.publish(Float64MultiArray(data=[1.0, 2.0]))
+                time.sleep(3e-4)
+            it.executor.spin_once(0.0)
+            reported += reports.latest.pop('recorder', None) is not None
+            now = time.monotonic()
+            if size(bag) > latest:
+                latest = size(bag)
+                growth.append(now)
+    assert reported >= 3
+    assert max(b - a for a, b in itertools.pairwise([*growth, now])) < 1.0
 
 
 def dropped(bag: Path) -> list[tuple[bytes, str]]:

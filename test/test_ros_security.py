@@ -10,7 +10,7 @@ import sys
 from faults import nodes_of
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-from ros import alive, CONFIG, PATIENCE, wait_for
+from ros import alive, CONFIG, descriptors, PATIENCE, wait_for
 
 from ctc_chattering.domain import own_domain
 
@@ -75,8 +75,7 @@ def multicast(pid: int, domain: int) -> bool:
     port = 7400 + 250 * domain
     rows = [line.split() for line in Path('/proc/net/udp').read_text().splitlines()[1:]]
     inodes = {row[9] for row in rows if int(row[1].split(':')[1], 16) == port}
-    links = {str(path.readlink()) for path in Path(f'/proc/{pid}/fd').iterdir()}
-    return any(f'socket:[{inode}]' in links for inode in inodes)
+    return any(f'socket:[{inode}]' in descriptors(pid) for inode in inodes)
 
 
 @pytest.mark.parametrize(('before', 'after'), [

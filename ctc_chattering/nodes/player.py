@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import time
 from typing import Any
 
@@ -18,6 +18,7 @@ from rosgraph_msgs.msg import Clock
 from ctc_chattering import signals, wire
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.graph import CLOCK
+from ctc_chattering.middleware import use_profile
 
 #: Period of ``/clock`` where the bag holds none [ns].
 _CLOCK_PERIOD = 10_000_000
@@ -50,6 +51,7 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
 
     """
     stop = signals.collect()
+    use_profile()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('player')
     count = 0
@@ -61,17 +63,14 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
         has_clock = any(topic.endswith('/' + CLOCK) for topic in publishers)
         clock = None if has_clock else node.create_publisher(Clock, '/clock', 10)
         begin = time.monotonic() + delay
-        while not stop and (left := begin - time.monotonic()) > 0.0:
-            time.sleep(min(left, _NAP))
+        _sleep_until(begin, stop)
         while not stop and time.monotonic() < begin + _MATCHING and not all(
                 publisher.get_subscription_count() >= node.count_subscribers(topic)
                 for topic, publisher in publishers.items()):
             time.sleep(_NAP)
         begin = time.monotonic() + _SETTLE
         for t, topic, data in _messages(reader, clock is not None):
-            due = begin + (t - reader.start_time) / NANOSECONDS / rate
-            while not stop and (left := due - time.monotonic()) > 0.0:
-                time.sleep(min(left, _NAP))
+            _sleep_until(begin + (t - reader.start_time) / NANOSECONDS / rate, stop)
             if stop:
                 break
             if topic:
@@ -85,6 +84,12 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return count
+
+
+def _sleep_until(instant: float, stop: Sequence[int]) -> None:
+    """Wait for a moment of the monotonic clock [s], or a signal."""
+    while not stop and (left := instant - time.monotonic()) > 0.0:
+        time.sleep(min(left, _NAP))
 
 
 def _messages(reader: AnyReader, with_clock: bool) -> Iterator[tuple[int, str, Any]]:

@@ -28,12 +28,29 @@ from ctc_chattering.wire import LATEST, message_type
 _DEPTH = 100_000
 #: Between two flushes to the disk [s].
 _FLUSH = 0.3
-#: How long one look at the queue lasts [s].
+#: Longest time for which messages keep the disk waiting [s].
+_BATCH = 0.1
+#: How long a message may still be on its way at the end [s].
 _SLICE = 0.001
+#: How far states may be behind the clock [ns].
+_BEHIND = NANOSECONDS // 50
+#: So many messages wait until a state or a clock tells what the time is.
+_EARLY = 500
 #: Without a state of those who publish them, for so long, something is worth a word [s].
 _SILENCE = 3.0
 #: How long it takes messages that came before the end, while more are to come [ns].
 _DRAIN = NANOSECONDS // 5
+
+_STAMP = struct.Struct('<iI')
+
+
+def _stamp(data: bytes) -> int | None:
+    """Return the time [ns] that a `Clock` or a header says; None if it says none."""
+    if len(data) < 4 + _STAMP.size:
+        return None
+    sec, nanosec = _STAMP.unpack_from(data, 4)
+    t = int(sec * NANOSECONDS + nanosec)
+    return t if 0 <= t <= LATEST and nanosec < NANOSECONDS else None
 
 
 class RecorderNode(Shell):
@@ -51,6 +68,8 @@ class RecorderNode(Shell):
         tuning = NodeParameters(self, (RecorderSettings,), lambda: None)
         self._recording = Recording(Path(tuning.get(RecorderSettings).bag))
         self._received = 0
+        #: Whether there was more than could be taken at once.
+        self._more = False
         #: When the last message taken was sent [ns], by the system's clock.
         self._sent = 0
         #: When the signal to end was seen, by the same clock.
@@ -69,7 +88,7 @@ class RecorderNode(Shell):
     def _callback(self, topic: Topic) -> Callable[..., None]:
         name = self.resolve_topic_name(topic.name)
         offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
-        write, stamp = self._recording.write, struct.Struct('<iI').unpack_from
+        write = self._recording.write
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
         numbering = Numbering()
         arbiter = Arbiter(PATIENCE if is_clock else LAPSE, trusting=True)
@@ -89,12 +108,13 @@ class RecorderNode(Shell):
                     self._lose(name, lost)
             if is_state:
                 self._heard = time.monotonic()
-            if (is_state or is_clock) and len(data) >= 12:
-                sec, nanosec = stamp(data, 4)
-                said = sec * NANOSECONDS + nanosec
-                if arbiter.admits(number, time.monotonic_ns(), alone,
-                                  lambda: abs(said - self._time.now) <= NANOSECONDS):
-                    self._time.note(name, min(max(0, said), LATEST))
+            if is_state or is_clock:
+                instant, said = time.monotonic_ns(), _stamp(data)
+                if said is None:
+                    arbiter.reject(number, instant, alone)
+                elif arbiter.admits(number, instant, alone,
+                                    lambda: -_BEHIND <= said - self._time.now <= NANOSECONDS):
+                    self._time.note(name, said)
                 if self._simulated and is_state:
                     arbiter.lapse = PATIENCE
                 if self._simulated is None:
@@ -102,6 +122,8 @@ class RecorderNode(Shell):
             t = self._time.now if self._simulated else self.get_clock().now().nanoseconds
             if self._simulated is None:
                 self._early.append((name, topic.kind, t, data, offered))
+                if len(self._early) > _EARLY:
+                    self._begin(self.count_publishers(CLOCK) > 0)
                 return
             try:
                 write(name, topic.kind, t, data, offered)
@@ -151,12 +173,20 @@ class RecorderNode(Shell):
 
     def spin(self, executor: Any) -> None:
         """Take all that has come, in batches; at the end, all that was sent before it."""
+        if not self._more:
+            time.sleep(NAP)
+        self._more = False
+        due = time.monotonic() + _BATCH
         before = -1
         while before < self._received and not self._has_enough():
             before = self._received
-            self.serve(executor, _SLICE)
-        if not self.stop:
-            time.sleep(NAP)
+            if self.stop:
+                self.serve(executor, _SLICE)
+            elif time.monotonic() < due:
+                executor.spin_once(0.0)
+            else:
+                self._more = True
+                return
 
     def _has_enough(self) -> bool:
         """Return whether, once asked to end, nothing is left that was sent before, or too much."""

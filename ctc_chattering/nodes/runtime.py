@@ -27,6 +27,7 @@ from ctc_chattering.core.pace import Pace
 from ctc_chattering.deadline import end_after
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import DIAGNOSTICS, TOPICS
+from ctc_chattering.middleware import use_profile
 from ctc_chattering.nodes.inbox import Inbox
 from ctc_chattering.security import check_security
 
@@ -254,6 +255,7 @@ def run(make_node: Callable[[], Shell], name: str,
             sections = params.read(path)
             params.node_values(sections, name, str(path))
         check_security()
+        use_profile()
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         node.stop = stop
