@@ -25,6 +25,8 @@ from ctc_chattering.domain import own_domain
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
 #: Deadline of everything that is waited for [s]; the machine may be slow.
 PATIENCE = 30.0
+#: A profile with which Fast DDS does as it does by itself.
+PLAIN = '<profiles><participant profile_name="plain"/></profiles>'
 
 
 class Probe:

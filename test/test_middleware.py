@@ -8,7 +8,7 @@ from pathlib import Path
 from faults import nodes_of
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-from ros import bringup, CONFIG, descriptors, probe, wait_for
+from ros import bringup, CONFIG, descriptors, PLAIN, probe, wait_for
 
 from ctc_chattering.middleware import use_profile, VARIABLES
 
@@ -65,7 +65,7 @@ def test_a_node_started_alone_is_like_that_unless_told_otherwise(
         theirs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if theirs:
         profile = tmp_path / 'profile.xml'
-        profile.write_text('<profiles><participant profile_name="x"/></profiles>')
+        profile.write_text(PLAIN)
         monkeypatch.setenv(VARIABLES[0], str(profile))
     with probe() as it:
         child = it.start('reference')
