@@ -152,6 +152,11 @@ def descriptors(pid: int) -> set[str]:
     return found
 
 
+def has_port(pid: int) -> bool:
+    """Return whether others can write into the memory of a process."""
+    return any(path.startswith('/dev/shm/fastrtps_port') for path in descriptors(pid))
+
+
 def wait_for(done: Callable[[], Any], what: str, patience: float = PATIENCE) -> None:
     """Poll until `done` says so."""
     deadline = time.monotonic() + patience

@@ -52,7 +52,6 @@ def test_ten_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_pat
         assert found[f'/controller/{topic}'] == 1001
 
 
-@pytest.mark.alone
 def test_the_law_is_switched_at_its_time_and_the_same_every_time(tmp_path: Path) -> None:
     """
     Of the torque only the chattering term comes; v and the other terms go on without a bump.

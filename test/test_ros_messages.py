@@ -157,7 +157,6 @@ def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing
         assert 'the motion of the plant diverged at t = ' in lines[0]
 
 
-@pytest.mark.alone
 def test_a_second_publisher_changes_nothing_in_lockstep(tmp_path: Path) -> None:
     """Everything but what the nodes say of it is as in the simulation, and the bag can be read."""
     bag, file = tmp_path / 'bag', tmp_path / 'params.yaml'

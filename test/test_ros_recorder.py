@@ -37,7 +37,7 @@ from ctc_chattering.result import simulated
 from ctc_chattering.salvage import is_damaged, repair
 from ctc_chattering.wire import State, StateReader
 
-pytestmark = [pytest.mark.ros, pytest.mark.alone]
+pytestmark = pytest.mark.ros
 STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
 PERIOD = 1_000_000
 #: What a killed recorder may lose [ns].
@@ -130,6 +130,7 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
     return killed
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
 def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         pacing: str, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import sys
 from faults import nodes_of
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-from ros import alive, CONFIG, descriptors, PATIENCE, wait_for
+from ros import alive, CONFIG, descriptors, has_port, PATIENCE, wait_for
 
 from ctc_chattering.domain import own_domain
 
@@ -97,6 +97,7 @@ def test_what_bringup_starts_is_confined_to_this_host(
             assert {name: environment(pid)[RANGE] for name, pid in found.items()} == (
                 dict.fromkeys(NODES, after))
             if get_rmw_implementation_identifier() == 'rmw_fastrtps_cpp':
+                assert not any(has_port(pid) for pid in (*found.values(), process.pid))
                 # The recorder has its bag after its sockets; bringup comes last.
                 pids = (found['recorder'], process.pid)
                 if after == 'SUBNET':
