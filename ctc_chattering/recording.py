@@ -26,6 +26,8 @@ from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.errors import CtcError
 
+#: Size at which a chunk is written [bytes]: compressing takes some times as much memory.
+_CHUNK = 1 << 18
 _FOREVER = QosTime(9223372036, 854775807)
 
 
@@ -114,13 +116,17 @@ class Recording:
             self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
-            storage: Any = self._writer.storage
-            storage.chunks = _Spool(path)
+            self._storage = self._opened()
+            self._storage.chunks = _Spool(path)
             self._sync = _Sync()
         except WriterError:
             raise CtcError(f'{path}: exists already, not overwritten') from None
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
+
+    def _opened(self) -> Any:
+        """Return the writer's file; rosbags does not say what types it has."""
+        return self._writer.storage
 
     def write(self, topic: str, kind: str, t: int, data: bytes, qos: Sequence[Qos]) -> None:
         """
@@ -145,6 +151,8 @@ class Recording:
             self.counts[topic] = 0
         self._writer.write(connection, t, data)
         self.counts[topic] += 1
+        if self._storage.chunk.bio.tell() > _CHUNK:
+            self._storage.close_chunk()
 
     def note(self, key: str, value: str) -> None:
         """Have the bag's metadata say something about the recording."""
@@ -157,19 +165,17 @@ class Recording:
         The disk is asked to keep it, too. What comes of that is raised by a later call, as
         `OSError`; as long as the disk takes, no more is asked of it, while writing goes on.
         """
-        storage: Any = self._writer.storage
-        if storage.chunk.bio.tell():
-            storage.close_chunk()
-        storage.bio.flush()
-        self._sync.begin(storage.bio.fileno())
+        if self._storage.chunk.bio.tell():
+            self._storage.close_chunk()
+        self._storage.bio.flush()
+        self._sync.begin(self._storage.bio.fileno())
 
     def abandon(self) -> None:
         """Close without index and metadata: the disk takes no more."""
         with suppress(OSError):
             self._sync.end()
         with suppress(OSError):
-            storage: Any = self._writer.storage
-            storage.abort()
+            self._storage.abort()
 
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""

@@ -27,6 +27,7 @@ from ctc_chattering.core.pace import Pace
 from ctc_chattering.deadline import end_after
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import DIAGNOSTICS, TOPICS
+from ctc_chattering.memory import give_back
 from ctc_chattering.middleware import use_profile
 from ctc_chattering.nodes.inbox import Inbox
 from ctc_chattering.security import check_security
@@ -256,6 +257,7 @@ def run(make_node: Callable[[], Shell], name: str,
             params.node_values(sections, name, str(path))
         check_security()
         use_profile()
+        give_back()
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         node.stop = stop
