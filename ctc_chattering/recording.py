@@ -116,17 +116,14 @@ class Recording:
             self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
-            self._storage = self._opened()
+            storage: Any = self._writer.storage  # It does not say what types it has.
+            self._storage = storage
             self._storage.chunks = _Spool(path)
             self._sync = _Sync()
         except WriterError:
             raise CtcError(f'{path}: exists already, not overwritten') from None
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
-
-    def _opened(self) -> Any:
-        """Return the writer's file; rosbags does not say what types it has."""
-        return self._writer.storage
 
     def write(self, topic: str, kind: str, t: int, data: bytes, qos: Sequence[Qos]) -> None:
         """

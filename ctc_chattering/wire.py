@@ -33,6 +33,7 @@ LATEST = (2 ** 31 - 3600) * NANOSECONDS
 _LITTLE = b'\x00\x01\x00\x00'
 #: Where a header's stamp stands, and the first byte behind it.
 _STAMP, _BEHIND = 4, 12
+_TIME = struct.Struct('<iI')
 #: What a message consists of: so many bytes in words of four, a string, a sequence of doubles, or
 #: a sequence of what the inner tuple says.
 _HEADER = (8, 'string')
@@ -65,6 +66,15 @@ def nanoseconds_of(time: Time | Duration) -> int:
 def read_clock(data: bytes) -> int:
     """Return the time that a serialized `Clock` says [ns]."""
     return nanoseconds_of(deserialize_message(data, Clock).clock)
+
+
+def read_stamp(data: bytes) -> int | None:
+    """Return the time [ns] at the beginning of a message, a header's or a `Clock`'s, if any."""
+    if len(data) < _BEHIND:
+        return None
+    sec, nanosec = _TIME.unpack_from(data, _STAMP)
+    t = int(sec * NANOSECONDS + nanosec)
+    return t if 0 <= t <= LATEST and nanosec < NANOSECONDS else None
 
 
 class State(NamedTuple):
@@ -150,7 +160,7 @@ class _Writer:
 
     def _header(self, names: Sequence[str]) -> None:
         """Append a header, its stamp to be filled in later, and the names."""
-        self._stamp = struct.Struct('<iI').pack_into
+        self._stamp = _TIME.pack_into
         self._buffer += bytes(8)
         self._string('')
         self._word(len(names))
@@ -359,7 +369,7 @@ class TrajectoryReader:
         start = self._start
         if (0 <= start <= len(data) and data[:_STAMP] == _LITTLE
                 and data[_BEHIND:start - 4] == self._frame):
-            sec, nanosec = struct.unpack_from('<iI', data, _STAMP)
+            sec, nanosec = _TIME.unpack_from(data, _STAMP)
             piece = self._points(data, start, sec * NANOSECONDS + nanosec)
             if piece is not None:
                 return piece

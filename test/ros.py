@@ -12,6 +12,7 @@ import sys
 import time
 from typing import Any
 
+import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters
 import rclpy
@@ -21,12 +22,11 @@ from rclpy.qos import QoSProfile
 
 from ctc_chattering import supervisor
 from ctc_chattering.domain import own_domain
+from ctc_chattering.middleware import VARIABLES
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
 #: Deadline of everything that is waited for [s]; the machine may be slow.
 PATIENCE = 30.0
-#: A profile with which Fast DDS does as it does by itself.
-PLAIN = '<profiles><participant profile_name="plain"/></profiles>'
 
 
 class Probe:
@@ -141,6 +141,13 @@ def descendants(pid: int) -> dict[int, str]:
         ring = [child for child, (parent, _) in parents.items() if parent in ring]
         found.update({child: parents[child][1] for child in ring})
     return found
+
+
+def use_plain_profile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have nodes that are started from now on use Fast DDS as it is by itself."""
+    profile = folder / 'profile.xml'
+    profile.write_text('<profiles><participant profile_name="plain"/></profiles>')
+    monkeypatch.setenv(VARIABLES[0], str(profile))
 
 
 def descriptors(pid: int) -> set[str]:

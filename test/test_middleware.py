@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-from ros import CONFIG, has_port, PLAIN, probe
+from ros import CONFIG, has_port, probe, use_plain_profile
 
 from ctc_chattering.middleware import use_profile, VARIABLES
 
@@ -37,9 +37,7 @@ def test_nobody_writes_into_the_memory_of_a_node_unless_told_otherwise(
     for name in VARIABLES:
         monkeypatch.delenv(name, raising=False)
     if theirs:
-        profile = tmp_path / 'profile.xml'
-        profile.write_text(PLAIN)
-        monkeypatch.setenv(VARIABLES[0], str(profile))
+        use_plain_profile(tmp_path, monkeypatch)
     with probe() as it:
         child = it.start('reference')
         it.until(lambda: 'reference' in it.node.get_node_names(), 'the node')

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
-from ros import CONFIG, PATIENCE, perform, PLAIN, Probe, probe
+from ros import CONFIG, PATIENCE, perform, Probe, probe, use_plain_profile
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -31,7 +31,6 @@ from ctc_chattering.bag import open_bag, read_bag
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import COMMANDS, DIAGNOSTICS, JOINT_STATES
-from ctc_chattering.middleware import VARIABLES
 from ctc_chattering.nodes.inbox import with_info
 from ctc_chattering.result import simulated
 from ctc_chattering.salvage import is_damaged, repair
@@ -254,9 +253,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(
 
     The profile is not ours: with the kernel's buffers of some megabytes too long is very long.
     """
-    profile = tmp_path / 'profile.xml'
-    profile.write_text(PLAIN)
-    monkeypatch.setenv(VARIABLES[0], str(profile))
+    use_plain_profile(tmp_path, monkeypatch)
     bag, duration = tmp_path / 'bag', 8.0
     everybody = ('-p', 'wait_for:=[recorder,controller,plant]')
     with probe() as it:

@@ -75,7 +75,8 @@ def multicast(pid: int, domain: int) -> bool:
     port = 7400 + 250 * domain
     rows = [line.split() for line in Path('/proc/net/udp').read_text().splitlines()[1:]]
     inodes = {row[9] for row in rows if int(row[1].split(':')[1], 16) == port}
-    return any(f'socket:[{inode}]' in descriptors(pid) for inode in inodes)
+    links = descriptors(pid)
+    return any(f'socket:[{inode}]' in links for inode in inodes)
 
 
 @pytest.mark.parametrize(('before', 'after'), [

@@ -16,13 +16,15 @@ from time import perf_counter
 from typing import Any, NoReturn
 
 from bags import efforts, piece, state
+from builtin_interfaces.msg import Time
 from faults import KINDS, mutated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ctc_chattering import wire
@@ -332,6 +334,17 @@ def test_writers_take_no_other_number_of_joints() -> None:
             wire.EffortWriter(['a', 'b']).write(row)
         with pytest.raises(struct.error):
             wire.StateWriter(['a', 'b'], ('effort',)).write(0, row)
+
+
+def test_the_stamp_at_the_beginning() -> None:
+    """As ROS writes it; none where there is none, or no time."""
+    for sec, nanosec, t in ((0, 0, 0), (3, 999_999_999, 3_999_999_999), (3, 10 ** 9, None),
+                            (-1, 0, None), (2 ** 31 - 1, 0, None)):
+        message = Time(sec=sec, nanosec=nanosec)
+        for data in (serialize_message(Clock(clock=message)),
+                     serialize_message(JointState(header=Header(stamp=message)))):
+            assert wire.read_stamp(data) == t
+            assert wire.read_stamp(data[:11]) is None
 
 
 def test_stamp_and_message_type() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
-import struct
 import time
 from typing import Any
 
@@ -22,7 +21,7 @@ from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.settings import RecorderSettings
-from ctc_chattering.wire import LATEST, message_type
+from ctc_chattering.wire import message_type, read_stamp
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
@@ -36,21 +35,10 @@ _SLICE = 0.001
 _BEHIND = NANOSECONDS // 50
 #: So many messages wait until a state or a clock tells what the time is.
 _EARLY = 500
-#: Without a state of those who publish them, for so long, something is worth a word [s].
-_SILENCE = 3.0
+#: Without a state of those who publish them, for so long, something is worth a word [ns].
+_SILENCE = 3 * NANOSECONDS
 #: How long it takes messages that came before the end, while more are to come [ns].
 _DRAIN = NANOSECONDS // 5
-
-_STAMP = struct.Struct('<iI')
-
-
-def _stamp(data: bytes) -> int | None:
-    """Return the time [ns] that a `Clock` or a header says; None if it says none."""
-    if len(data) < 4 + _STAMP.size:
-        return None
-    sec, nanosec = _STAMP.unpack_from(data, 4)
-    t = int(sec * NANOSECONDS + nanosec)
-    return t if 0 <= t <= LATEST and nanosec < NANOSECONDS else None
 
 
 class RecorderNode(Shell):
@@ -75,7 +63,8 @@ class RecorderNode(Shell):
         #: When the signal to end was seen, by the same clock.
         self._asked = 0
         self._dropped: Counter[str] = Counter()
-        self._flushed = self._reported = self._heard = time.monotonic()
+        self._flushed = self._reported = time.monotonic()
+        self._heard = time.monotonic_ns()
         self._received_before = 0
         self._time = LogTime()
         self._simulated: bool | None = None
@@ -106,10 +95,10 @@ class RecorderNode(Shell):
                 lost = numbering.lost(number, self.count_publishers(topic.name))
                 if lost:
                     self._lose(name, lost)
-            if is_state:
-                self._heard = time.monotonic()
             if is_state or is_clock:
-                instant, said = time.monotonic_ns(), _stamp(data)
+                instant, said = time.monotonic_ns(), read_stamp(data)
+                if is_state:
+                    self._heard = instant
                 if said is None:
                     arbiter.reject(number, instant, alone)
                 elif arbiter.admits(number, instant, alone,
@@ -117,13 +106,12 @@ class RecorderNode(Shell):
                     self._time.note(name, said)
                 if self._simulated and is_state:
                     arbiter.lapse = PATIENCE
-                if self._simulated is None:
-                    self._begin(is_clock or self.count_publishers(CLOCK) > 0)
+            if self._simulated is None and (
+                    is_state or is_clock or len(self._early) >= _EARLY):
+                self._begin(is_clock or self.count_publishers(CLOCK) > 0)
             t = self._time.now if self._simulated else self.get_clock().now().nanoseconds
             if self._simulated is None:
                 self._early.append((name, topic.kind, t, data, offered))
-                if len(self._early) > _EARLY:
-                    self._begin(self.count_publishers(CLOCK) > 0)
                 return
             try:
                 write(name, topic.kind, t, data, offered)
@@ -158,7 +146,7 @@ class RecorderNode(Shell):
         level, message = DiagnosticStatus.OK, f'recording to {self._recording.path}'
         if self.failure is not None:
             level, message = DiagnosticStatus.ERROR, self.failure
-        elif (now - self._heard > _SILENCE and not self._simulated
+        elif (time.monotonic_ns() - self._heard > _SILENCE and not self._simulated
               and self.count_publishers(JOINT_STATES)):
             level = DiagnosticStatus.WARN
             message = f'{JOINT_STATES}: nothing comes, though it is published'
