@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+import re
 from typing import Any
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_every_switching_wins_ten_times_on_every_joint(outcomes: list[Outcome]) 
 @pytest.mark.slow
 @pytest.mark.parametrize('robot', ['panda', 'ur5'])
 def test_so_it_does_in_the_plant_of_ours(robot: str) -> None:
-    judged(robot, 'builtin')
+    assert_documented(judged(robot, 'builtin'))
 
 
 def test_the_table_says_what_was_measured(outcomes: list[Outcome]) -> None:
@@ -97,6 +98,24 @@ def test_the_table_says_what_was_measured(outcomes: list[Outcome]) -> None:
                 assert switching in SWITCHINGS
                 gains = [a / b for a, b in zip(mine[0].rms, outcome.rms)]
                 assert float(least.rstrip('×')) == pytest.approx(min(gains), abs=0.5)
+
+
+def test_the_page_says_what_was_measured(outcomes: list[Outcome]) -> None:
+    assert_documented(outcomes)
+
+
+def assert_documented(outcomes: list[Outcome]) -> None:
+    """Compare the tables of docs/robots.md with outcomes."""
+    page = (CONFIG.parent / 'docs' / 'robots.md').read_text(encoding='utf-8')
+    fresh = comparison.to_markdown(outcomes)
+    for title in re.findall(r'^\*\*\w+, plant \w+\*\*', fresh, re.MULTILINE):
+        old, new = ([cells(line) for line in text[text.index(title):].splitlines()[2:9]]
+                    for text in (page, fresh))
+        assert [row[:2] for row in old] == [row[:2] for row in new]
+        assert old[0] == new[0]
+        for was, now in zip(old[2:], new[2:]):
+            assert [float(x.strip('×') or 0) for x in was[2:]] == pytest.approx(
+                [float(x.strip('×') or 0) for x in now[2:]], rel=0.05)
 
 
 def cells(line: str) -> list[str]:
