@@ -67,6 +67,8 @@ class PlantNode(Shell):
         #: before may still get.
         self._repeats = self._surplus = 0
         self._commanded = 0
+        #: Real time: when the first state was sent after which no torque has come yet [ns].
+        self._sent: int | None = None
         self._labels: Sequence[str] = ()
         self._timeouts = 0
         self._writer = wire.StateWriter(config.joint_names)
@@ -169,6 +171,7 @@ class PlantNode(Shell):
             self._surplus -= 1
             return
         self._latest, self._surplus, self._repeats = tau, self._repeats, 0
+        self.pace.answer(self._asked, now)
         if plant.k == self._last and self._last:
             self._end()
             return
@@ -199,6 +202,9 @@ class PlantNode(Shell):
         self._latest = self._torques(efforts)
         self._labels = efforts.names
         self._commanded = now
+        if self._sent is not None:
+            self.pace.answer(self._sent, now)
+            self._sent = None
         if not self._begun:
             self._begun = True
             if self._ticks.start is None:
@@ -231,7 +237,10 @@ class PlantNode(Shell):
             if due < 1:
                 return
         self._publish_state()
-        self.pace.sample(begin, time.monotonic_ns())
+        end = time.monotonic_ns()
+        self.pace.sample(begin, end)
+        if self._sent is None and self._begun and not plant.braking:
+            self._sent = end
 
     def _anchor(self) -> None:
         """Have the present sample be that of the tick that was due last."""
@@ -244,7 +253,7 @@ class PlantNode(Shell):
                 now - self._commanded <= self._settings.command_timeout * NANOSECONDS):
             return
         self._robot.braking = True
-        self._latest = self._rest
+        self._latest, self._sent = self._rest, None
         self._timeouts += 1
         self.get_logger().error(
             f'{COMMANDS}: no command for {self._settings.command_timeout:g} s; torque 0, '
