@@ -1,10 +1,13 @@
 """Package for colcon (`ament_python`) and pip alike."""
 
 from pathlib import Path
+import re
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
 
 NAME = 'ctc_chattering'
+README = Path(__file__).resolve().with_name('README.md')
 
 
 def files(directory):
@@ -12,8 +15,18 @@ def files(directory):
     return sorted(str(path) for path in Path(directory).iterdir() if path.is_file())
 
 
+class Develop(develop):
+    """What `colcon build --symlink-install` runs; it does not heed [build_scripts]."""
+
+    def write_script(self, script_name, contents, *mode):
+        """Write a script that runs under the Python of the environment it is called in."""
+        contents = re.sub(r'\A#!.*', '#!/usr/bin/env python3', contents)
+        super().write_script(script_name, contents, *mode)
+
+
 setup(
     name=NAME,
+    cmdclass={'develop': Develop},
     version='0.1.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=[
@@ -39,7 +52,7 @@ setup(
     maintainer='ctc_chattering maintainers',
     maintainer_email='maintainers@users.noreply.github.com',
     description='Computed torque plus compensation plus chattering for robot arms with friction',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=README.read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     license='Apache-2.0',
     entry_points={
