@@ -283,14 +283,24 @@ def test_messages_that_concern_nobody(
        st.lists(st.sampled_from(('ours', 'over')), min_size=1, max_size=20))
 def test_what_messages_say_settles_every_doubt(
         pair: tuple[Stream, Stream], kinds: list[str], mine: list[str]) -> None:
-    """Check an intruder that also sends what nobody can read and what concerns nobody."""
-    arbiter, first = Arbiter(LAPSE, True), True
-    heard = 0
+    """
+    Check an intruder that also sends what nobody can read and what concerns nobody.
+
+    It is first heard at none of the numbers that the owner's next message may have: such a one
+    raises no doubt, see `test_an_intruder_that_begins_at_the_owner_s_number`.
+    """
+    arbiter, first, alone = Arbiter(LAPSE, True), True, True
+    heard = last = used = 0
     for now, who, number in _merged(*_while_it_speaks(*pair)):
         kind = kinds[number % len(kinds)] if who else mine[number % len(mine)]
         if (first and (who or kind != 'ours')) or now - heard > LAPSE:
             continue
         first = False
+        if who and alone:
+            assume(not used < number <= last + 1)
+            alone = False
+        elif not who:
+            last, used = number, number if kind == 'ours' else used
         if kind == 'over':
             arbiter.pass_over(number, now)
         elif kind == 'bytes':

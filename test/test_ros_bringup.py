@@ -10,7 +10,15 @@ import subprocess
 import time
 
 import pytest
-from ros import alive, bringup, CONFIG, descendants, PATIENCE, perform, wait_for
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+from ros import alive, bringup, CONFIG, descendants, PATIENCE, perform, probe, wait_for
+
+from ctc_chattering.core.simulation import Event
+from ctc_chattering.nodes.conductor import Observer
 
 pytestmark = pytest.mark.ros
 ENDLESS = ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0')
@@ -97,3 +105,30 @@ def test_an_event_that_a_running_node_would_refuse_is_refused_at_once(tmp_path: 
     status, output = perform('--params-file', str(file))
     assert status == 1
     assert output.startswith('bringup: ka: [-1.0, 0.0] is not allowed')
+
+
+def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:
+    """The middleware drops an answer to a client that the server has not met yet."""
+    asked: list[tuple[str, object]] = []
+
+    async def answer(request: SetParameters.Request, response: SetParameters.Response
+                     ) -> SetParameters.Response:
+        asked.extend((x.name, parameter_value_to_python(x.value)) for x in request.parameters)
+        if len(asked) == 1:
+            await Future()  # For ever.
+        response.results = [SetParametersResult(successful=True) for _ in request.parameters]
+        return response
+
+    with probe() as it:
+        it.node.create_service(SetParameters, '/controller/set_parameters', answer,
+                               callback_group=ReentrantCallbackGroup())
+        events = [Event(0.0, 'controller', {'lambda': x}) for x in (7.0, 8.0)]
+        observer = Observer(events, lockstep=False, ros_args=())
+        try:
+            def carried_out() -> bool:
+                observer.look()
+                return len(asked) == 3
+            it.until(carried_out, 'the events')
+        finally:
+            observer.close()
+    assert asked == [('lambda', 7.0), ('lambda', 7.0), ('lambda', 8.0)]

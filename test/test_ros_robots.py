@@ -84,10 +84,12 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
         reports = Diagnostics(it)
         commands = it.listen(Float64MultiArray, COMMANDS)
         told = it.listen(String, f'controller/{DESCRIPTION}', LATCHED)
-        it.start('controller', *ARM, '-p', 'state_timeout:=1.0')
-        it.start('plant', *ARM, '-p', 'initial_position:=[0.2, -0.3]')
+        # So fast that the limits are always reached; in lockstep, so that no delay makes a motion
+        # with such torques diverge.
+        it.start('controller', *ARM)
+        it.start('plant', *ARM, '-p', 'initial_position:=[0.2, -0.3]', '-p', 'pacing:=lockstep')
         it.start('reference', '-p', 'joint_names:=[a,b]', '-p', 'amplitude:=[1.5, 0.5]',
-                 '-p', 'frequency:=[6.0, 6.0]')  # So that the limits are always reached.
+                 '-p', 'frequency:=[6.0, 6.0]')
         nodes = ('controller', 'plant')
         for node in nodes:
             report = reports.until(node, lambda r: r.level == ERROR, 'the error')

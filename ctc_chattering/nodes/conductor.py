@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import time
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
@@ -22,6 +23,10 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, PARAMETERS
 from ctc_chattering.nodes.inbox import Inbox
 from ctc_chattering.nodes.runtime import Executor, qos, Shell
+
+#: Time after which a request without an answer is sent again [s]: the middleware drops an answer to
+#: a client that the server has not met yet, and to set a value twice does no harm.
+_AGAIN = 1.0
 
 
 class Conductor(Shell):
@@ -44,7 +49,9 @@ class Conductor(Shell):
         self._events = list(events)
         self._lockstep = lockstep
         self._clients_of: dict[str, Client] = {}
-        self._pending: Future | None = None
+        #: The requests of the event that is due, all the same, and when the last was sent [s].
+        self._pending: list[Future] = []
+        self._asked = 0.0
         self._start: int | None = None
         self.time = 0.0
         self._last = 0
@@ -69,14 +76,16 @@ class Conductor(Shell):
         """Carry out the next event if it is due, one request at a time."""
         if self._start is not None:
             self.time = (self.get_clock().now().nanoseconds - self._start) / NANOSECONDS
-        if self._pending is not None:
-            if not self._pending.done():
-                return
-            self._finish(self._pending)
-            self._pending = None
-        if self.failure is None and self._events and self.time >= self._events[0].time:
-            event = self._events[0]
-            self._pending = self._set(event.node, event.values)
+        answered = [future for future in self._pending if future.done()]
+        if answered:
+            self._pending = []
+            self._finish(answered[0])
+        due = self._events and self.time >= self._events[0].time
+        now = time.monotonic()
+        if self.failure is None and due and not (
+                self._pending and now - self._asked < _AGAIN):
+            self._asked = now
+            self._set(self._events[0].node, self._events[0].values)
 
     def _finish(self, future: Future) -> None:
         """Look at the answer to the last request and go on."""
@@ -91,17 +100,17 @@ class Conductor(Shell):
             following = self._events[0].time if self._events else 0.0
             self._events.insert(0, Event(self.time, 'plant', {'hold_at': following}))
 
-    def _set(self, node: str, values: Any) -> Future | None:
+    def _set(self, node: str, values: Any) -> None:
         client = self._clients_of.get(node)
         if client is None:
             client = self._clients_of[node] = self.create_client(
                 SetParameters, f'{node}/set_parameters')
         if not client.service_is_ready():
-            return None
+            return
         request = SetParameters.Request(parameters=[
             RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
             .to_parameter_msg() for name, value in values.items()])
-        return client.call_async(request)
+        self._pending.append(client.call_async(request))
 
 
 def _read_start(data: bytes) -> int:
