@@ -26,6 +26,25 @@ def _wait_for() -> Any:
 
 
 @dataclasses.dataclass(frozen=True)
+class RealTimeSettings(Config):
+    """Parameters of how a process is scheduled; names and defaults of ros2_control's manager."""
+
+    title: ClassVar[str] = 'real time'
+
+    thread_priority: int = parameter(
+        'thread_priority', 'int', 50,
+        'Real time: priority of SCHED_FIFO to ask for; 0 for the normal scheduling.',
+        minimum=0, maximum=99, read_only=True)
+    lock_memory: bool = parameter(
+        'lock_memory', 'bool', True,
+        'Real time: whether to ask that memory in use is never moved to the disk.',
+        read_only=True)
+    cpu_affinity: int = parameter(
+        'cpu_affinity', 'int', -1, 'The only processor to run on; -1 for any.',
+        minimum=-1, maximum=1023, read_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
 class PlantSettings(Config):
     """Parameters of the plant node that are none of the plant's physics."""
 
@@ -110,9 +129,9 @@ class BringupSettings(Config):
 
 #: The configurations that make up the parameters of each executable.
 NODES: dict[str, Sequence[type[Config]]] = {
-    'plant': (PlantConfig, PlantSettings),
-    'controller': (ControllerConfig, ControllerSettings),
-    'reference': (ReferenceConfig, ReferenceSettings),
+    'plant': (PlantConfig, PlantSettings, RealTimeSettings),
+    'controller': (ControllerConfig, ControllerSettings, RealTimeSettings),
+    'reference': (ReferenceConfig, ReferenceSettings, RealTimeSettings),
     'recorder': (RecorderSettings,),
     'bringup': (BringupSettings,),
 }

@@ -36,7 +36,8 @@ from ctc_chattering.nodes.inbox import Inbox, LAPSE, PATIENCE, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status, TICK
-from ctc_chattering.settings import ControllerSettings
+from ctc_chattering.real_time import RealTime
+from ctc_chattering.settings import ControllerSettings, RealTimeSettings
 
 #: Why a stamp is refused.
 _WRONG_STAMP = {
@@ -64,9 +65,10 @@ class ControllerNode(Shell):
     def __init__(self) -> None:
         super().__init__('controller')
         self._tuning = NodeParameters(
-            self, (ControllerConfig, ControllerSettings), self._on_change)
+            self, (ControllerConfig, ControllerSettings, RealTimeSettings), self._on_change)
         config = self._tuning.get(ControllerConfig)
         self._settings = self._tuning.get(ControllerSettings)
+        self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
         self._controller: Controller | None = None
         self._guard = Guard(self._settings.enabled)
         self._watched = min(config.error_limit) < inf
@@ -129,6 +131,11 @@ class ControllerNode(Shell):
             lambda state: self._state_joints.concerned(state.names), trusting=True,
             plausible=self._goes_on)
         self.inboxes = [self._state_inbox, self._reference_inbox]
+
+    @property
+    def in_real_time(self) -> bool:
+        """Whether states come in real time."""
+        return self._seen and not self._simulated
 
     def idle(self) -> None:
         """Answer the state that waits for those who are to hear the answer; miss the next one."""

@@ -25,7 +25,8 @@ from ctc_chattering.nodes.inbox import Inbox, LAPSE, PATIENCE, Refused
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status
-from ctc_chattering.settings import PlantSettings
+from ctc_chattering.real_time import RealTime
+from ctc_chattering.settings import PlantSettings, RealTimeSettings
 
 #: Periods that one tick of the real-time clock makes good at the most.
 _CATCH_UP = 100
@@ -45,8 +46,10 @@ class PlantNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('plant')
-        self._tuning = NodeParameters(self, (PlantConfig, PlantSettings), self._on_change)
+        self._tuning = NodeParameters(
+            self, (PlantConfig, PlantSettings, RealTimeSettings), self._on_change)
         config, self._settings = self._tuning.get(PlantConfig), self._tuning.get(PlantSettings)
+        self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
         self._plant: Robot | None = None
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
@@ -98,6 +101,11 @@ class PlantNode(Shell):
         """The robot, once there is one."""
         assert self._plant is not None
         return self._plant
+
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the node's clock paces it."""
+        return self._ticker is None
 
     def idle(self) -> None:
         """Begin once all are there; repeat the last message for those who came late."""

@@ -22,7 +22,8 @@ from ctc_chattering.graph import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENC
 from ctc_chattering.nodes.inbox import Inbox, PATIENCE, Refused
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status
-from ctc_chattering.settings import ReferenceSettings
+from ctc_chattering.real_time import RealTime
+from ctc_chattering.settings import RealTimeSettings, ReferenceSettings
 from ctc_chattering.trajectory_file import read_trajectory
 
 #: Time over which waypoints that begin in the past are joined, without a start duration [s].
@@ -44,9 +45,10 @@ class ReferenceNode(Shell):
     def __init__(self) -> None:
         super().__init__('reference')
         self._tuning = NodeParameters(
-            self, (ReferenceConfig, ReferenceSettings), lambda: None)
+            self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), lambda: None)
         config = self._tuning.get(ReferenceConfig)
         self._settings = self._tuning.get(ReferenceSettings)
+        self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
         self._route = None
         if config.trajectory_file:
             self._route = read_trajectory(Path(config.trajectory_file), config.joint_names)
@@ -81,6 +83,11 @@ class ReferenceNode(Shell):
     def spin(self, executor: Any) -> None:
         """Take what has come, in batches: the horizon is long enough."""
         self.spin_in_batches(executor)
+
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the motion follows real time."""
+        return self._start is not None and not self._simulated
 
     def idle(self) -> None:
         """Publish what the node's own clock asks for, and again for a new subscriber."""

@@ -30,6 +30,7 @@ from ctc_chattering.graph import DIAGNOSTICS, TOPICS
 from ctc_chattering.memory import give_back
 from ctc_chattering.middleware import use_profile
 from ctc_chattering.nodes.inbox import Inbox
+from ctc_chattering.real_time import garbage_off_the_loop, RealTime
 from ctc_chattering.security import check_security
 
 try:
@@ -108,6 +109,8 @@ class Shell(Node):
         Set it to have the process end with status 1.
     stop : sequence of int
         The signals that have asked for the end.
+    scheduling : RealTime or None
+        Of its process, where it has parameters for that.
 
     """
 
@@ -121,6 +124,7 @@ class Shell(Node):
         self.hurried = False
         self.pace = Pace()
         self.inboxes: list[Inbox[Any]] = []
+        self.scheduling: RealTime | None = None
         # A spin for simulated time does not come back while there are messages: see `serve`.
         self.create_timer(TICK, self.heed, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._report_due = 0
@@ -134,6 +138,17 @@ class Shell(Node):
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `tick`."""
 
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the robot waits for nobody."""
+        return False
+
+    def schedule(self) -> None:
+        """Have the process scheduled for real time while that is needed, and say so."""
+        line = self.scheduling.update(self.in_real_time) if self.scheduling else ''
+        if line:
+            self.get_logger().info(line)
+
     def status(self) -> Status:
         """Return what is to be reported beside the pace and what the inboxes refused."""
         return Status(DiagnosticStatus.OK, 'running', {})
@@ -146,6 +161,8 @@ class Shell(Node):
         self.pace.rotate(now)
         level, message, values = self.status()
         everything = dict(values)
+        if self.scheduling:
+            everything['scheduling'] = self.scheduling.outcome
         if self.pace.samples:
             everything |= self.pace.values()
         for inbox in self.inboxes:
@@ -170,15 +187,21 @@ class Shell(Node):
         self._diagnostics.publish(array)
 
     def spin(self, executor: Any) -> None:
-        """Serve callbacks for `tick`, or until it is done."""
+        """
+        Serve callbacks for `tick`, or until it is done.
+
+        In real time it ends with a sample, if there is one: what is done before the next spin has
+        the most time then.
+        """
         if self.hurried:
             executor.spin_until_future_complete(self.done, self.tick)
         else:
-            self.serve(executor, self.tick)
+            self.serve(executor, self.tick / 2)
+            self.serve(executor, self.tick / 2, self.pace.samples)
 
-    def serve(self, executor: Any, lasts: float) -> None:
+    def serve(self, executor: Any, lasts: float, samples: int = -1) -> None:
         """
-        Serve callbacks for `lasts` [s], or until it is done.
+        Serve callbacks for `lasts` [s], until it is done, or there are more than `samples`.
 
         A tenth faster in lockstep is EventsExecutor's spin_until_future_complete, but it does not
         come back while there are messages, and loses some memory each time.
@@ -186,6 +209,8 @@ class Shell(Node):
         end = time.monotonic() + lasts
         while (left := end - time.monotonic()) > 0.0 and not self.done.done():
             executor.spin_once(left)
+            if 0 <= samples < self.pace.samples:
+                return
 
     def spin_in_batches(self, executor: Any) -> None:
         """
@@ -263,10 +288,13 @@ def run(make_node: Callable[[], Shell], name: str,
         node.stop = stop
         executor = Executor()
         executor.add_node(node)
-        while not (stop or node.done.done()) and rclpy.ok():
-            node.spin(executor)
-            node.idle()
-            node.report(time.monotonic_ns())
+        with garbage_off_the_loop() as collect:
+            while not (stop or node.done.done()) and rclpy.ok():
+                node.spin(executor)
+                node.idle()
+                node.schedule()
+                node.report(time.monotonic_ns())
+                collect()
         status = 1 if node.failure else 0
     except CtcError as error:
         print(f'{name}: {error}', file=sys.stderr, flush=True)
@@ -281,6 +309,8 @@ def run(make_node: Callable[[], Shell], name: str,
             executor.remove_node(node)
         if node is not None:
             node.finish()
+            if node.scheduling:  # Whatever holds the end up must not hold up others.
+                node.scheduling.update(False)
             _wait_for_all_acked(node, stop)
             end_after(_LEAVE, 1 if node.failure else status)
             node.destroy_node()

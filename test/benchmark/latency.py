@@ -1,0 +1,191 @@
+"""
+How regular is the loop, and how soon is a state answered: with and without priority.
+
+Beside it, what the machine gives a bare Python program: a timer that sends a UDP packet to another
+process and waits for it to come back. Prints a Markdown table; docs/real_time.md shows one.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import multiprocessing
+import os
+import platform
+import socket
+import statistics
+import sys
+import time
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+import rclpy
+
+from ctc_chattering import supervisor
+from ctc_chattering.core.durations import Durations
+from ctc_chattering.domain import own_domain
+from ctc_chattering.experiments import EXPERIMENTS
+from ctc_chattering.graph import DIAGNOSTICS
+from ctc_chattering.middleware import use_profile
+from ctc_chattering.real_time import RealTime
+from ctc_chattering.settings import LOOP, RealTimeSettings
+
+_COLUMNS = ('p50', 'p99', 'p99.9', 'max')
+#: Length of a measurement [s]: diagnostics look back so far.
+_WINDOW = 10
+#: Period of the loop [s].
+_PERIOD = 1e-3
+
+
+class Times(NamedTuple):
+    """Quantiles and largest of period and answer time [ms], and what scheduling was granted."""
+
+    period: list[float]
+    answer: list[float]
+    scheduling: str
+
+
+def measure_nodes(priority: int) -> Times:
+    """Return what the plant's diagnostics say after a while in real time."""
+    reports: list[dict[str, str]] = []
+
+    def on_message(message: DiagnosticArray) -> None:
+        reports.extend({x.key: x.value for x in status.values} for status in message.status
+                       if status.name == '/plant' and status.message == 'running')
+
+    with own_domain():
+        use_profile()
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        node = rclpy.create_node('latency', context=context)
+        executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
+        arguments = ('--ros-args', '--params-file', str(EXPERIMENTS[1].path),
+                     '-p', 'plant:pacing:=real_time', '-p', 'plant:duration:=0.0',
+                     '-p', f'thread_priority:={priority}')
+        children = [supervisor.Child(
+            name, [sys.executable, '-m', 'ctc_chattering.cli.node', name, *arguments],
+            lambda _: None) for name in LOOP]
+        try:
+            while len(reports) < _WINDOW + 2:  # The first ones are of the start.
+                executor.spin_once(0.1)
+        finally:
+            supervisor.stop(children)
+            executor.shutdown()
+            node.destroy_node()
+            rclpy.shutdown(context=context)
+    last = reports[-1]
+    period, answer = ([float(last[f'{name}, {column} [ms]']) for column in _COLUMNS]
+                      for name in ('period', 'answer time'))
+    return Times(period, answer, last['scheduling'])
+
+
+def measure_bare(priority: int) -> Times:
+    """Return the same of a timer, and of a packet that another process sends back."""
+    spawn = multiprocessing.get_context('spawn')
+    ours, theirs = spawn.Pipe()
+    processes = [spawn.Process(target=_echo, args=(priority, ours)),
+                 spawn.Process(target=_timer, args=(priority, theirs))]
+    for process in processes:
+        process.start()
+    processes[1].join()
+    processes[0].terminate()
+    return Times(*ours.recv())
+
+
+def _request(priority: int) -> str:
+    return RealTime(RealTimeSettings(thread_priority=priority)).update(True)
+
+
+def _echo(priority: int, pipe: multiprocessing.connection.Connection) -> None:
+    _request(priority)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.bind(('127.0.0.1', 0))
+        pipe.send(udp.getsockname())
+        while True:
+            data, sender = udp.recvfrom(100)
+            udp.sendto(data, sender)
+
+
+def _timer(priority: int, pipe: multiprocessing.connection.Connection) -> None:
+    scheduling = _request(priority)
+    periods, answers = Durations(), Durations()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.connect(pipe.recv())
+        begin = due = time.monotonic()
+        last = None
+        while due < begin + _WINDOW:
+            due += _PERIOD
+            time.sleep(max(0.0, due - time.monotonic()))
+            now = time.monotonic()
+            if last is not None:
+                periods.add(now - last)
+            last = now
+            udp.send(bytes(100))
+            udp.recv(100)
+            answers.add(time.monotonic() - now)
+    shown = [[1e3 * x for x in (*durations.quantiles(0.5, 0.99, 0.999), durations.largest())]
+             for durations in (periods, answers)]
+    pipe.send((*shown, scheduling))
+
+
+def _spin() -> None:
+    while True:
+        pass
+
+
+@contextmanager
+def busy(count: int) -> Iterator[None]:
+    """Have `count` processes use a processor each."""
+    processes = [multiprocessing.get_context('spawn').Process(target=_spin) for _ in range(count)]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.join()
+
+
+def row(title: str, loops: int, rounds: Sequence[Times]) -> str:
+    """Return a line of the table: medians over the rounds, and the largest of all."""
+    cells = []
+    for series in ([x.period for x in rounds], [x.answer for x in rounds]):
+        columns = list(zip(*series))
+        cells += [f'{statistics.median(column):.2f}' for column in columns[:-1]]
+        cells.append(f'{max(columns[-1]):.1f}')
+    return f'| {loops} | {title} | ' + ' | '.join(cells) + ' |'
+
+
+def main() -> None:
+    """Measure, in turns, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--rounds', type=int, default=3)
+    parser.add_argument('--busy', type=int, nargs='*', default=[0, os.cpu_count() or 1],
+                        help='numbers of busy loops to measure beside')
+    options = parser.parse_args()
+    print(f'{platform.release()}, {os.cpu_count()} processors, load average '
+          f'{os.getloadavg()[0]:.1f} before; {options.rounds} rounds of {_WINDOW} s', flush=True)
+    results: dict[tuple[int, str], list[Times]] = {}
+    for number in range(options.rounds):
+        for loops in options.busy:
+            with busy(loops):
+                for priority in (0, 50):
+                    for what, measure in (('bare', measure_bare), ('nodes', measure_nodes)):
+                        times = measure(priority)
+                        title = f'{what}, {"SCHED_FIFO" if priority else "normal"}'
+                        results.setdefault((loops, title), []).append(times)
+                        print(f'round {number + 1}, {loops} busy loops, {title}: '
+                              f'{times.scheduling}', file=sys.stderr, flush=True)
+    print('| busy loops | | ' + ' | '.join(
+        f'{name} {column}' for name in ('period', 'answer') for column in _COLUMNS) + ' |')
+    print('|--:|---|' + '--:|' * 8)
+    for (loops, title), rounds in results.items():
+        print(row(title, loops, rounds))
+
+
+if __name__ == '__main__':
+    main()
