@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test slow lint benchmark clean
+.PHONY: demo test slow lint benchmark latency clean
 
 demo: $(READY)
 	$(BIN)/ctc reproduce --out results --overwrite
@@ -27,6 +27,10 @@ lint: $(READY)
 
 benchmark: $(READY)
 	$(BIN)/ctc benchmark
+
+# Period and answer time of the loop in real time, with and without priority: a Markdown table.
+latency: $(READY)
+	$(BIN)/python test/benchmark/latency.py
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml
