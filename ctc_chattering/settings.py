@@ -58,9 +58,10 @@ class PlantSettings(Config):
         'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
         unit='s', minimum=0.0, exclusive=True, read_only=True)
     command_timeout: float = parameter(
-        'command_timeout', 'float', 0.1,
-        'Real time: without a command for so long, the torque is 0 and the brakes hold, until '
-        'the next one.', unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
+        'command_timeout', 'float', 0.02,
+        'Real time: without a command for so long (at least three control periods), the torque '
+        'is 0 and the brakes hold, until the next one. At most 1/Kv: a torque held for longer '
+        'makes the motion diverge.', unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
     wait_for: tuple[str, ...] = _wait_for()
 
 

@@ -33,8 +33,9 @@ from ctc_chattering.result import simulated
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]
-#: For the silence that stops the controller, so that a loaded machine does not [s].
-STATE_TIMEOUT, REFERENCE_TIMEOUT = 0.25, 0.1
+#: For the silence that stops the controller and brakes the plant, so that a loaded machine does
+#: not [s].
+STATE_TIMEOUT, COMMAND_TIMEOUT, REFERENCE_TIMEOUT = 0.25, 0.1, 0.1
 #: Of the graph in real time, which most tests share and others run beside [s].
 PERIOD = 0.004
 
@@ -69,7 +70,8 @@ class Graph:
         self.until_well()
 
     def start(self, name: str) -> None:
-        more = ('-p', f'state_timeout:={STATE_TIMEOUT}') if name == 'controller' else ()
+        more = {'controller': ('-p', f'state_timeout:={STATE_TIMEOUT}'),
+                'plant': ('-p', f'command_timeout:={COMMAND_TIMEOUT}')}.get(name, ())
         period = () if name == 'reference' else ('-p', f'control_period:={PERIOD}')
         self.children[name] = self.probe.start(name, *period, *more)
 
@@ -195,13 +197,16 @@ def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
 
 
 def test_without_commands_the_plant_brakes(graph: Graph) -> None:
-    before, lines = graph.diagnostics.next('plant'), len(graph.log('plant', 'no command for'))
+    def said() -> int:
+        return len([x for x in graph.log('plant', 'no command for') if '[ERROR]' in x])
+
+    before, lines = graph.diagnostics.next('plant'), said()
     graph.kill('controller')
     report = graph.diagnostics.until(
         'plant', lambda r: r.level == ERROR and 'no command for 0.1 s' in r.message, 'the error')
     assert 'torque 0, brakes on' in report.message
     assert report.count('timeouts, command') == before.count('timeouts, command') + 1
-    assert len(graph.log('plant', 'no command for')) == lines + 1
+    graph.probe.until(lambda: said() == lines + 1, 'the line')
     robot = Plant(PlantConfig(control_period=PERIOD))
     robot.braking = True
     graph.probe.until(  # What is reported may be heard before the states are.
@@ -268,6 +273,22 @@ def test_torques_at_their_limit_are_counted(graph: Graph) -> None:
     assert all(abs(x) <= most for m in graph.commands[-50:] for x, most in zip(m.data, (5.0, 4.0)))
     assert it.set('controller', 'effort_limit', [float('inf')] * 2).successful
     graph.until_well()
+
+
+def test_a_chattering_term_at_its_bound_is_named_with_the_reason(graph: Graph) -> None:
+    """Friction is 9.9 N*m: a ka of 1 is too small for it, whichever way the joint moves."""
+    it = graph.probe
+    before = {name: it.get('controller', name) for name in ('switching', 'ka')}
+    for name, value in (('switching', 'implicit'), ('ka', [1.0, 1.0])):
+        assert it.set('controller', name, value).successful
+    report = graph.diagnostics.until(
+        'controller', lambda r: 'joint2: chattering term at its bound for' in r.message, 'the word')
+    assert report.level in (WARN, ERROR)
+    assert report.message.endswith(': ka too small')
+    for name, value in before.items():
+        assert it.set('controller', name, value).successful
+    graph.until_well()
+    graph.diagnostics.until('controller', lambda r: 'at its bound' not in r.message, 'the end')
 
 
 class PlayedPlant:

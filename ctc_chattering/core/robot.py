@@ -113,7 +113,9 @@ class Robot(ABC):
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError
         except (ValueError, OverflowError):  # sin(inf)
-            raise CtcError(f'the motion of the plant diverged at t = {t:g} s') from None
+            shown = ', '.join(f'{x:.4g}' for x in tau)
+            raise CtcError(f'the motion of the plant diverged at t = {t:g} s, '
+                           f'under a torque of [{shown}] N*m') from None
         self.k += 1
         self.measured = self._sensor.measure(self.q, self.dq)
 

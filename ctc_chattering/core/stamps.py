@@ -30,10 +30,17 @@ class Stamps:
     limit : int
         Longest step that is no outage, and longest additional delay [ns].
 
+    Attributes
+    ----------
+    lateness : int
+        How much longer the state judged last was underway than the quickest one [ns]; told in
+        real time only.
+
     """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
+        self.lateness = 0
         self.forget()
 
     def forget(self) -> None:
@@ -95,7 +102,8 @@ class Stamps:
         """Return whether a state comes later after its stamp than it should."""
         if self._least is None:
             return False
-        if now - t - self._least <= self.limit + (now - self._arrived) // _LEAK:
+        self.lateness = now - t - self._least
+        if self.lateness <= self.limit + (now - self._arrived) // _LEAK:
             return False
         if self._stale_since is None:
             self._stale_since = now

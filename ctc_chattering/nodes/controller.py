@@ -20,6 +20,8 @@ from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.models import model_of
+from ctc_chattering.core.state_health import BUSY, StateHealth
+from ctc_chattering.core.term_saturation import TermSaturation
 from ctc_chattering.core.trajectory import Point, Trajectory
 from ctc_chattering.graph import (
     CLOCK,
@@ -42,7 +44,9 @@ from ctc_chattering.settings import ControllerSettings, RealTimeSettings
 #: Why a stamp is refused.
 _WRONG_STAMP = {
     stamps.REPEATED: 'the stamp repeats', stamps.BACKWARD: 'the stamp goes back',
-    stamps.JUMP: 'the stamp leaps', stamps.STALE: 'it comes too late after its stamp'}
+    stamps.JUMP: 'the stamp leaps'}
+#: Real time: silence of the states that is reported as an error at once [ns].
+_SILENCE = NANOSECONDS // 2
 
 
 class _State(NamedTuple):
@@ -105,10 +109,15 @@ class ControllerNode(Shell):
         self._arrived = 0
         #: Stamp of the last state taken [ns].
         self._last = 0
+        #: States taken so far.
+        self._taken = 0
         self._seen = False
         self._lost = False
         self._late = False
+        self._said_silent = False
         self._saturated = self._restarts = 0
+        self._health = StateHealth(self._period)
+        self._term_saturation = TermSaturation(len(names))
         self._timeouts = {'state': 0, 'reference': 0}
         self.create_service(SetBool, '~/enable', self._on_enable)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -144,15 +153,27 @@ class ControllerNode(Shell):
             inbox.arbiter.lapse = PATIENCE if self._clock_heard else LAPSE
         now = time.monotonic_ns()
         late = not self._simulated and now - self._arrived > self._timeout
-        if late and self._seen and not self._lost:
-            self._lost = True
-            self._timeouts['state'] += 1
-            self._stop(f'{JOINT_STATES}: no state for {self._settings.state_timeout:g} s')
+        if late and self._seen:
+            self._miss(now - self._arrived)
         if self._waiting is not None:
             if late:
                 self._waiting = None
             else:
                 self._answer(self._waiting._replace(now=now))
+
+    def _miss(self, silence: int) -> None:
+        """Send no torque without states, and report an outage that lasts."""
+        if not self._lost:
+            self._lost = True
+            self._timeouts['state'] += 1
+            self._stop()
+        if silence > max(_SILENCE, self._timeout) and not (self._said_silent or self.stop):
+            self._said_silent = True
+            if self.count_publishers(JOINT_STATES):
+                self.get_logger().error(
+                    f'{JOINT_STATES}: no state for {seconds(silence):.1f} s; no torque')
+            else:
+                self.get_logger().info(f'{JOINT_STATES}: its publisher has left; no torque')
 
     def finish(self) -> None:
         """Leave no torque behind."""
@@ -182,16 +203,36 @@ class ControllerNode(Shell):
                 'position')
         config = self._tuning.get(ControllerConfig)
         self._cadence.rotate()
-        if level == DiagnosticStatus.OK and self._cadence.wrong:
-            level, message = DiagnosticStatus.WARN, (
-                f'running, but states come every {1e3 * self._cadence.mean:.3g} ms; '
-                f'control_period is {1e3 * config.control_period:g} ms')
+        if self.inboxes:
+            self._health.rotate(time.monotonic_ns(), self._taken, self._restarts,
+                                self._state_inbox.refused)
+        problems = self._problems()
+        if level == DiagnosticStatus.OK and problems:
+            level = max(problem[0] for problem in problems)
+            message = f'running, but {"; ".join(text for _, text in problems)}'
+        self._term_saturation.clear()
         return Status(level, message, {
             'period of the stamps, mean [ms]': 1e3 * self._cadence.mean,
             'law': config.law, 'switching': config.switching,
             'saturated samples': self._saturated, 'restarts': self._restarts,
+            'restarts per second': self._health.restarts_per_second,
             **{f'timeouts, {name}': count for name, count in self._timeouts.items()},
             'time': 'simulated' if self._simulated else 'real'})
+
+    def _problems(self) -> list[tuple[bytes, str]]:
+        """Return what goes wrong at present: level and text."""
+        found = []
+        health = self._health
+        if health.poor and not self._simulated:
+            found.append((DiagnosticStatus.ERROR if health.bad else DiagnosticStatus.WARN,
+                          str(health)))
+        if self._cadence.wrong:
+            found.append((DiagnosticStatus.WARN, (
+                f'states come every {1e3 * self._cadence.mean:.3g} ms; control_period is '
+                f'{1e3 * seconds(self._period):g} ms')))
+        found += [(DiagnosticStatus.WARN, f'{name}: {joint}') for name, joint in zip(
+            self._names, self._term_saturation.found()) if joint.cause]
+        return found
 
     def _on_change(self) -> None:
         self._settings = self._tuning.get(ControllerSettings)
@@ -227,6 +268,7 @@ class ControllerNode(Shell):
     def _restart(self, bumpless: bool = True) -> None:
         if self._controller is not None:
             self._controller.reset(bumpless, self._held if bumpless else None)
+            self._term_saturation.pause()
 
     def _on_reference(self, piece: wire.Piece, now: int) -> None:
         pick = self._reference_joints.pick(piece.names)
@@ -277,9 +319,21 @@ class ControllerNode(Shell):
         verdict = self._stamps.judge(t, now, self._simulated)
         if verdict != stamps.NEXT or self._lost:  # Lost: a torque of 0 was sent since.
             self._judged(verdict, t)
+        if self._lost:
+            self._report_outage(now - self._arrived)
+        self._taken += 1
         self._seen, self._lost, self._arrived, self._last = True, False, now, t
         self._cadence.note(t)
         self._answer(_State(t, now, q, dq))
+
+    def _report_outage(self, silence: int) -> None:
+        if self._said_silent:
+            self.get_logger().info(f'{JOINT_STATES}: states again, after {seconds(silence):.1f} s')
+        else:
+            self.get_logger().warning(
+                f'{JOINT_STATES}: no state for {seconds(silence):.3f} s; no torque after '
+                f'{seconds(self._timeout):g} s', throttle_duration_sec=1.0)
+        self._said_silent = False
 
     def _judged(self, verdict: str, t: int) -> None:
         """Act on a stamp that does not follow the last one."""
@@ -288,6 +342,11 @@ class ControllerNode(Shell):
                 if t == self._last and self._waiting is None and self._held is not None:
                     self._commands.publish(self._writer.write(self._held))
                 raise Refused(verdict, '')  # A plant that waits says it again, and so do we.
+            if verdict == stamps.STALE:
+                raise Refused(verdict, (
+                    f'it comes {1e3 * seconds(self._stamps.lateness):.1f} ms later than the '
+                    f'quickest one, more than {1e3 * seconds(self._timeout):g} ms '
+                    f'(state_timeout): {BUSY}'))
             raise Refused(verdict, f'{_WRONG_STAMP[verdict]}: {seconds(t):.9f} s')
         if not self._seen:
             return
@@ -334,6 +393,9 @@ class ControllerNode(Shell):
         self._held = sample.tau
         if sample.excess is not None:
             self._saturated += 1
+        config = law.config
+        if config.law == 'chattering':
+            self._term_saturation.add(sample.chattering, config.ka, config.switching)
         if self._count % self._settings.state_decimation == 0:
             self._publish_terms(t, sample, point, law.lyapunov(q, sample.v))
             self._trajectory.forget(t)

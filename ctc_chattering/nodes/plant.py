@@ -12,6 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from ctc_chattering import wire
+from ctc_chattering.core.command_watchdog import CommandWatchdog
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import PlantConfig
@@ -33,6 +34,8 @@ _CATCH_UP = 100
 #: Lockstep: time after which a state without an answer is sent again, and after which the node
 #: says what it waits for [ns].
 _REPEAT, _SAY = NANOSECONDS // 5, 3 * NANOSECONDS
+#: Real time: silence of commands that is reported as an error at once [ns].
+_SILENCE = NANOSECONDS // 2
 
 
 class PlantNode(Shell):
@@ -69,11 +72,12 @@ class PlantNode(Shell):
         #: Times that the last state was sent again, and answers more than one that the state
         #: before may still get.
         self._repeats = self._surplus = 0
-        self._commanded = 0
         #: Real time: when the first state was sent after which no torque has come yet [ns].
         self._sent: int | None = None
         self._labels: Sequence[str] = ()
-        self._timeouts = 0
+        self._watchdog = CommandWatchdog(self._period)
+        self._said_silent = False
+        self._set_timeout()
         self._writer = wire.StateWriter(config.joint_names)
         lockstep = self.hurried = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
@@ -152,15 +156,29 @@ class PlantNode(Shell):
                     f'waiting for {self._awaited()}, for {waiting / NANOSECONDS:.0f} s')
         elif self._plant.braking:
             level, message = DiagnosticStatus.ERROR, (
-                f'no command for {self._settings.command_timeout:g} s; torque 0, brakes on')
+                f'no command for {seconds(self._watchdog.timeout):g} s; torque 0, brakes on')
         elif not self._begun:
             level, message = DiagnosticStatus.WARN, f'waiting for {COMMANDS}'
+        values = {'pacing': self._plant.config.pacing, 'time of the run [s]': self._plant.t}
+        return Status(level, message, values) if self._ticker else self._real_time_status(
+            level, message, values)
+
+    def _real_time_status(self, level: bytes, message: str, values: dict[str, object]) -> Status:
+        """Return a status with how well commands keep up with the samples."""
+        watchdog = self._watchdog
+        watchdog.rotate(time.monotonic_ns(), self._robot.k)
+        if level == DiagnosticStatus.OK and watchdog.poor:
+            level = DiagnosticStatus.ERROR if watchdog.bad else DiagnosticStatus.WARN
+            message = f'running, but {watchdog}'
+        watchdog.longest = 0
         return Status(level, message, {
-            'pacing': self._plant.config.pacing, 'time of the run [s]': self._plant.t,
-            'timeouts, command': self._timeouts})
+            **values, 'timeouts, command': watchdog.timeouts,
+            'timeouts, command, per second': watchdog.timeouts_per_second,
+            'samples without a new command [%]': 100.0 * watchdog.fraction})
 
     def _on_change(self) -> None:
         self._settings = self._tuning.get(PlantSettings)
+        self._set_timeout()
         if self._plant is not None:
             self._plant.configure(self._tuning.get(PlantConfig))
         if self._held:
@@ -209,7 +227,7 @@ class PlantNode(Shell):
     def _on_command(self, efforts: wire.Efforts, now: int) -> None:
         self._latest = self._torques(efforts)
         self._labels = efforts.names
-        self._commanded = now
+        silence = self._watchdog.command(now)
         if self._sent is not None:
             self.pace.answer(self._sent, now)
             self._sent = None
@@ -220,7 +238,13 @@ class PlantNode(Shell):
             self._tuning.announce(self._start)
         if self._robot.braking:
             self._robot.braking = False
-            self.get_logger().info(f'{COMMANDS}: commands again, brakes off')
+            if self._said_silent:
+                self.get_logger().info(f'{COMMANDS}: commands again, brakes off')
+            else:
+                self.get_logger().warning(
+                    f'{COMMANDS}: no command for {seconds(silence):.3f} s; torque 0 and brakes '
+                    f'after {seconds(self._watchdog.timeout):g} s', throttle_duration_sec=1.0)
+            self._said_silent = False
 
     def _on_tick(self) -> None:
         begin = time.monotonic_ns()
@@ -236,6 +260,7 @@ class PlantNode(Shell):
                 if plant.k == self._last and self._last:
                     self._end()
                     return
+                self._watchdog.sample()
                 if not self._step(self._latest):
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
@@ -255,17 +280,21 @@ class PlantNode(Shell):
         now = self.get_clock().now().nanoseconds  # Of just now, as what is left from then on.
         self._start = self._ticks.anchor(now, self._timer.time_until_next_call(), self._robot.k)
 
+    def _set_timeout(self) -> None:
+        self._watchdog.timeout = max(
+            round(self._settings.command_timeout * NANOSECONDS), 3 * self._period)
+
     def _watch(self, now: int) -> None:
         """Brake when no command has come for too long."""
-        if self._robot.braking or (
-                now - self._commanded <= self._settings.command_timeout * NANOSECONDS):
-            return
-        self._robot.braking = True
-        self._latest, self._sent = self._rest, None
-        self._timeouts += 1
-        self.get_logger().error(
-            f'{COMMANDS}: no command for {self._settings.command_timeout:g} s; torque 0, '
-            'brakes on')
+        silence = self._watchdog.silence(now)
+        if silence > self._watchdog.timeout and not self._robot.braking:
+            self._robot.braking = True
+            self._latest, self._sent = self._rest, None
+        if silence > max(_SILENCE, self._watchdog.timeout) and not (
+                self._said_silent or self.stop):
+            self._said_silent = True
+            self.get_logger().error(
+                f'{COMMANDS}: no command for {seconds(silence):.1f} s; torque 0, brakes on')
 
     # Both.
 
@@ -277,6 +306,9 @@ class PlantNode(Shell):
             self._robot.step(tau)
         except CtcError as error:
             self.failure = str(error)
+            self._watchdog.rotate(time.monotonic_ns(), self._robot.k)
+            if self._ticker is None and self._watchdog.poor:
+                self.failure += f'; {self._watchdog}'
             self.get_logger().fatal(self.failure)
             self.done.set_result(None)
         return self.failure is None
