@@ -282,7 +282,7 @@ def test_a_chattering_term_at_its_bound_is_named_with_the_reason(graph: Graph) -
     for name, value in (('switching', 'implicit'), ('ka', [1.0, 1.0])):
         assert it.set('controller', name, value).successful
     report = graph.diagnostics.until(
-        'controller', lambda r: 'joint2: chattering term at its bound for' in r.message, 'the word')
+        'controller', lambda r: 'joint2: chattering term at its bound for' in r.message, 'it')
     assert report.level in (WARN, ERROR)
     assert report.message.endswith(': ka too small')
     for name, value in before.items():
