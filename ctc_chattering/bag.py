@@ -141,7 +141,7 @@ class _Topics:
                   q_d, dq_d, ddq_d, tau, np.zeros_like(q))
         configs = [(seconds(t - start), config) for t, config in history]
         plants = self._parameters('plant', PlantConfig)
-        experiment = plants[0][1].experiment if plants else self._path.name
+        experiment = (plants[0][1].experiment if plants else '') or self._path.name
         computed = terms(run, configs, self._model(history[0][1]))
         return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed)
 

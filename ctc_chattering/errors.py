@@ -7,6 +7,10 @@ class CtcError(Exception):
     """Base of every error this package raises on purpose; its text is one line for a user."""
 
 
+class UsageError(CtcError):
+    """A command line that means nothing; the program ends with status 2."""
+
+
 class ParameterError(CtcError, ValueError):
     """
     A parameter whose value is not allowed.

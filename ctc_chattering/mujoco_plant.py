@@ -81,8 +81,7 @@ class MujocoPlant(Robot):
         try:
             import mujoco
         except ImportError:
-            raise CtcError('plant_backend mujoco needs MuJoCo: '
-                           "pip install 'ctc_chattering[mujoco]'") from None
+            raise CtcError('plant_backend mujoco needs MuJoCo: pip install mujoco') from None
         super().__init__(config)
         if mujoco.get_mju_user_warning() is None:
             # It would write MUJOCO_LOG.TXT where we are; what it counts is seen in _move.

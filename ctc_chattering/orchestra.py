@@ -59,7 +59,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profile()
-    observer_class = _observer()
+    from ctc_chattering.nodes.conductor import Observer
     lockstep = setup.plant.pacing == 'lockstep'
     names = (*(('recorder',) if record else ()), *LOOP)
     values = {name: dict(setup.values[name]) for name in names}
@@ -84,7 +84,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
                         '--ros-args', '--params-file', str(resolved)]
                 children[name] = supervisor.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)
-            observer = observer_class(setup.events, lockstep, ros_args)
+            observer = Observer(setup.events, lockstep, ros_args)
             _watch(children, observer, caught, setup.plant.duration > 0.0, progress)
         finally:
             if observer is not None:
@@ -122,7 +122,7 @@ def one_processor() -> set[int] | None:
 
 def _namespace(ros_args: Sequence[str]) -> str:
     """Return the namespace that the arguments for ROS give all nodes."""
-    for word in reversed(ros_args):
+    for word in ros_args:  # The first one wins in ROS.
         if word.startswith('__ns:='):
             return word.removeprefix('__ns:=')
     return '/'
@@ -137,12 +137,3 @@ def stop_signals() -> Any:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _observer() -> Any:
-    try:
-        from ctc_chattering.nodes.conductor import Observer
-    except ImportError as error:
-        raise CtcError(f'ROS 2 is missing ({error.name}): source its setup file, or install the '
-                       "wheels with pip install 'ctc_chattering[ros]'") from None
-    return Observer

@@ -17,25 +17,18 @@ from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.core.waypoints import Route
 from ctc_chattering.description import read_description
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.settings import BringupSettings, LOOP, NODES, parameters_of
 from ctc_chattering.trajectory_file import read_trajectory
-from ctc_chattering.yaml_file import Loader, read_yaml
+from ctc_chattering.yaml_file import Dumper, parse_value, read_yaml
 
 Values = dict[str, Any]
 #: Values by node and parameter that stand above a file's; node ``/**`` for all nodes.
 Overrides = Mapping[str, Mapping[str, Any]]
 #: Section whose parameters go to every node that knows them.
 EVERY_NODE = '/**'
-
-
-class _Dumper(yaml.SafeDumper):
-    """YAML that quotes the strings which ROS would read as numbers, such as 1e3."""
-
-
-_Dumper.yaml_implicit_resolvers = {
-    key: [*Loader.yaml_implicit_resolvers.get(key, []), *value]
-    for key, value in yaml.SafeDumper.yaml_implicit_resolvers.items()}
+#: Parameters that every node has of ROS; without ROS they mean nothing.
+OF_ROS = ('use_sim_time', 'start_type_description_service')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,6 +91,7 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
             for key, value in (overrides or {}).get(section, {}).items():
                 if key in known or section == node:
                     values[node][key] = value
+    values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
     configs = {node: [_build(config, values[node], node) for config in NODES[node]]
                for node in NODES}
     plant, controller, reference = (configs[node][0] for node in LOOP)
@@ -105,6 +99,9 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     assert isinstance(plant, PlantConfig) and isinstance(controller, ControllerConfig)
     assert isinstance(reference, ReferenceConfig) and isinstance(bringup, BringupSettings)
     _check_agreement(plant, controller, reference)
+    if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
+        raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
+                         'gives the time itself, in lockstep on clock')
     events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
     resolved = {node: {name: value for config in configs[node]
                        for name, value in config.as_mapping().items()} for node in NODES}
@@ -134,7 +131,7 @@ def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
     tree = {f'{namespace.rstrip("/")}/{node}': {'ros__parameters': {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in mine.items()}} for node, mine in values.items()}
-    path.write_text(yaml.dump(tree, Dumper=_Dumper, default_flow_style=None), encoding='utf-8')
+    path.write_text(yaml.dump(tree, Dumper=Dumper, default_flow_style=None), encoding='utf-8')
 
 
 def read(path: Path) -> dict[str, Values]:
@@ -149,16 +146,22 @@ def read(path: Path) -> dict[str, Values]:
         If the file cannot be read or is no parameter file.
 
     """
+    sections: dict[str, Values] = {}
+    for name, values in full_sections(path):
+        last = name.rsplit('/', 1)[1]
+        sections.setdefault(EVERY_NODE if '*' in last else last, {}).update(values)
+    return sections
+
+
+def full_sections(path: Path) -> list[tuple[str, Values]]:
+    """Return the sections of a parameter file in order: full name and flat values; see `read`."""
     tree = read_yaml(path)
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
-    sections: dict[str, Values] = {}
     try:
-        for name, values in _sections(tree, '', path):
-            sections.setdefault(name, {}).update(values)
+        return list(_sections(tree, '', path))
     except RecursionError:
         raise CtcError(f'{path}: not a parameter file; it contains itself') from None
-    return sections
 
 
 def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Values]]:
@@ -167,13 +170,12 @@ def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tupl
         if not isinstance(below, dict):
             raise CtcError(f'{path}: {name}: ros__parameters is missing')
         if 'ros__parameters' in below:
-            last = name.rsplit('/', 1)[1]
             values = below['ros__parameters']
             if values is None:
                 values = {}
             if not isinstance(values, dict):
                 raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
-            yield (EVERY_NODE if last in ('**', '*') else last), dict(_flat(values, ''))
+            yield name, dict(_flat(values, ''))
         else:
             yield from _sections(below, name, path)
 
@@ -201,12 +203,10 @@ def node_values(sections: Mapping[str, Values], node: str, source: str) -> Value
     everyone = {name for other in NODES for name in parameters_of(other)}
     for section, allowed in ((EVERY_NODE, everyone), (node, set(known))):
         for name, value in sections.get(section, {}).items():
-            if name in ('use_sim_time', 'start_type_description_service'):
-                continue
-            if name not in allowed:
+            if name not in allowed and name not in OF_ROS:
                 raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
                                + ', '.join(sorted(allowed)))
-            if name in known:
+            if name in known or name in OF_ROS:
                 values[name] = value
     return values
 
@@ -280,11 +280,9 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
         if not 0.0 <= time < float('inf'):
             raise ParameterError('events', line, 'a time >= 0')
         try:
-            parsed = yaml.load(value, Loader)
-        except (yaml.YAMLError, ValueError):
-            raise ParameterError('events', line, 'a value in YAML') from None
-        if parsed is None:
-            raise ParameterError('events', line, 'a value, not null')
+            parsed = parse_value(value)
+        except CtcError:
+            raise ParameterError('events', line, 'a value in YAML, not null') from None
         events.append((time, node, name, parsed, config))
     events.sort(key=lambda event: event[0])
     current = dict(configs)

@@ -147,6 +147,20 @@ def parameters_of(node: str) -> dict[str, Parameter]:
     return {name: spec for config in NODES[node] for name, spec in config.parameters().items()}
 
 
+#: What each node is, for its --help.
+NODE_DESCRIPTIONS = {
+    'plant': 'The simulated robot: torques in, joint states out.',
+    'controller': 'The controller: a joint state in, the torque that answers it out.',
+    'reference': 'The reference: the desired motion, published ahead of time.',
+    'recorder': 'The recorder: every message of the graph into a bag.'}
+
+
+def parameter_help(node: str) -> str:
+    """Return the parameters of an executable, one a line."""
+    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec)}): {spec.description}'
+                     for spec in parameters_of(node).values())
+
+
 def parameter_table() -> str:
     """Return all parameters of all executables as Markdown."""
     lines = ['| node | parameter | type | default | unit | while running | meaning |',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+from typing import Any
 
 import yaml
 
@@ -19,6 +20,34 @@ Loader.add_implicit_resolver(
     re.compile(r'^[-+]?(\d[\d_]*\.?\d*([eE][-+]?\d+)|\d[\d_]*\.\d*([eE][-+]?\d+)?|'
                r'\.\d+([eE][-+]?\d+)?|\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'),
     list('-+0123456789.'))
+
+
+class Dumper(yaml.SafeDumper):
+    """YAML that quotes the strings which ROS would read as numbers, such as 1e3."""
+
+
+Dumper.yaml_implicit_resolvers = {
+    key: [*Loader.yaml_implicit_resolvers.get(key, []), *value]
+    for key, value in yaml.SafeDumper.yaml_implicit_resolvers.items()}
+
+
+def parse_value(text: str) -> Any:
+    """
+    Return the value that `text` is in YAML.
+
+    Raises
+    ------
+    CtcError
+        If it is none, or null.
+
+    """
+    try:
+        value = yaml.load(text, Loader)
+    except (yaml.YAMLError, ValueError):
+        value = None
+    if value is None:
+        raise CtcError('this is no value in YAML')
+    return value
 
 
 def read_yaml(path: Path) -> object:

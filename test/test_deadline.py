@@ -63,11 +63,11 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
                     print('hanging', flush=True)
                     {HANG}
 
-            sys.exit(run(Stuck, 'plant', ['plant']))
+            sys.exit(run(Stuck, 'plant'))
         """)
         try:
             assert process.stdout is not None
-            assert process.stdout.readline() == 'running\n'
+            assert 'running\n' in iter(process.stdout.readline, '')
             process.send_signal(signal.SIGTERM)
             begin = time.monotonic()
             output, _ = process.communicate(timeout=PATIENCE)

@@ -155,13 +155,28 @@ def test_a_reference_may_have_more_joints(file: Path) -> None:
     assert loaded(file, ('reference', body)).reference.center == (1, 2, 3)
 
 
+def test_the_experiment_is_called_as_its_file(file: Path) -> None:
+    assert loaded(file, ('plant', 'duration: 1.0')).plant.experiment == 'a file'
+    assert loaded(file, ('plant', 'experiment: x')).plant.experiment == 'x'
+    assert params.load(file, {'plant': {'experiment': 'y'}}).plant.experiment == 'y'
+
+
+def test_simulated_time_contradicts_real_time(file: Path) -> None:
+    for node in ('/**', 'plant'):
+        refused(lambda: loaded(file, (node, 'use_sim_time: true\npacing: real_time')),
+                'use_sim_time', 'real_time')
+        assert loaded(file, (node, 'use_sim_time: true\npacing: lockstep'))
+    assert loaded(file, ('controller', 'use_sim_time: true'))
+
+
 def test_values(file: Path) -> None:
     """Check dotted and nested names, integers, 1e-3, and a node's own over /**."""
     setup = loaded(
         file,
         ('controller', 'kp: [1, 2e1]\nlambda: 5\nstate_decimation: 7'),
         ('/**', 'kp: [7, 7]\nkv: [8, 8]\ncontrol_period: 1e-3\nuse_sim_time: true\ngravity: 1E1'),
-        ('plant', 'disturbance.amplitude: [1, 2]\ndisturbance: {frequency: [3.0, 4]}'))
+        ('plant', 'pacing: lockstep\ndisturbance.amplitude: [1, 2]\n'
+                  'disturbance: {frequency: [3.0, 4]}'))
     assert setup.controller.kp == (1.0, 20.0)
     assert setup.controller.kv == (8.0, 8.0)
     assert setup.plant.control_period == setup.reference.control_period == 0.001

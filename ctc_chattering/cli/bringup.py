@@ -7,21 +7,24 @@ from collections.abc import Sequence
 from pathlib import Path
 import sys
 
-from ctc_chattering import params
-from ctc_chattering.cli.options import add_run_options, guarded, overrides, params_file
-from ctc_chattering.cli.progress import Progress
+from ctc_chattering import __version__, params, ros_arguments
+from ctc_chattering.cli.options import add_run_options, guarded, overrides, params_file, Parser
 from ctc_chattering.core.plant import PACINGS
 from ctc_chattering.orchestra import perform, Stopped
+from ctc_chattering.ros_arguments import RosArguments
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='bringup',
         description='Start plant, controller and reference with one parameter file; stop all of '
                     'them on Ctrl-C, SIGTERM, the end of the experiment or the death of any.',
-        epilog='Arguments from --ros-args on go to every node, such as -r __ns:=/robot1. '
-               'The graph is confined to this host unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
+        epilog='What stands after --ros-args is for all nodes: --params-file F, -p NAME:=VALUE or '
+               'NODE:NAME:=VALUE (they stand above the options before, the last one wins), '
+               '-r __ns:=/robot1 and other remaps. The graph is confined to this host unless '
+               'ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
+    parser.add_argument('--version', action='version', version=__version__)
     add_run_options(parser)
     parser.add_argument('--pacing', choices=PACINGS, help="in place of the file's pacing")
     parser.add_argument('--record', type=Path, metavar='BAG', help='directory to create')
@@ -30,22 +33,28 @@ def make_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    split = arguments.index('--ros-args') if '--ros-args' in arguments else len(arguments)
-    options = make_parser().parse_args(arguments[:split])
-    return guarded('bringup', lambda: bringup(options, arguments[split:]))
+    return guarded('bringup', lambda: _run(list(sys.argv[1:] if argv is None else argv)))
 
 
-def bringup(options: argparse.Namespace, ros_args: Sequence[str]) -> int:
-    """Run the graph as `options` say."""
+def _run(arguments: Sequence[str]) -> int:
+    own, ros = ros_arguments.parse(arguments)
+    return bringup(make_parser().parse_args(own), ros)
+
+
+def bringup(options: argparse.Namespace, ros: RosArguments) -> int:
+    """Run the graph as `options` and the arguments for ROS say."""
+    from ctc_chattering.cli.progress import Progress
+
     over = overrides(options)
     if options.pacing is not None:
         over.setdefault('plant', {})['pacing'] = options.pacing
+    for node, values in ros_arguments.bringup_values(ros).items():
+        over.setdefault(node, {}).update(values)
     file = params_file(options)
     setup = params.load(file, over)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         try:
-            perform(file, over, options.record, ros_args, progress,
+            perform(file, over, options.record, ['--ros-args', *ros.rest], progress,
                     progress.write)
             progress.complete()
         except Stopped as stopped:

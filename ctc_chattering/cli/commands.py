@@ -193,10 +193,7 @@ def replay(options: argparse.Namespace) -> int:
         raise ParameterError('--delay', options.delay, 'a finite number >= 0')
     from ctc_chattering.bag import open_bag
     with closing(open_bag(options.bag)) as reader:
-        try:
-            from ctc_chattering.nodes.player import play
-        except ImportError as error:
-            raise CtcError(f'ROS 2 is missing: {error}') from None
+        from ctc_chattering.nodes.player import play
         count = play(reader, options.rate, options.delay)
     print(f'{count} messages')
     return 0

@@ -133,10 +133,13 @@ def _add_output(parser: argparse.ArgumentParser, default: str | None) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     options = make_parser().parse_args(argv)
+    return guarded(f'ctc {options.command}', lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> int:
     # Imported only now: each needs libraries that take time to load, or may not be there.
     from ctc_chattering.cli import commands
-    command = getattr(commands, options.command.replace('-', '_'))
-    return guarded(f'ctc {options.command}', lambda: command(options))
+    return int(getattr(commands, options.command.replace('-', '_'))(options))
 
 
 if __name__ == '__main__':

@@ -7,6 +7,7 @@ interpreter apart at the end takes as long, and is left out.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 import gc
 import importlib
@@ -15,7 +16,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from ctc_chattering import signals
+from ctc_chattering import __version__, signals
 
 
 def main(name: str, argv: Sequence[str] | None = None) -> int:
@@ -37,9 +38,36 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
     """
     for number in signals.STOP:
         signal.signal(number, lambda *_: os._exit(0))  # There is nothing to be left in order.
+    from ctc_chattering.cli.options import guarded
+    return guarded(name, lambda: _run(name, list(sys.argv if argv is None else argv)[1:]))
+
+
+def _run(name: str, arguments: Sequence[str]) -> int:
+    """Run a node with the arguments for ROS; heed those that are not."""
+    from ctc_chattering import ros_arguments
+    own, ros = ros_arguments.parse(arguments)
+    _make_parser(name).parse_args(own)
+    ros.check([name])
+    values = ros.values(name)
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     runtime = importlib.import_module('ctc_chattering.nodes.runtime')
-    return int(runtime.run(module.NODE, name, argv, signals.collect()))
+    return int(runtime.run(
+        module.NODE, name, ['--ros-args', *ros.rest, *ros_arguments.assignments(values)],
+        signals.collect()))
+
+
+def _make_parser(name: str) -> argparse.ArgumentParser:
+    """Return the parser of the arguments that are not for ROS."""
+    from ctc_chattering.cli.options import Parser
+    from ctc_chattering.settings import NODE_DESCRIPTIONS, parameter_help
+    parser = Parser(
+        prog=name, description=NODE_DESCRIPTIONS[name],
+        usage='%(prog)s [--help] [--version] [--ros-args [--params-file F] [-p NAME:=VALUE] '
+              '[-r FROM:=TO] ...]',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=f'parameters:\n{parameter_help(name)}')
+    parser.add_argument('--version', action='version', version=__version__)
+    return parser
 
 
 def leave(status: int) -> NoReturn:

@@ -7,12 +7,26 @@ from collections.abc import Callable
 import os
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 from ctc_chattering.core.controller import LAWS
 from ctc_chattering.core.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.share import config_directory
+
+#: Packages that may be missing, by their module, and what pip calls them.
+_PACKAGES = {'matplotlib': 'matplotlib', 'mcap': 'mcap', 'mujoco': 'mujoco', 'numpy': 'numpy',
+             'pinocchio': 'pin', 'rosbags': 'rosbags', 'tqdm': 'tqdm', 'yaml': 'PyYAML'}
+#: Modules of ROS that are not called ..._msgs.
+_OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srvs')
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose complaint is one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise `UsageError`."""
+        raise UsageError(f'{message}; see --help')
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -58,15 +72,33 @@ def read_text(path: Path) -> str:
 
 
 def guarded(name: str, command: Callable[[], int]) -> int:
-    """Run a command; an error of ours becomes one line and status 1."""
+    """
+    Run a command; an error of ours becomes one line.
+
+    The status is then 1, or 2 where the command line means nothing or a package is missing.
+    """
     try:
         return command()
     except CtcError as error:
         print(f'{name}: {error}', file=sys.stderr, flush=True)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
+    except ModuleNotFoundError as error:
+        print(f'{name}: {_how_to_install(error)}', file=sys.stderr, flush=True)
+        return 2
     except KeyboardInterrupt:
         print(f'{name}: stopped', file=sys.stderr, flush=True)
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+
+
+def _how_to_install(error: ModuleNotFoundError) -> str:
+    """Return how to get a missing package of others; an error that is none goes on."""
+    module = (error.name or '').split('.')[0]
+    if module in _OF_ROS or module.endswith('_msgs'):
+        return (f'ROS 2 is missing (no module {module}): source its setup file, or install the '
+                "wheels from the checkout: pip install '.[ros]'")
+    if module not in _PACKAGES:
+        raise error
+    return f'{module} is missing: pip install {_PACKAGES[module]}'

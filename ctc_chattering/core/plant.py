@@ -121,7 +121,9 @@ class PlantConfig(Config):
         'duration', 'float', 0.0, 'Simulated time after which the run ends; 0 for never.',
         unit='s', minimum=0.0, maximum=1e9, read_only=True)
     experiment: str = parameter(
-        'experiment', 'str', 'friction', 'Title of the run in metrics and figures.',
+        'experiment', 'str', '',
+        'Title of the run in metrics and figures; empty for the name of the parameter file, or of '
+        'the bag.',
         read_only=True)
 
     def validate(self) -> None:

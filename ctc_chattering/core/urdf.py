@@ -261,8 +261,8 @@ def _pinocchio() -> Any:
         if not hasattr(library, 'buildModelFromXML'):
             raise ImportError('another package has its name')
     except ImportError as error:
-        raise CtcError(f'the model urdf needs Pinocchio ({error}): pip install '
-                       "'ctc_chattering[urdf]', or apt install ros-jazzy-pinocchio") from None
+        raise CtcError(f'the model urdf needs Pinocchio ({error}): pip install pin, or '
+                       'apt install ros-jazzy-pinocchio') from None
     return library
 
 

@@ -24,8 +24,8 @@ from ctc_chattering.graph import CLOCK, PARAMETERS
 from ctc_chattering.nodes.inbox import Inbox
 from ctc_chattering.nodes.runtime import Executor, qos, Shell
 
-#: Time after which a request without an answer is sent again [s]: the middleware drops an answer to
-#: a client that the server has not met yet, and to set a value twice does no harm.
+#: Time after which a request without an answer is sent again [s]: the middleware drops an answer
+#: to a client that the server has not met yet, and to set a value twice does no harm.
 _AGAIN = 1.0
 
 

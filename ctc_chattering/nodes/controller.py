@@ -146,6 +146,14 @@ class ControllerNode(Shell):
         """Whether states come in real time."""
         return self._seen and not self._simulated
 
+    def introduction(self) -> str:
+        """Return the law, and what must come before the first torque."""
+        config = self._tuning.get(ControllerConfig)
+        switching = f', switching {config.switching}' if config.law == 'chattering' else ''
+        waits = self._description.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
+        return (f'law {config.law}{switching}, model {config.model}, '
+                f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
+
     def idle(self) -> None:
         """Answer the state that waits for those who are to hear the answer; miss the next one."""
         self._clock_heard = self.count_publishers(CLOCK) > 0

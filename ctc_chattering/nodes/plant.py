@@ -19,7 +19,7 @@ from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.ticks import Ticks
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import Inbox, LAPSE, PATIENCE, Refused
@@ -53,6 +53,9 @@ class PlantNode(Shell):
             self, (PlantConfig, PlantSettings, RealTimeSettings), self._on_change)
         config, self._settings = self._tuning.get(PlantConfig), self._tuning.get(PlantSettings)
         self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
+        if config.pacing == 'real_time' and self.get_parameter('use_sim_time').value:
+            raise UsageError('use_sim_time: true contradicts real_time, the pacing: the plant '
+                             'gives the time itself, in lockstep on clock')
         self._plant: Robot | None = None
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
@@ -99,6 +102,15 @@ class PlantNode(Shell):
         self.inboxes = [self._inbox]
         if not lockstep:
             self._timer = self.create_timer(seconds(self._period), self._on_tick)
+
+    def introduction(self) -> str:
+        """Return what moves the robot, and what comes first."""
+        config = self._tuning.get(PlantConfig)
+        first = COMMANDS if self._ticker is None else f'those who are to hear {JOINT_STATES}'
+        waits = self._description.problem or f'waits for {first}'
+        return (f'simulated robot, {config.plant_backend}, model {config.model}, '
+                f'{", ".join(config.joint_names)}, {config.pacing}, '
+                f'{1 / config.control_period:g} Hz; {waits}')
 
     @property
     def _robot(self) -> Robot:

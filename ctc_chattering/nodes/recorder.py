@@ -74,6 +74,10 @@ class RecorderNode(Shell):
                 message_type(topic.kind), topic.name, self._callback(topic),
                 qos(_DEPTH, topic.latched), raw=True)
 
+    def introduction(self) -> str:
+        """Return where the bag is."""
+        return f'records {len(TOPICS)} topics to {self._recording.path}; waits for messages'
+
     def _callback(self, topic: Topic) -> Callable[..., None]:
         name = self.resolve_topic_name(topic.name)
         offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]

@@ -89,6 +89,15 @@ class ReferenceNode(Shell):
         """Whether the motion follows real time."""
         return self._start is not None and not self._simulated
 
+    def introduction(self) -> str:
+        """Return the motion, and what begins it."""
+        config = self._config
+        motion = config.trajectory_file or 'sinusoid'
+        start = (f', smooth start of {config.start_duration:g} s' if config.start_duration > 0.0
+                 else '')
+        return (f'motion {motion}{start}, {", ".join(config.joint_names)}; waits for '
+                f'{JOINT_STATES} or {CLOCK}')
+
     def idle(self) -> None:
         """Publish what the node's own clock asks for, and again for a new subscriber."""
         begun = self._start is not None and self._motion is not None

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-import itertools
-from pathlib import Path
 import sys
 import time
 from typing import Any, NamedTuple
@@ -21,11 +19,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from ctc_chattering import params, signals
+from ctc_chattering import signals
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.pace import Pace
 from ctc_chattering.deadline import end_after
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.graph import DIAGNOSTICS, TOPICS
 from ctc_chattering.memory import give_back
 from ctc_chattering.middleware import use_profile
@@ -153,6 +151,10 @@ class Shell(Node):
         """Return what is to be reported beside the pace and what the inboxes refused."""
         return Status(DiagnosticStatus.OK, 'running', {})
 
+    def introduction(self) -> str:
+        """Return in a few words what the node runs and what it waits for."""
+        return 'runs'
+
     def report(self, now: int) -> None:
         """Publish on ``/diagnostics`` if a second has passed; `now` [ns] on any clock."""
         if now < self._report_due:
@@ -160,6 +162,10 @@ class Shell(Node):
         self._report_due = max(self._report_due + _REPORT, now + _REPORT // 2)
         self.pace.rotate(now)
         level, message, values = self.status()
+        if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
+            level = max(level, DiagnosticStatus.WARN)
+            message = f'{message}; use_sim_time is true, but nobody publishes /clock'
+            self.get_logger().warning(message, throttle_duration_sec=5.0)
         everything = dict(values)
         if self.scheduling:
             everything['scheduling'] = self.scheduling.outcome
@@ -251,7 +257,7 @@ class Shell(Node):
 
 
 def run(make_node: Callable[[], Shell], name: str,
-        argv: Sequence[str] | None = None, stop: list[int] | None = None) -> int:
+        arguments: Sequence[str] = (), stop: list[int] | None = None) -> int:
     """
     Run a node until it is done, or SIGINT or SIGTERM comes; the process then ends, too.
 
@@ -260,32 +266,30 @@ def run(make_node: Callable[[], Shell], name: str,
     make_node : callable
         Called after ROS is up.
     name : str
-        The executable, for messages and for its section of the parameter files.
-    argv : sequence of str, optional
-        Arguments, with the program's name first; those of the process by default.
+        The executable, for messages.
+    arguments : sequence of str
+        Arguments for ROS.
     stop : list of int, optional
         Fills with the signals that come, where somebody collects them already.
 
     Returns
     -------
     int
-        Exit status: 0, or 1 after an error that has been reported on one line.
+        Exit status: 0, or 1 after an error that has been reported on one line, 2 if it was one
+        of the arguments.
 
     """
-    arguments = list(sys.argv if argv is None else argv)
     stop = signals.collect() if stop is None else stop
     node = executor = None
     status = 1
     try:
-        for path in _params_files(arguments):
-            sections = params.read(path)
-            params.node_values(sections, name, str(path))
         check_security()
         use_profile()
         give_back()
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[name, *arguments], signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         node.stop = stop
+        node.get_logger().info(node.introduction())
         executor = Executor()
         executor.add_node(node)
         with garbage_off_the_loop() as collect:
@@ -298,7 +302,7 @@ def run(make_node: Callable[[], Shell], name: str,
         status = 1 if node.failure else 0
     except CtcError as error:
         print(f'{name}: {error}', file=sys.stderr, flush=True)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
     except Exception as error:
         if node is not None:
             raise
@@ -337,8 +341,3 @@ def _wait_for_all_acked(node: Node, stop: Sequence[int]) -> None:
 
 def _shown(value: object) -> str:
     return f'{value:.4g}' if isinstance(value, float) else str(value)
-
-
-def _params_files(arguments: Sequence[str]) -> list[Path]:
-    pairs = itertools.pairwise(arguments)
-    return [Path(value) for flag, value in pairs if flag == '--params-file']
