@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Sequence
 import dataclasses
@@ -18,8 +19,8 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.core.gaps import missing
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.core.model import Model
 from ctc_chattering.core.models import model_of
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.simulation import Run
@@ -28,6 +29,7 @@ from ctc_chattering.core.trajectory import Trajectory
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import (
     COMMANDS,
+    FILTER,
     JOINT_STATES,
     PARAMETERS,
     REFERENCE,
@@ -106,6 +108,8 @@ class _States:
     q: np.ndarray[Any, Any]
     dq: np.ndarray[Any, Any]
     effort: np.ndarray[Any, Any]
+    #: When each was recorded [ns].
+    heard: list[int]
     #: How many times the last one of a stamp was sent again, by stamp.
     again: Counter[int]
 
@@ -124,7 +128,8 @@ class _Topics:
             raise CtcError(f'{self._path}: not a bag of this package: no message on '
                            f'controller/{PARAMETERS}')
         names = history[0][1].joint_names
-        states = self._states(names, history[0][0], period_ns(history[0][1].control_period))
+        period = period_ns(history[0][1].control_period)
+        states = self._states(names, history[0][0], period)
         if not states.t:
             raise CtcError(f'{self._path}: no state on {JOINT_STATES} that was answered')
         trajectory, start = self._trajectory(names)
@@ -135,20 +140,36 @@ class _Topics:
         # A recorder that comes amid a run hears states before it hears the reference.
         unknown = len(states.t) - len(points)
         q, dq, tau = (x[unknown:] for x in (
-            states.q, states.dq, self._torques(names, states)))
+            states.q, states.dq, self._torques(names, states, period)))
         q_d, dq_d, ddq_d = (np.array(rows) for rows in zip(*points))
-        run = Run(np.array([seconds(t - start) for t in states.t[unknown:]]), q, dq,
-                  q_d, dq_d, ddq_d, tau, np.zeros_like(q))
+        times = np.array([seconds(t - start) for t in states.t[unknown:]])
+        run = Run(times, q, dq, q_d, dq_d, ddq_d, tau, np.zeros_like(q))
         configs = [(seconds(t - start), config) for t, config in history]
         plants = self._parameters('plant', PlantConfig)
         experiment = (plants[0][1].experiment if plants else '') or self._path.name
-        computed = terms(run, configs, self._model(history[0][1]))
-        return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed)
+        description = self._description()
+        known = None
+        if missing(times, history[0][1].control_period).any():
+            known = self._filtered_error(names, start)
+        computed = terms(run, configs, model_of(history[0][1], description), known)
+        return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
+                      description, self._path.resolve().name)
 
-    def _model(self, config: ControllerConfig) -> Model:
-        """Return the controller's model, from the description that it published."""
+    def _description(self) -> str:
+        """Return the description of the robot that the controller published; empty for none."""
         texts = [message.data for message in self._messages(f'controller/{ROBOT_DESCRIPTION}')]
-        return model_of(config, texts[-1] if texts else '')
+        return texts[-1] if texts else ''
+
+    def _filtered_error(self, names: Sequence[str], start: int) -> dict[float, list[float]]:
+        """Return v as the controller published it [rad/s] by time since `start` [s]."""
+        found = {}
+        for _, message in self._readable(f'controller/{FILTER}'):
+            order = _order(message.name, names)
+            if order is not None and _fit(len(message.name), [message.velocity]):
+                v = message.velocity[order]
+                if np.isfinite(v).all():
+                    found[seconds(_nanoseconds(message.header.stamp) - start)] = v.tolist()
+        return found
 
     def _connections(self, name: str) -> list[Connection]:
         return [x for x in self._reader.connections
@@ -160,15 +181,19 @@ class _Topics:
             for connection, _, data in self._reader.messages(connections):
                 yield self._reader.deserialize(data, connection.msgtype)
 
-    def _readable(self, name: str) -> Iterator[Any]:
-        """Yield the messages of a topic on which anybody may have published anything."""
+    def _readable(self, name: str) -> Iterator[tuple[int, Any]]:
+        """
+        Yield when each message of a topic was recorded [ns], and the message.
+
+        Anybody may have published anything there; what is no message is left out.
+        """
         connections = self._connections(name)
-        for connection, _, data in self._reader.messages(connections) if connections else ():
+        for connection, t, data in self._reader.messages(connections) if connections else ():
             try:
                 message = self._reader.deserialize(data, connection.msgtype)
             except Exception:  # Whatever a decoder makes of bytes that are no message.
                 continue
-            yield message
+            yield t, message
 
     def _parameters(self, node: str, kind: Any) -> list[tuple[int, Any]]:
         """Return the configurations of a node with the stamps [ns] they are in force from."""
@@ -186,12 +211,13 @@ class _Topics:
         return history
 
     def _states(self, names: Sequence[str], since: int, period: int) -> _States:
-        leap: list[tuple[int, Any]] = []
+        leap: list[tuple[int, Any, int]] = []
         strays = 0
         times: list[int] = []
         rows: list[Any] = []
+        heard: list[int] = []
         again: Counter[int] = Counter()
-        for message in self._readable(JOINT_STATES):
+        for recorded, message in self._readable(JOINT_STATES):
             t = _nanoseconds(message.header.stamp)
             order = _order(message.name, names)
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))
@@ -209,7 +235,7 @@ class _Topics:
             if times and t - times[-1] > _FEW * period:
                 # Not believed before many have gone on from there.
                 if not leap or period <= 2 * (t - leap[-1][0]) <= 2 * _FEW * period:
-                    leap.append((t, row))
+                    leap.append((t, row, recorded))
                 else:
                     strays += 1
                     if strays > 10 * _FEW:
@@ -217,17 +243,18 @@ class _Topics:
                 if len(leap) < _FEW:
                     continue
             else:
-                leap, strays = [(t, row)], 0
-            times += [instant for instant, _ in leap]
-            rows += [values for _, values in leap]
+                leap, strays = [(t, row, recorded)], 0
+            times += [instant for instant, _, _ in leap]
+            rows += [values for _, values, _ in leap]
+            heard += [moment for _, _, moment in leap]
             leap = []
         table = np.array(rows).reshape(len(rows), 3, len(names))
-        return _States(times, table[:, 0], table[:, 1], table[:, 2], again)
+        return _States(times, table[:, 0], table[:, 1], table[:, 2], heard, again)
 
     def _trajectory(self, names: Sequence[str]) -> tuple[Trajectory, int]:
         """Return the desired motion and the instant of its first point [ns]."""
         trajectory, start = Trajectory(), 0
-        for message in self._readable(REFERENCE):
+        for _, message in self._readable(REFERENCE):
             first = _nanoseconds(message.header.stamp)
             order = _order(message.joint_names, names)
             times = [first + _nanoseconds(p.time_from_start) for p in message.points]
@@ -242,17 +269,20 @@ class _Topics:
                 times, [tuple(x[order].tolist() for x in row) for row in rows])
         return trajectory, start
 
-    def _torques(self, names: Sequence[str], states: _States) -> np.ndarray[Any, Any]:
+    def _torques(self, names: Sequence[str], states: _States, period: int
+                 ) -> np.ndarray[Any, Any]:
         """
-        Return the torque that answers each state.
+        Return the torque that answers each state; nan where it is not known.
 
         Commands carry no stamp. Where there is one for every state, as in lockstep, they answer
-        them in turn, a state that was sent again more than once; otherwise the torque is the one
-        that the next state says was applied.
+        them in turn, a state that was sent again more than once. Otherwise the torque is the one
+        that the next state says was applied; where that state is missing, or does not say, it is
+        the first command recorded before the next state.
         """
         commands: list[Any] = []
+        recorded: list[int] = []
         surplus = 0
-        for message in self._readable(COMMANDS):
+        for t, message in self._readable(COMMANDS):
             labels = [dim.label for dim in message.layout.dim] or list(names)
             order = _order(labels, names)
             if order is not None and _fit(len(labels), [message.data]) and np.isfinite(
@@ -263,9 +293,20 @@ class _Topics:
                     continue
                 surplus = states.again[states.t[min(len(commands), len(states.t) - 1)]]
                 commands.append(tau)
+                recorded.append(t)
         if len(commands) == len(states.t):
             return np.array(commands)
-        return np.concatenate([states.effort[1:], states.effort[-1:]])
+        tau = np.full_like(states.effort, np.nan)
+        follows = missing(np.array(states.t, float), period) == 0
+        tau[:-1][follows] = states.effort[1:][follows]
+        ends = [*states.heard[1:], sys.maxsize]
+        for k in np.flatnonzero(~np.isfinite(tau).all(axis=1)).tolist():
+            i = bisect_left(recorded, states.heard[k])
+            if i < len(recorded) and recorded[i] < ends[k]:
+                tau[k] = commands[i]
+        if not np.isfinite(tau[-1]).all():
+            tau[-1] = states.effort[-1]
+        return tau
 
 
 def _order(theirs: Sequence[str], ours: Sequence[str]) -> list[int] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 from functools import cached_property
 import json
@@ -10,14 +10,24 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from ctc_chattering.core.controller import ControllerConfig
-from ctc_chattering.core.metrics import metrics
+from ctc_chattering.core.gaps import missing
+from ctc_chattering.core.metrics import metrics, WINDOW, within
 from ctc_chattering.core.models import model_of
 from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.simulation import Run, simulate
+from ctc_chattering.core.term_saturation import Saturation, TermSaturation
 from ctc_chattering.core.terms import Terms, terms
+from ctc_chattering.core.tree import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Setup
+
+
+#: Parameters that only one switching has.
+_OWN_GAINS = {'boundary_layer': ('boundary_layer',), 'implicit_observer': ('observer_bandwidth',)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +45,10 @@ class Result:
         The samples.
     computed : Terms, optional
         Terms, if they are known already.
+    description : str
+        The URDF of the controller's model; empty for a model that needs none.
+    source : str
+        Name of the bag; empty for a simulation.
 
     """
 
@@ -42,11 +56,14 @@ class Result:
     configs: Sequence[tuple[float, ControllerConfig]]
     run: Run
     computed: Terms | None = None
+    description: str = ''
+    source: str = ''
 
     @cached_property
     def terms(self) -> Terms:
         """The parts of the torque, v and V, computed when first asked for."""
-        return self.computed or terms(self.run, self.configs)
+        return self.computed or terms(
+            self.run, self.configs, model_of(self.configs[0][1], self.description))
 
     @property
     def law(self) -> str:
@@ -87,11 +104,84 @@ class Result:
         """Experiment and law in a form fit for a file name."""
         return self.experiment if self.changes else f'{self.experiment}_{self.law}'
 
+    @cached_property
+    def position_units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: rad, or m for a prismatic joint."""
+        kinds = {name: joint.kind for name, joint in Tree(self.description).joints.items()
+                 } if self.description else {}
+        return tuple('m' if kinds.get(name) == 'prismatic' else 'rad'
+                     for name in self.joint_names)
+
+    @property
+    def torque_units(self) -> tuple[str, ...]:
+        """Unit of each joint's torque: N·m, or N for the force of a prismatic joint."""
+        return tuple('N' if unit == 'm' else 'N·m' for unit in self.position_units)
+
+    @property
+    def gains(self) -> dict[str, Any]:
+        """The gains in force at the end, by parameter name."""
+        config = self.configs[-1][1]
+        values = config.as_mapping()
+        return {name: values[name] for name in (
+            'kp', 'kv', 'ka', 'lambda', 'b', *_OWN_GAINS.get(self.switching, ()))}
+
+    @cached_property
+    def missing(self) -> npt.NDArray[np.int64]:
+        """Number of samples missing after each but the last, shape (N - 1,)."""
+        return missing(self.run.t, self.configs[0][1].control_period)
+
+    @cached_property
+    def saturation(self) -> list[Saturation] | None:
+        """
+        How often the chattering term of each joint is at its bound within the window.
+
+        None without a sample under law ``chattering`` there.
+        """
+        count = TermSaturation(len(self.joint_names))
+        t = self.run.t
+        inside = within(t, WINDOW)
+        gaps = np.append(0, self.missing) > 0
+        ends = [*(end for end, _ in self.configs[1:]), np.inf]
+        for (begin, config), end in zip(self.configs, ends):
+            if config.law == 'chattering':
+                for k in np.flatnonzero(inside & (t >= begin) & (t < end)):
+                    if gaps[k]:
+                        count.pause()
+                    count.add(self.terms.chattering[k].tolist(), config.ka, config.switching)
+        return count.found() if count.samples else None
+
     def metrics(self) -> dict[str, Any]:
         """Return this run's entry of ``metrics.json``."""
+        config = self.configs[-1][1]
+        numbers = metrics(self.run, period=config.control_period)
+        mixed = len(set(self.position_units)) > 1
+        if mixed:
+            numbers['max_error_norm1_rad'] = None
         return {
-            'experiment': self.experiment, 'law': self.law, 'switching': self.switching,
-            'control_period_s': self.configs[-1][1].control_period, **metrics(self.run)}
+            'experiment': self.experiment, 'bag': self.source or None, 'law': self.law,
+            'switching': self.switching, 'control_period_s': config.control_period,
+            'joint_names': list(self.joint_names),
+            'position_units': list(self.position_units),
+            'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
+            'term_at_bound': self.saturation and [x.fraction for x in self.saturation],
+            'notes': list(self._notes(numbers, mixed))}
+
+    def _notes(self, numbers: dict[str, Any], mixed: bool) -> Iterator[str]:
+        """Yield why numbers are missing, and what about the run needs attention."""
+        low, high = numbers['window_s']
+        if numbers['rms_error_rad'] is None and len(self.run.t):
+            yield (f'errors and torques are judged from {low:g} s to {high:g} s; this run is '
+                   f'from {self.run.t[0]:.4g} s to {self.run.t[-1]:.4g} s')
+        if mixed:
+            yield ('no sum of errors: joints turn and slide; in place of rad and N·m, read m and '
+                   'N where position_units and torque_units say so')
+        lacking = int(self.missing.sum())
+        if lacking:
+            yield (f'{lacking} of {lacking + len(self.run.t)} samples are missing; errors are '
+                   'those of the samples that are there, the torque variation that of neighbours')
+        for name, found in zip(self.joint_names, self.saturation or ()):
+            if found.cause:
+                yield f'{name}: {found}'
 
 
 def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> Result:
@@ -114,7 +204,8 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> 
     for event in setup.events:
         if event.node == 'controller':
             configs.append((event.time, configs[-1][1].changed(event.values)))
-    return Result(setup.plant.experiment, configs, run)
+    return Result(setup.plant.experiment, configs, run,
+                  description=setup.descriptions.get('controller', ''))
 
 
 def write_metrics(results: Sequence[Result], path: Path) -> None:

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from contextlib import closing
 import dataclasses
 from pathlib import Path
 import random
 
-from bags import command, entries, Entry, nanoseconds, parameters, same, serialized, write_bag
+from bags import (
+    command,
+    entries,
+    Entry,
+    nanoseconds,
+    parameters,
+    same,
+    serialized,
+    stamped,
+    write_bag,
+)
 from faults import KINDS, malformed
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from ctc_chattering import params
@@ -40,7 +52,7 @@ def check(result: Result) -> None:
     same(result.run, RESULT.run)
     assert result.configs == RESULT.configs
     assert (result.experiment, result.label) == ('trial', 'trial: compensation → chattering')
-    assert result.metrics() == RESULT.metrics()
+    assert result.metrics() == {**RESULT.metrics(), 'bag': 'bag'}
     assert result.terms.tau.tobytes() == RESULT.run.tau.tobytes()
     assert result.terms.v.tobytes() == RESULT.run.v.tobytes()
 
@@ -262,3 +274,52 @@ def test_setup_is_worth_reading() -> None:
     assert RESULT.run.t.shape == (201,)
     assert [t for t, _ in RESULT.configs] == [0.0, 0.1, 0.15]
     assert dataclasses.asdict(RESULT.configs[2][1])['ka'] == (8.0, 9.0)
+
+
+def lossy(drop: Callable[[int], bool], commands: bool, effort: bool = True) -> list[Entry]:
+    """Return the messages without states, or states and commands, at samples that drop."""
+    found = []
+    for entry in messages():
+        state, answer = entry.topic == '/joint_states', entry.topic.endswith('commands')
+        if state and not effort:
+            entry.message.effort = [float('nan')] * len(entry.message.name)
+        if not (state or answer and commands) or not drop(entry.t // 1_000_000):
+            found.append(entry)
+    return found
+
+
+@pytest.mark.parametrize(('commands', 'effort'), [(True, True), (False, True), (False, False)])
+def test_a_recorder_that_dropped_messages(
+        tmp_path: Path, commands: bool, effort: bool) -> None:
+    """Check that torques are right where states are, wherever they can be known from."""
+    def drop(k: int) -> bool:
+        return k > 30 and k % 3 == 0 or 110 <= k < 120
+    kept = np.array([not drop(k) for k in range(201)])
+    result = read(tmp_path, lossy(drop, commands, effort))
+    run = result.run
+    for name in ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau'):
+        assert getattr(run, name).tobytes() == getattr(RESULT.run, name)[kept].tobytes(), name
+    assert int(result.missing.sum()) == 201 - kept.sum()
+    difference = np.abs(run.v - RESULT.run.v[kept]).max(axis=0)
+    assert (difference < 0.05 * np.abs(RESULT.run.v).max(axis=0)).all()
+
+
+def test_torques_that_nothing_tells(tmp_path: Path) -> None:
+    """Check nan, not another sample's torque, where state and command are both missing."""
+    result = read(tmp_path, [x for x in lossy(lambda k: 50 <= k < 60, True)
+                             if not (x.topic.endswith('commands') and x.t // 1_000_000 == 49)])
+    assert np.isnan(result.run.tau[49]).all()
+    known = np.delete(np.arange(201), np.s_[49:60])
+    assert result.run.tau[np.isfinite(result.run.tau[:, 0])].tobytes() == (
+        RESULT.run.tau[known].tobytes())
+
+
+def test_the_filtered_error_after_a_gap_is_the_published_one(tmp_path: Path) -> None:
+    found = lossy(lambda k: 50 <= k < 90, True)
+    found.append(Entry('/controller/filter', 'sensor_msgs/msg/JointState', nanoseconds(0.1),
+                       stamped(JointState(name=['joint2', 'joint1'], velocity=array(
+                           'd', RESULT.run.v[100][::-1])), nanoseconds(0.1))))
+    v = read(tmp_path, found).run.v
+    assert v[:50].tobytes() == RESULT.run.v[:50].tobytes()
+    assert v[50].tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(v[60:], RESULT.run.v[100:], atol=1e-9)

@@ -5,8 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.metrics import BAND, metrics, reaching_time, rms, WINDOW
-from ctc_chattering.core.simulation import Run
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.reference import ReferenceConfig
+from ctc_chattering.core.simulation import Run, simulate
 
 
 def _run(t: Sequence[float], e: Sequence[Sequence[float]], tau: Sequence[Sequence[float]],
@@ -46,6 +49,36 @@ def test_window_is_a_parameter_and_holds_its_ends() -> None:
     assert metrics(TINY, window=(6.0 + 1e-12, 7.0 - 1e-12))['rms_error_rad'] == found[
         'rms_error_rad']
     assert metrics(TINY, window=(6.001, 10.0))['max_error_norm1_rad'] == pytest.approx(2.0)
+
+
+def test_gaps_and_torques_that_are_not_known() -> None:
+    """Check that the variation is that of neighbours, joint by joint, and RMS of what is known."""
+    nan = float('nan')
+    run = _run(t=[5.0, 6.0, 7.2, 10.0, 11.0], e=[[3, 0], [0, 0], [0, 0], [0, 4], [99, 99]],
+               tau=[[1, 2], [3, nan], [4, 6], [99, 8], [99, 99]], v=[[0, 0]] * 5)
+    found = metrics(run, window=(5.0, 10.0), period=1.0)
+    assert found['missing_samples'] == 2
+    assert found['torque_variation_nm_per_s'] == pytest.approx([3 / 2.2, nan], nan_ok=True)
+    assert found['rms_torque_nm'] == pytest.approx([
+        np.sqrt((1 + 9 + 16 + 99 ** 2) / 4), np.sqrt((4 + 36 + 64) / 3)])
+    assert found['rms_error_rad'] == pytest.approx([1.5, 2.0])
+    assert metrics(TINY)['missing_samples'] == 0
+
+
+def test_no_known_torque() -> None:
+    run = _run(t=[5.0, 6.0], e=[[0], [0]], tau=[[np.nan], [np.nan]], v=[[0], [0]])
+    assert np.isnan(metrics(run)['rms_torque_nm']).all()
+
+
+def test_dropped_samples_hardly_change_the_numbers() -> None:
+    """Check a simulated run of which a recorder has lost a part, in bursts, against all of it."""
+    full = simulate(PlantConfig(duration=3.0), ControllerConfig(), ReferenceConfig())
+    kept = np.random.default_rng(5).random(len(full.t) // 20 + 1).repeat(20)[:len(full.t)] > 0.5
+    part = Run(*(x[kept] for x in vars(full).values()))
+    whole, found = (metrics(run, (1.0, 3.0), period=1e-3) for run in (full, part))
+    assert found['missing_samples'] > 500
+    for key in ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s'):
+        assert found[key] == pytest.approx(whole[key], rel=0.15), key
 
 
 @pytest.mark.parametrize('window', [(20.0, 30.0), (5.5, 6.5)])

@@ -1,5 +1,6 @@
 """The terms of the law, computed anew over a run."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,36 @@ def test_parts_are_the_equations() -> None:
         assert found.lyapunov[k] == pytest.approx(0.5 * v @ paper_m(q) @ v)
     np.testing.assert_allclose(
         found.tau, found.inverse_dynamics - found.compensation - found.chattering, atol=1e-9)
+
+
+@pytest.mark.parametrize('few', [1, 3, 15])
+def test_samples_that_are_missing(few: int) -> None:
+    """Check that v and the chattering term are right after a few missing samples, repeatedly."""
+    config = dataclasses.replace(CONTROLLER, switching='implicit', effort_limit=(1e4, 1e4))
+    run = simulate(PLANT, config, ReferenceConfig())
+    kept = np.arange(len(run.t)) % (2 * few + 5) >= few
+    kept[:100] = True
+    found = terms(Run(*(x[kept] for x in vars(run).values())), [(0.0, config)])
+    assert np.abs(found.v - run.v[kept]).max() < 0.01 * np.abs(run.v).max()
+    whole = terms(run, [(0.0, config)])
+    late = run.t[kept] > 0.5
+    difference = np.abs(found.chattering - whole.chattering[kept])[late]
+    assert np.percentile(difference, 90.0) < (1.0 if few < 10 else 4.0)
+
+
+def test_many_missing_samples() -> None:
+    """Check that v begins again at 0, and goes on from where it is known."""
+    run = _run()
+    kept = (run.t < 0.3) | (run.t > 0.4)
+    part = Run(*(x[kept] for x in vars(run).values()))
+    k = int(np.flatnonzero(np.diff(part.t) > 0.05)[0]) + 1
+    found = terms(part, [(0.0, CONTROLLER)])
+    assert (found.v[:k] == run.v[kept][:k]).all()
+    assert not found.v[k].any()
+    known = {part.t[k + 7]: part.v[k + 7].tolist(), part.t[k + 9]: [7.0, 7.0]}
+    known[part.t[5]] = [7.0, 7.0]
+    found = terms(part, [(0.0, CONTROLLER)], known=known)
+    np.testing.assert_allclose(found.v[k + 7:], part.v[k + 7:], atol=1e-9)
 
 
 def test_shapes() -> None:

@@ -15,7 +15,9 @@ from ctc_chattering.result import finite, Result, simulated
 
 #: As in metrics.json, by contract.
 KEYS = ['experiment', 'law', 'switching', 'control_period_s', 'window_s', 'rms_error_rad',
-        'max_error_norm1_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'reaching_time_s']
+        'max_error_norm1_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'reaching_time_s',
+        'bag', 'joint_names', 'position_units', 'torque_units', 'gains', 'missing_samples',
+        'term_at_bound', 'notes']
 
 
 def result_of(duration: float, *events: str, **controller: object) -> Result:
@@ -31,7 +33,7 @@ def test_keys_are_the_contract_s(duration: float) -> None:
     assert sorted(m) == sorted(KEYS)
     assert (m['experiment'], m['law'], m['control_period_s']) == ('trial', 'compensation', 0.002)
     assert (m['switching'], m['window_s']) == ('sign', [5.0, 10.0])
-    per_joint = [m[key] for key in KEYS if key.startswith(('rms', 'torque'))]
+    per_joint = [m[key] for key in KEYS if key.startswith(('rms', 'torque_v'))]
     if duration > 5.0:
         assert all(len(x) == 2 and all(y > 0.0 for y in x) for x in per_joint)
         assert m['max_error_norm1_rad'] > 0.0

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from ctc_chattering.core.gaps import missing
 from ctc_chattering.core.simulation import Array, Run
 
 #: Part of a run over which errors and torques are judged [s].
@@ -14,41 +16,62 @@ WINDOW = (5.0, 10.0)
 BAND = 0.15
 
 
-def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND) -> dict[str, Any]:
+def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
+            period: float | None = None) -> dict[str, Any]:
     """
     Return the numbers of one run, as they stand in ``metrics.json``.
 
     Parameters
     ----------
     run : Run
-        Any length.
+        Any length. Torques that are not known are not finite.
     window : (float, float)
         First and last instant of the samples judged [s].
     band : float
         Band of |v_i| for the reaching time [rad/s].
+    period : float, optional
+        Sample period [s]. The torque variation is then that of the samples with none missing
+        in between; without it, neighbours are neighbours whatever their times.
 
     Returns
     -------
     dict
         ``rms_error_rad``, ``rms_torque_nm`` and ``torque_variation_nm_per_s`` per joint,
-        ``max_error_norm1_rad``, ``window_s`` and ``reaching_time_s``; None where the run has no
-        sample in the window.
+        ``max_error_norm1_rad``, ``window_s``, ``reaching_time_s`` and ``missing_samples``, the
+        number of samples missing in the window; None where the run has no sample in the window,
+        nan for the torque of a joint where none is known.
 
     """
-    inside = (run.t >= window[0] - 1e-9) & (run.t <= window[1] + 1e-9)
+    inside = within(run.t, window)
     result: dict[str, Any] = {
         'window_s': list(window), 'rms_error_rad': None, 'max_error_norm1_rad': None,
         'rms_torque_nm': None, 'torque_variation_nm_per_s': None,
-        'reaching_time_s': reaching_time(run.t, run.v, band)}
+        'reaching_time_s': reaching_time(run.t, run.v, band), 'missing_samples': None}
     if inside.sum() > 1:
         e, tau, t = (run.q_d - run.q)[inside], run.tau[inside], run.t[inside]
-        variation = np.abs(np.diff(tau, axis=0)).sum(axis=0) / (t[-1] - t[0])
+        lacking = missing(t, period) if period else np.zeros(len(t) - 1, np.int64)
         result.update(
             rms_error_rad=rms(e).tolist(),
             max_error_norm1_rad=float(np.abs(e).sum(axis=1).max()),
-            rms_torque_nm=rms(tau).tolist(),
-            torque_variation_nm_per_s=variation.tolist())
+            rms_torque_nm=[float(rms(x[np.isfinite(x)])) if np.isfinite(x).any() else np.nan
+                           for x in tau.T],
+            torque_variation_nm_per_s=_variation(t, tau, lacking == 0).tolist(),
+            missing_samples=int(lacking.sum()))
     return result
+
+
+def within(t: Array, window: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    """Return which of the times `t`, shape (N,) [s], are in the window, its ends included."""
+    return (t >= window[0] - 1e-9) & (t <= window[1] + 1e-9)
+
+
+def _variation(t: Array, tau: Array, neighbours: npt.NDArray[np.bool_]) -> Array:
+    """Return Σ|Δτ| over Σ Δt of the known torques of neighbours, shape (n,); nan without any."""
+    step = np.abs(np.diff(tau, axis=0))
+    known = np.isfinite(step) & neighbours[:, np.newaxis]
+    time = np.where(known, np.diff(t)[:, np.newaxis], 0.0).sum(axis=0)
+    way: Array = np.where(known, step, 0.0).sum(axis=0)
+    return way / np.where(time > 0.0, time, np.nan)
 
 
 def rms(x: Array) -> Array:
