@@ -100,6 +100,24 @@ def read_bag(path: Path) -> Result:
         reader.close()
 
 
+def find_bags(directory: Path) -> list[Path]:
+    """
+    Return the bags below a directory, sorted; none if it is a bag itself, or a file.
+
+    What `ctc repair` has put aside is left out.
+    """
+    if not directory.is_dir() or _is_bag(directory):
+        return []
+    return sorted(path for path in directory.rglob('*')
+                  if path.is_dir() and _is_bag(path) and path.suffix != '.damaged')
+
+
+def _is_bag(path: Path) -> bool:
+    """Return whether a directory has what a bag is made of."""
+    return (path / 'metadata.yaml').exists() or any(
+        next(path.glob(pattern), None) is not None for pattern in ('*.mcap', '*.db3'))
+
+
 @dataclasses.dataclass(frozen=True)
 class _States:
     """Joint states in the controller's order, each stamp once, in the order of time."""

@@ -11,10 +11,10 @@ from string import Template
 from typing import Any
 from urllib.parse import quote
 
-from ctc_chattering import plots
 from ctc_chattering.core.metrics import BAND
 from ctc_chattering.plots import FigureFile
 from ctc_chattering.result import finite, Result, write_text
+from ctc_chattering.run_names import colours, gains, LAW_COLOURS, names
 
 #: Columns of the table with a number per run, and per joint: key, heading, unit.
 RUN_COLUMNS = (('max_error_norm1_rad', 'Largest Σ |eᵢ|', 'rad'),
@@ -47,16 +47,17 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
         If the file cannot be written.
 
     """
-    runs = [finite(result.metrics()) for result in results]
+    runs = [{**finite(result.metrics()), 'name': name}
+            for result, name in zip(results, names(results))]
     cards = [*_comparisons(results, runs), *_reachings(results, runs)]
     shown = [_figure(i, figure, path.parent) for i, figure in enumerate(figures, 1)]
     links = [f'<a href="{_url(metrics)}">metrics.json</a>'] if metrics else []
-    links += [f'<a href="{_url(bag)}">bag of {escape(_name(result))}</a>'
-              for result, bag in zip(results, bags) if bag]
+    links += [f'<a href="{_url(bag)}">bag of {escape(run["name"])}</a>'
+              for run, bag in zip(runs, bags) if bag]
     contents = ''.join(f'<li><a href="#figure{i}">{escape(figure.title)}</a></li>'
                        for i, figure in enumerate(figures, 1))
     write_text(path, _PAGE.substitute(
-        _COLOURS,
+        LAW_COLOURS,
         headline=_headline(results, runs),
         cards=f'<div class="cards">{"".join(cards)}</div>' if cards else '',
         first=shown[0] if shown else '',
@@ -69,10 +70,6 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
 
 def _url(path: str) -> str:
     return escape(quote(path))
-
-
-def _name(result: Result) -> str:
-    return f'{result.label} ({result.switching})' if result.switching != 'sign' else result.label
 
 
 def _number(value: float | None) -> str:
@@ -131,7 +128,7 @@ def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> I
                 result.joint_names, base['torque_variation_nm_per_s'],
                 run['torque_variation_nm_per_s']))
         yield (
-            f'<section class="card"><h2>{escape(_name(result))}</h2>'
+            f'<section class="card"><h2>{escape(run["name"])}</h2>'
             f'<p class="big">{_factor(base[key], run[key])}</p>'
             '<p>Largest error: '
             f'<b class="compensation">{_number(base[key])} rad</b> under compensation → '
@@ -147,7 +144,7 @@ def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Ite
         if result.changes and reached is not None and reached > result.changes[-1][0]:
             time, law = result.changes[-1]
             yield (
-                f'<section class="card"><h2>{escape(_name(result))}</h2>'
+                f'<section class="card"><h2>{escape(run["name"])}</h2>'
                 f'<p class="big">{reached - time:#.2g} s</p>'
                 f'<p>after the change to <b class="{law}">{law}</b> at '
                 f't&nbsp;=&nbsp;{time:g}&nbsp;s the filtered error v of every joint is within '
@@ -161,39 +158,48 @@ def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
                     for columns in (RUN_COLUMNS, (('', 'Joint', ''),), JOINT_COLUMNS)
                     for _, name, unit in columns).replace('<br><small>[]</small>', '')
     rows = []
-    for result, run in zip(results, runs):
+    for result, run, colour in zip(results, runs, colours(results)):
         joints = result.joint_names
-        law = 'mixed' if result.changes else result.law
         span = f' rowspan="{len(joints)}"'
-        head = (f'<th scope="row"{span}><i class="dot {escape(law)}"></i>'
-                f'{escape(_name(result))}</th>')
+        source = f'bag {result.source}; ' if result.source else ''
+        head = (f'<th scope="row"{span}><i class="dot" style="background: {colour}"></i>'
+                f'{escape(run["name"])}<br><small>{escape(source + gains(result))}</small></th>')
         head += ''.join(f'<td class="n"{span}>{_number(run[key])}</td>'
                         for key, _, _ in RUN_COLUMNS)
         for i, joint in enumerate(joints):
-            cells = ''.join(f'<td class="n">{_number(run[key][i] if run[key] else None)}</td>'
-                            for key, _, _ in JOINT_COLUMNS)
+            cells = ''.join(
+                f'<td class="n">{_number(run[key][i] if run[key] else None)}{_unit(result, i, u)}'
+                '</td>' for key, _, u in JOINT_COLUMNS)
             first = ' class="first"' if not i else ''
             rows.append(f'<tr{first}>{"" if i else head}<td class="n">{escape(joint)}</td>'
                         f'{cells}</tr>')
     when = ''
-    if runs:
+    if any(run['rms_error_rad'] for run in runs):
         low, high = runs[0]['window_s']
         when = f' Errors and torques: over t = {low:g} s to {high:g} s.'
     return (f'<div class="scroll"><table><thead><tr><th scope="col">Run</th>{units}</tr></thead>\n'
             f'<tbody>{chr(10).join(rows)}</tbody></table></div>\n<p class="fine">{when} '
             'v reached: '
             f'the time from which every |vᵢ| stays within {BAND:g} rad/s to the end. '
-            'Torque variation: how far the torque travels in a second.</p>')
+            'Torque variation: how far the torque travels in a second.</p>'
+            + ''.join(f'<p class="attention"><b>{escape(run["name"])}:</b> {escape(text)}.</p>'
+                      for run in runs for text in run['notes']))
+
+
+def _unit(result: Result, joint: int, unit: str) -> str:
+    """Return the unit of a number of a joint that slides, which is not the heading's."""
+    if result.position_units[joint] == 'rad':
+        return ''
+    return f' <small>{unit.replace("rad", "m").replace("N·m", "N")}</small>'
 
 
 def _figure(number: int, figure: FigureFile, directory: Path) -> str:
     source = _url(Path(os.path.relpath(figure.path, directory)).as_posix())
-    return (f'<figure id="figure{number}"><a href="{source}"><img src="{source}" '
+    return (f'<figure id="figure{number}"><a class="scroll" href="{source}"><img src="{source}" '
             f'alt="{escape(figure.title)}"></a><figcaption><b>{escape(figure.title)}.</b> '
             f'{escape(figure.caption)}</figcaption></figure>')
 
 
-_COLOURS = {**plots.LAW_COLOURS, 'mixed': plots.MIXED}
 _PAGE = Template("""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -224,7 +230,11 @@ a { color: var(--link); }
 b.compensation { color: var(--compensation); }
 b.chattering { color: var(--chattering); }
 figure { margin: 1rem 0 0; overflow: hidden; }
-figure img { display: block; width: 100%; height: auto; background: #ffffff; }
+figure .scroll { display: block; background: #ffffff; }
+figure img { display: block; width: 100%; min-width: 50rem; height: auto; }
+@media (prefers-color-scheme: dark) {
+  figure .scroll { background: #1c1c1c; }
+  figure img { filter: invert(.89) hue-rotate(180deg); } }
 figcaption { padding: .6rem 1rem; font-size: .925rem; border-top: 1px solid var(--line); }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; background: var(--card);
@@ -237,9 +247,7 @@ th[scope=row] { font-weight: 600; }
 small, .none { color: var(--soft); font-weight: 400; }
 .dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .5em;
   background: var(--soft); }
-.dot.compensation { background: $compensation; }
-.dot.chattering { background: $chattering; }
-.dot.mixed { background: $mixed; }
+.attention { border-left: 4px solid $compensation; padding-left: .7rem; font-size: .925rem; }
 details { margin: .5rem 0; }
 </style>
 </head>

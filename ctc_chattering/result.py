@@ -25,7 +25,8 @@ from ctc_chattering.core.tree import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Setup
 
-
+#: Time that v is given to reach 0 [s].
+_REACHING = 0.5
 #: Parameters that only one switching has.
 _OWN_GAINS = {'boundary_layer': ('boundary_layer',), 'implicit_observer': ('observer_bandwidth',)}
 
@@ -122,8 +123,8 @@ class Result:
         """The gains in force at the end, by parameter name."""
         config = self.configs[-1][1]
         values = config.as_mapping()
-        return {name: values[name] for name in (
-            'kp', 'kv', 'ka', 'lambda', 'b', *_OWN_GAINS.get(self.switching, ()))}
+        names = ('kp', 'kv', 'ka', 'lambda', 'b', *_OWN_GAINS.get(self.switching, ()))
+        return {name: list(x) if isinstance(x := values[name], tuple) else x for name in names}
 
     @cached_property
     def missing(self) -> npt.NDArray[np.int64]:
@@ -135,7 +136,8 @@ class Result:
         """
         How often the chattering term of each joint is at its bound within the window.
 
-        None without a sample under law ``chattering`` there.
+        Not counted is the time after a start or a change of parameters in which v comes to 0.
+        None without a sample under law ``chattering``.
         """
         count = TermSaturation(len(self.joint_names))
         t = self.run.t
@@ -144,7 +146,7 @@ class Result:
         ends = [*(end for end, _ in self.configs[1:]), np.inf]
         for (begin, config), end in zip(self.configs, ends):
             if config.law == 'chattering':
-                for k in np.flatnonzero(inside & (t >= begin) & (t < end)):
+                for k in np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end)):
                     if gaps[k]:
                         count.pause()
                     count.add(self.terms.chattering[k].tolist(), config.ka, config.switching)
@@ -173,8 +175,8 @@ class Result:
             yield (f'errors and torques are judged from {low:g} s to {high:g} s; this run is '
                    f'from {self.run.t[0]:.4g} s to {self.run.t[-1]:.4g} s')
         if mixed:
-            yield ('no sum of errors: joints turn and slide; in place of rad and N·m, read m and '
-                   'N where position_units and torque_units say so')
+            yield ('no sum of errors: some joints turn, others slide, and their numbers are in m '
+                   'and N')
         lacking = int(self.missing.sum())
         if lacking:
             yield (f'{lacking} of {lacking + len(self.run.t)} samples are missing; errors are '

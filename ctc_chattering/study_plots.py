@@ -17,7 +17,7 @@ from ctc_chattering.core.simulation import simulate
 from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.core.terms import terms
 from ctc_chattering.errors import CtcError
-from ctc_chattering.plots import DOTS, drawing, label, panel, STEPS
+from ctc_chattering.figure_style import DOTS, drawing, label, panel, STEPS
 from ctc_chattering.study import BARS, Case, GAIN, NOISE, Outcome, PERIOD, rows, SHORT_NOISE
 
 #: Colour, marker and dashes of each switching (after Okabe and Ito), told apart without colour.

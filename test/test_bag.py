@@ -283,7 +283,7 @@ def lossy(drop: Callable[[int], bool], commands: bool, effort: bool = True) -> l
         state, answer = entry.topic == '/joint_states', entry.topic.endswith('commands')
         if state and not effort:
             entry.message.effort = [float('nan')] * len(entry.message.name)
-        if not (state or answer and commands) or not drop(entry.t // 1_000_000):
+        if not (state or (answer and commands)) or not drop(entry.t // 1_000_000):
             found.append(entry)
     return found
 
@@ -293,7 +293,7 @@ def test_a_recorder_that_dropped_messages(
         tmp_path: Path, commands: bool, effort: bool) -> None:
     """Check that torques are right where states are, wherever they can be known from."""
     def drop(k: int) -> bool:
-        return k > 30 and k % 3 == 0 or 110 <= k < 120
+        return (k > 30 and k % 3 == 0) or 110 <= k < 120
     kept = np.array([not drop(k) for k in range(201)])
     result = read(tmp_path, lossy(drop, commands, effort))
     run = result.run

@@ -74,16 +74,20 @@ def test_simulate(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert {x.name for x in (tmp_path / 'out').iterdir()} == {'metrics.json', 'trajectory.npz'}
     entry, arrays = run_of(tmp_path / 'out')
-    assert sorted(arrays) == sorted(ARRAYS)
-    assert {x.dtype for x in arrays.values()} == {np.dtype('float64')}
+    assert arrays['joint_names'].tolist() == ['joint1', 'joint2']
+    assert {arrays[name].dtype for name in ARRAYS} == {np.dtype('float64')}
     assert arrays['t'].shape == (10001,)
     assert {arrays[name].shape for name in ARRAYS[1:]} == {(10001, 2)}
     setup = params.load(FRICTION, {'controller': {'law': 'compensation'}})
     run = simulate(setup.plant, setup.controller, setup.reference)
     same(arrays, run)
     assert {key: entry.pop(key) for key in metrics(run)} == metrics(run)
-    assert entry == {'experiment': 'friction', 'law': 'compensation', 'switching': 'sign',
-                     'control_period_s': 0.001}
+    assert entry == {
+        'experiment': 'friction', 'bag': None, 'law': 'compensation', 'switching': 'sign',
+        'control_period_s': 0.001, 'joint_names': ['joint1', 'joint2'],
+        'position_units': ['rad', 'rad'], 'torque_units': ['N·m', 'N·m'], 'gains': {
+            'kp': [100.0, 100.0], 'kv': [50.0, 50.0], 'ka': [10.0, 10.0], 'lambda': 10.0,
+            'b': 1.0}, 'term_at_bound': None, 'notes': []}
     assert 'friction' in result.stdout
     assert 'compensation' in result.stdout
 
@@ -230,6 +234,33 @@ def test_plot(tmp_path: Path) -> None:
     bad = ctc('plot', FRICTION.parent, '--out', tmp_path / 'out', '--overwrite')
     refused(bad, FRICTION.parent)
     assert (tmp_path / 'out' / 'metrics.json').read_bytes() == before, 'lost to a bad bag'
+
+
+def test_plot_of_a_directory_and_export(tmp_path: Path) -> None:
+    """Check that all its bags are taken, others named and left out; PDF; and a bag as CSV."""
+    setup = params.load(None, {'plant': {'duration': 0.05}})
+    expected = simulated(setup)
+    for name in ('a', 'below/b', 'old.damaged'):
+        path = tmp_path / 'bags' / name
+        path.parent.mkdir(exist_ok=True, parents=True)
+        write_bag(path, entries(expected, setup.plant))
+    write_bag(tmp_path / 'bags' / 'foreign', entries(expected, setup.plant)[:1])
+    result = ctc('plot', tmp_path / 'bags', '--format', 'pdf', '--out', tmp_path / 'out')
+    assert result.returncode == 0, result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert 'left out' in result.stderr and 'foreign' in result.stderr
+    runs = json.loads((tmp_path / 'out' / 'metrics.json').read_text())['runs']
+    assert [run['bag'] for run in runs] == ['a', 'b']
+    kinds = [path.suffix for path in (tmp_path / 'out' / 'figures').iterdir()]
+    assert kinds.count('.pdf') == kinds.count('.svg') == 8
+    page = (tmp_path / 'out' / 'index.html').read_text(encoding='utf-8')
+    assert 'friction: chattering, bag a' in page and 'friction: chattering, bag b' in page
+
+    result = ctc('export', tmp_path / 'bags' / 'a', '--csv', '--out', tmp_path)
+    assert result.returncode == 0, result.stderr
+    table = np.genfromtxt(tmp_path / 'trajectory.csv', delimiter=',', skip_header=1)
+    np.testing.assert_array_equal(table[:, 1:3], expected.run.q)
+    refused(ctc('export', tmp_path / 'bags' / 'a', '--csv', '--out', tmp_path), '--overwrite')
 
 
 def test_simulate_needs_numpy_only(short: Path) -> None:

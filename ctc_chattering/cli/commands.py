@@ -9,14 +9,12 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering import params
 from ctc_chattering.cli.options import overrides, params_file, read_text
 from ctc_chattering.cli.progress import Progress
-from ctc_chattering.core.simulation import Run
 from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.export import write_csv, write_npz
 from ctc_chattering.output import prepare
 from ctc_chattering.result import finite, Result, simulated, write_metrics, write_text
 from ctc_chattering.settings import parameter_table
@@ -42,7 +40,7 @@ def simulate(options: argparse.Namespace) -> int:
         progress.complete()
     if options.out is not None:
         write_metrics([result], options.out / _METRICS)
-        _write_trajectory(result.run, options.out / 'trajectory.npz')
+        write_npz(result, options.out / 'trajectory.npz')
     _print_table([result])
     return 0
 
@@ -74,22 +72,48 @@ def plot(options: argparse.Namespace) -> int:
     for bag in options.bags:
         if not bag.exists():
             raise CtcError(f'{bag}: no such bag')
+    from ctc_chattering.bag import find_bags, read_bag
+
+    bags, results = [], []
+    for path in options.bags:
+        found = find_bags(path)
+        for bag in found or [path]:
+            try:
+                results.append(read_bag(bag))
+                bags.append(bag)
+            except CtcError as error:
+                if not found:
+                    raise
+                print(f'left out: {error}', file=sys.stderr)
+    if not results:
+        raise CtcError('no bag of this package in '
+                       + ', '.join(str(path) for path in options.bags))
+    out = prepare(options.out, (_FIGURES, _METRICS, _PAGE), options.overwrite)
+    return _present(results, bags, out, options.format)
+
+
+def export(options: argparse.Namespace) -> int:
+    """Run `ctc export`."""
     from ctc_chattering.bag import read_bag
 
-    results = [read_bag(bag) for bag in options.bags]
-    out = prepare(options.out, (_FIGURES, _METRICS, _PAGE), options.overwrite)
-    return _present(results, options.bags, out)
+    result = read_bag(options.bag)
+    name, write = ('trajectory.csv', write_csv) if options.csv else ('trajectory.npz', write_npz)
+    out = prepare(options.out, (name,), options.overwrite)
+    write(result, out / name)
+    print(f'{len(result.run.t)} samples: {out / name}')
+    return 0
 
 
-def _present(results: Sequence[Result], bags: Sequence[Path], out: Path) -> int:
-    """Write figures, metrics and page into `out`."""
+def _present(results: Sequence[Result], bags: Sequence[Path], out: Path,
+             extra: str = 'svg') -> int:
+    """Write figures, metrics and page into `out`; the figures as `extra` as well."""
     import os
 
     from ctc_chattering.plots import save_figures
     from ctc_chattering.report import write_page
 
     print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
-    figures = save_figures(results, out / _FIGURES)
+    figures = save_figures(results, out / _FIGURES, extra)
     write_metrics(results, out / _METRICS)
     write_page(results, figures, out / _PAGE, [os.path.relpath(bag, out) for bag in bags])
     _print_table(results)
@@ -260,14 +284,6 @@ def benchmark(options: argparse.Namespace) -> int:
     if options.rounds < 1:
         raise ParameterError('--rounds', options.rounds, 'an integer >= 1')
     return measure(options.rounds)
-
-
-def _write_trajectory(run: Run, path: Path) -> None:
-    names = ('t', 'q', 'dq', 'q_d', 'dq_d', 'tau', 'v')
-    try:
-        np.savez(path, **{name: getattr(run, name) for name in names})
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
 
 
 def _print_table(results: Sequence[Result]) -> None:

@@ -21,7 +21,8 @@ def make_parser() -> argparse.ArgumentParser:
     simulate = commands.add_parser(
         'simulate', help='run an experiment without ROS',
         description='Run the closed loop of a parameter file without ROS; write metrics.json and '
-                    'trajectory.npz (t, q, dq, q_d, dq_d, tau, v).')
+                    'trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, '
+                    'names, units, gains).')
     add_run_options(simulate)
     _add_output(simulate, None)
 
@@ -35,8 +36,20 @@ def make_parser() -> argparse.ArgumentParser:
         'plot', help='draw the figures of bags',
         description='Draw the figures from bags alone; write them with metrics.json and '
                     'index.html. Several bags are compared.')
-    plot.add_argument('bags', nargs='+', type=Path, metavar='BAG')
+    plot.add_argument('bags', nargs='+', type=Path, metavar='BAG',
+                      help='bag, or a directory of bags')
+    plot.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
+                      help='figures in this format as well; the page has them as SVG')
     _add_output(plot, 'plots')
+
+    export = commands.add_parser(
+        'export', help='write the samples of a bag as a table',
+        description='Write the samples of a bag with names and units of the joints: '
+                    'trajectory.npz, which has the gains as well, or trajectory.csv.')
+    export.add_argument('bag', type=Path, metavar='BAG')
+    export.add_argument('--csv', action='store_true',
+                        help='comma-separated values in place of a NumPy file')
+    _add_output(export, 'export')
 
     replay = commands.add_parser(
         'replay', help='publish a bag on its topics again',
