@@ -218,10 +218,13 @@ class Stopwatch:
 
     def read(self) -> float:
         """Return the time since it was made, without the waiting [s]."""
-        now = time.monotonic()
+        return time.monotonic() - self._begin - self.waited()
+
+    def waited(self) -> float:
+        """Return for how long they have waited for a processor since it was made [s]."""
         for pid, latest in self._after.items():
             self._after[pid] = max(latest, _waited(pid))
-        return now - self._begin - sum(self._after.values()) + sum(self._before.values())
+        return sum(self._after.values()) - sum(self._before.values())
 
     def end(self, process: subprocess.Popen[Any]) -> float:
         """Wait for the end of a process and return `read` of just before it [s]."""

