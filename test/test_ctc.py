@@ -1,13 +1,16 @@
-"""The command line, as real processes."""
+"""The command line: what it prints, writes and refuses."""
 
 from __future__ import annotations
 
+from contextlib import redirect_stderr, redirect_stdout
+import io
 import json
 import os
 from pathlib import Path
 import subprocess
 import sys
 from typing import Any
+import warnings
 
 from bags import entries, write_bag
 import numpy as np
@@ -15,6 +18,7 @@ import pytest
 from urdfs import two_links
 
 from ctc_chattering import __version__, params
+from ctc_chattering.cli.ctc import main
 from ctc_chattering.core.metrics import metrics
 from ctc_chattering.core.simulation import Run, simulate
 from ctc_chattering.core.switching import SWITCHINGS
@@ -32,8 +36,31 @@ def python(*arguments: object, cwd: Path = ROOT) -> Finished:
                           env={**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'})
 
 
-def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:
+def ctc_process(*arguments: object, cwd: Path = ROOT) -> Finished:
     return python('-m', 'ctc_chattering.cli.ctc', *arguments, cwd=cwd)
+
+
+def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:
+    """Run the command as `ctc_process` does, but here: libraries are loaded only once."""
+    words = [str(x) for x in arguments]
+    out, err = io.StringIO(), io.StringIO()
+    before = os.getcwd()
+    os.chdir(cwd)
+    try:
+        with (pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as said,
+              redirect_stdout(out), redirect_stderr(err)):
+            patch.setenv('COLUMNS', '200')
+            warnings.simplefilter('ignore')
+            for kind in (UserWarning, RuntimeWarning, SyntaxWarning, FutureWarning):
+                warnings.simplefilter('default', kind)
+            try:
+                status = main(words)
+            except SystemExit as end:  # argparse
+                status = int(end.code or 0)
+    finally:
+        os.chdir(before)
+    shown = ''.join(f'{x.category.__name__}: {x.message}\n' for x in said)
+    return Finished(words, status, out.getvalue(), err.getvalue() + shown)
 
 
 def refused(result: Finished, *words: object) -> None:
@@ -69,8 +96,8 @@ def short(tmp_path: Path) -> Path:
 def test_simulate(tmp_path: Path) -> None:
     """Check the contract's call: both files, shapes, and every number against the core's."""
     tmp_path.joinpath('out').mkdir()  # an empty directory is none of anybody's output
-    result = ctc('simulate', '--params-file', FRICTION, '--law', 'compensation',
-                 '--out', tmp_path / 'out')
+    result = ctc_process('simulate', '--params-file', FRICTION, '--law', 'compensation',
+                         '--out', tmp_path / 'out')
     assert result.returncode == 0, result.stderr
     assert {x.name for x in (tmp_path / 'out').iterdir()} == {'metrics.json', 'trajectory.npz'}
     entry, arrays = run_of(tmp_path / 'out')
@@ -276,7 +303,7 @@ def test_simulate_needs_numpy_only(short: Path) -> None:
 @pytest.mark.parametrize('command', ['', 'simulate', 'reproduce', 'plot', 'replay', 'benchmark'])
 def test_help(command: str) -> None:
     """Check each help, without heavy imports, and that the first names all commands."""
-    result = ctc(*command.split(), '--help')
+    result = ctc_process(*command.split(), '--help')
     assert (result.returncode, result.stderr) == (0, '')
     assert result.stdout.startswith(f'usage: ctc {command}'.rstrip())
     if not command:
@@ -318,7 +345,7 @@ def test_check_model(tmp_path: Path) -> None:
         '        super().__init__(gravity)\n'
         '    def potential_energy(self, q):\n'
         '        return 0.0\n')
-    result = ctc('check-model', '--model', 'mine:Arm', cwd=tmp_path)
+    result = ctc_process('check-model', '--model', 'mine:Arm', cwd=tmp_path)
     assert result.returncode == 1
     assert result.stdout.count('FAILED') == 1
     assert 'G is the gradient of the potential: worst at q = ' in result.stdout

@@ -106,7 +106,6 @@ def test_stop_escalates(start: Start, before: str, number: signal.Signals) -> No
     assert monotonic() - begin >= 0.2 * steps - 0.01
 
 
-@pytest.mark.alone
 def test_stop_lets_a_child_finish(start: Start, lines: list[str]) -> None:
     """Check that work after SIGINT is done before the next signal."""
     child = start(f'try:\n  {FOREVER.replace(chr(10), chr(10) + "  ")}\n'
