@@ -6,18 +6,25 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test slow lint benchmark latency clean
+.PHONY: demo test test-load slow lint benchmark latency clean
 
 demo: $(READY)
 	$(BIN)/ctc reproduce --out results --overwrite
 
 test: $(READY) lint
-	$(BIN)/python -m pytest -m 'not slow and not alone' --numprocesses=auto --dist=worksteal
-	$(BIN)/python -m pytest -m alone
+	$(BIN)/python -m pytest --numprocesses=auto --dist=worksteal --durations=10
 
-# Studies that take a minute or more each.
+# The tests with ROS processes beside LOOPS busy loops, ROUNDS times.
+LOOPS ?= 2
+ROUNDS ?= 1
+test-load: $(READY)
+	$(BIN)/python test/load.py --loops $(LOOPS) --rounds $(ROUNDS)
+
+# Studies that take a minute or more each, and properties with random examples.
 slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
+		--hypothesis-profile=random
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -1,9 +1,22 @@
-"""The processes that tests start have the rights of an ordinary user, whoever runs the tests."""
+"""
+What all tests have in common.
+
+The processes that they start have the rights of an ordinary user, whoever runs the tests.
+Hypothesis tries the same examples every time, however slow the machine.
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 import ctypes
 
+from hypothesis import HealthCheck, settings
 import pytest
+
+# No test depends on the time an example takes.
+_TIMELESS = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile('repeatable', _TIMELESS, derandomize=True)
+#: For `make slow`, which looks for new ones.
+settings.register_profile('random', _TIMELESS, derandomize=False)
+settings.load_profile('repeatable')
 
 _PR_CAPBSET_DROP = 24
 _CAP_IPC_LOCK, _CAP_SYS_NICE = 14, 23

@@ -97,7 +97,7 @@ def _while_it_speaks(owner: Stream, intruder: Stream) -> tuple[Stream, Stream]:
         intruder, count=sum(now < last for now, _ in endless.times()))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(_pairs(), st.booleans())
 def test_the_owner_keeps_control_as_long_as_it_speaks(
         pair: tuple[Stream, Stream], trusting: bool) -> None:
@@ -195,7 +195,6 @@ def test_takeover_after_the_lapse(silence: int, taken: bool) -> None:
         assert arbiter.admits(110 + k, now + k * MS, _several) == taken
 
 
-@settings(deadline=None)
 @given(_pairs())
 def test_one_of_two_that_ends(pair: tuple[Stream, Stream]) -> None:
     """Check that the other one has control soon after, wherever the numbers meet."""
@@ -257,7 +256,7 @@ def test_without_numbers(trusting: bool) -> None:
     assert arbiter.admits(2, 3 * LAPSE, _several)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100)
 @given(_pairs(), st.lists(st.booleans(), min_size=1, max_size=50), st.booleans())
 def test_messages_that_concern_nobody(
         pair: tuple[Stream, Stream], ours: list[bool], foreign: bool) -> None:
@@ -278,7 +277,7 @@ def test_messages_that_concern_nobody(
             arbiter.pass_over(number, now)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=200)
 @given(_pairs(), st.lists(st.sampled_from(('ours', 'over', 'bytes')), min_size=1, max_size=50),
        st.lists(st.sampled_from(('ours', 'over')), min_size=1, max_size=20))
 def test_what_messages_say_settles_every_doubt(

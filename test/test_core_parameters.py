@@ -4,7 +4,7 @@ import dataclasses
 import math
 from typing import Any, ClassVar
 
-from hypothesis import given, HealthCheck, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -187,7 +187,7 @@ VALUES = st.one_of(
     st.lists(st.lists(NUMBERS, max_size=2), max_size=2), st.lists(st.text(), max_size=3))
 
 
-@settings(max_examples=400, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=200)
 @given(st.sampled_from(CONFIGS), st.data())
 def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data: Any) -> None:
     """Check random names and values: within the ranges, or refused on one line."""

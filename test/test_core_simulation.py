@@ -201,7 +201,7 @@ def test_v_reaches_zero_within_the_bound(velocity: list[float]) -> None:
 
     Zero is the band that one held torque can cross: h ‖M⁻¹‖ (ka √2 + rho).
     """
-    h, start = 1e-4, {**FREE, 'initial_velocity': velocity}
+    h, start = 2e-4, {**FREE, 'initial_velocity': velocity}
     alpha = np.linalg.norm(paper_m([0.0, 0.0]), 2)
     v0 = np.array(velocity) - np.pi
     bound = 2 * np.sqrt(0.5 * v0 @ paper_m([0.0, 0.0]) @ v0) / (10 * np.sqrt(2 / alpha))
@@ -209,7 +209,7 @@ def test_v_reaches_zero_within_the_bound(velocity: list[float]) -> None:
     assert run.v[0] == pytest.approx(v0)
     inverse = np.linalg.norm(np.linalg.inv(paper_m([0.0, 0.0])), 2)
     band = h * inverse * (10 * np.sqrt(2) + _held_error(run)[round(bound / h):].max())
-    assert band < 0.01
+    assert band < 0.02
     reached = reaching_time(run.t, run.v, band)
     assert reached is not None
     assert reached <= bound + h
@@ -225,7 +225,7 @@ def test_lyapunov_function_does_not_grow() -> None:
     v_i changed sign since the sample, where |v_i| is at most its own change over the period.
     """
     rises = []
-    for h in (4e-4, 2e-4, 1e-4):
+    for h in (8e-4, 4e-4, 2e-4):
         run = _run(h, 4.0, plant=FREE, controller=SLOW)
         rise = np.diff(_terms(run).lyapunov)
         step = np.abs(np.diff(run.v, axis=0))
@@ -237,7 +237,7 @@ def test_lyapunov_function_does_not_grow() -> None:
         falling = run.t[1:] < 1.0
         assert (rise[falling] < 0.0).all()
     assert rises[0] > 2.5 * rises[1] > 2.5 ** 2 * rises[2]
-    assert rises[2] < 2e-6
+    assert rises[2] < 8e-6
 
 
 def _started(duration: float, reference: dict[str, Any], **plant: Any) -> Run:

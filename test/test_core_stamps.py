@@ -101,7 +101,6 @@ def test_the_limit_of_lateness(late: float, simulated: bool) -> None:
     assert line.go(1, simulated) == [NEXT]
 
 
-@settings(deadline=None)
 @given(PERIODS, CLOCKS, st.integers(0, 3000 * MS))
 def test_a_backlog_after_a_stall(period: int, offset: int, stall: int) -> None:
     """Check that of the states queued in a stall exactly those are taken that are not too old."""
@@ -123,7 +122,6 @@ def test_a_backlog_after_a_stall(period: int, offset: int, stall: int) -> None:
     assert after[0] in TAKEN
 
 
-@settings(deadline=None)
 @given(PERIODS, CLOCKS, st.lists(st.tuples(
     st.sampled_from(['run', 'outage', 'stall']), st.integers(0, 400 * MS)), max_size=8))
 def test_any_mixture_takes_what_is_fresh_and_nothing_else(

@@ -66,7 +66,7 @@ def test_segments_against_scipy(given_: int, n: int) -> None:
     assert motion.end == times[-1]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2 ** 32 - 1), st.sampled_from([1, 2, 3]))
 def test_waypoints_are_met_and_continuity_is_as_promised(seed: int, given_: int) -> None:
     """Check a nanosecond on both sides of every waypoint, and the waypoint itself."""
@@ -83,7 +83,7 @@ def test_waypoints_are_met_and_continuity_is_as_promised(seed: int, given_: int)
                 assert motion.at(t + side)[k] == pytest.approx(point[k], abs=1e-4)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2 ** 32 - 1), st.lists(
     st.sampled_from([1, 2, 3]), min_size=5, max_size=5))
 def test_derivatives_are_finite_differences(seed: int, given_: list[int]) -> None:

@@ -44,7 +44,7 @@ def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:
     """Run the command as `ctc_process` does, but here: libraries are loaded only once."""
     words = [str(x) for x in arguments]
     out, err = io.StringIO(), io.StringIO()
-    before = os.getcwd()
+    before = Path.cwd()
     os.chdir(cwd)
     try:
         with (pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as said,

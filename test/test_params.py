@@ -260,7 +260,7 @@ WORDS = ['yes', 'null', '1e3', '1.5', '~', '5', 'a: b', '#', 'é', '', ' x ', '.
          '0x1F', '1_000', "it's", '"', 'a\nb', '=', '<<', '%', '-']
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(kp=rows, ka=rows, b=gains, position=st.lists(
     st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2))
 def test_dump_and_load(tmp_path_factory: pytest.TempPathFactory, kp: list[float], ka: list[float],

@@ -50,6 +50,7 @@ def ended(process: subprocess.Popen[str], out: Path) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_it_early_with_the_table_and_leaves_no_process(tmp_path: Path) -> None:
     out = tmp_path / 'out'
     process = start(out, 10.0)

@@ -111,7 +111,7 @@ def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[b
     return data, sizes
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(recordings(), st.floats(0.0, 1.0), st.none() | st.integers(1, 255))
 def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
         flushes: list[list[tuple[str, int, bytes]]], where: float, wrong: int | None) -> None:
