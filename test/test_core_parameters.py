@@ -65,6 +65,10 @@ REFUSED: list[tuple[type[Config], str, Any, str]] = [
     (ControllerConfig, 'effort_limit', [NAN, 1.0], '> 0'),
     (ControllerConfig, 'effort_limit', [-INF, 1.0], '> 0'),
     (ControllerConfig, 'kp', 100.0, 'a list of'),
+    (ControllerConfig, 'ka', 12, 'n = 2, got one value, no list; for the same on every joint: '
+     '[12, 12]'),
+    (ControllerConfig, 'ka', 'much', 'n = 2, got one value, no list'),
+    (Sample, 'limit', INF, 'for the same on every joint: [inf, inf, inf]'),
     (ControllerConfig, 'kp', '12', 'a list of'),
     (ControllerConfig, 'kp', ['1', '2'], 'a list of'),
     (ControllerConfig, 'kp', [True, True], 'a list of'),

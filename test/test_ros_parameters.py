@@ -14,12 +14,13 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 from ros import bringup, CONFIG, PATIENCE, Probe, probe
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from test_ros_lockstep import FIELDS
+import yaml
 
 from ctc_chattering import params
 from ctc_chattering.bag import read_bag
@@ -61,7 +62,7 @@ class Setter:
     """The parameter services of a node, one call at a time."""
 
     def __init__(self, it: Probe, node: str) -> None:
-        self._probe, self.node = it, node
+        self.probe, self.node = it, node
         self._clients = {
             kind: it.node.create_client(kind, f'/{node}/{name}') for kind, name in (
                 (SetParameters, 'set_parameters'),
@@ -80,14 +81,14 @@ class Setter:
     def all_or_nothing(self, values: Iterable[tuple[str, Any]]) -> Answer:
         """Call set_parameters_atomically."""
         future = self.send(SetParametersAtomically, [message(*item) for item in values])
-        self._probe.until(future.done, f'an answer of {self.node}')
+        self.probe.until(future.done, f'an answer of {self.node}')
         return Answer(future.result().result.successful, future.result().result.reason)
 
     def values(self) -> dict[str, Any]:
         """Return all parameters; each must be there."""
         future = self._clients[GetParameters].call_async(
             GetParameters.Request(names=self.names))
-        self._probe.until(future.done, f'the values of {self.node}')
+        self.probe.until(future.done, f'the values of {self.node}')
         found = [plain(value) for value in future.result().values]
         return dict(zip(self.names, found, strict=True))
 
@@ -140,10 +141,30 @@ class Loop:
         assert not any('Traceback' in line for line in it.lines)
 
 
+def assert_loads_its_dump(setter: Setter, file: Path) -> None:
+    """Write what `ros2 param dump` writes, and send what `ros2 param load` reads of it."""
+    before = setter.values()
+    file.write_text(yaml.dump({setter.node: {'ros__parameters': before}}))
+    read = parameter_dict_from_yaml_file(str(file))
+    values = [read[name] for name in setter.settable]
+    future = setter.send(SetParameters, values)
+    setter.probe.until(future.done, f'an answer of {setter.node}')
+    assert [x.reason for x in future.result().results if not x.successful] == []
+    assert setter.values() == before
+
+
 def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
         tmp_path: Path) -> None:
     with probe() as it:
         loop = Loop(it, tmp_path / 'bag')
+        words = [('effort_limit', '[inf, 500.0]'), ('error_limit', ['inf', '.inf']),
+                 ('ka', '[10.5, 1e-05]'), ('lambda', '1e1')]
+        assert loop.setters['controller'].all_or_nothing(words) == (True, '')
+        assert {name: it.get('controller', name) for name, _ in words} == {
+            'effort_limit': [INF, 500.0], 'error_limit': [INF, INF], 'ka': [10.5, 1e-5],
+            'lambda': 10.0}
+        for setter in loop.setters.values():
+            assert_loads_its_dump(setter, tmp_path / 'dump.yaml')
         for node, setter in loop.setters.items():
             before = setter.values()
             for bad in WRONG[node]:

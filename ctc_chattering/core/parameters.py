@@ -99,9 +99,15 @@ class Parameter:
             return (float(self.default),) * n
         return self.default
 
-    def coerce(self, value: object) -> Any:
+    def coerce(self, value: object, n: int = 0) -> Any:
         """
         Return `value` as this parameter's Python type, integers as floats where floats are due.
+
+        Parameters
+        ----------
+        value : object
+        n : int
+            Number of joints, for the message; 0 if it is not known.
 
         Raises
         ------
@@ -113,9 +119,18 @@ class Parameter:
         if self.kind.endswith('[]'):
             if not (isinstance(value, (list, tuple, array))
                     or (isinstance(value, np.ndarray) and value.ndim == 1)):
-                raise ParameterError(self.name, value, self.allowed)
+                raise ParameterError(self.name, value, self._allowed_for(value, n))
             return tuple(self._scalar(scalar, item, value) for item in value)
         return self._scalar(scalar, value, value)
+
+    def _allowed_for(self, value: object, n: int) -> str:
+        """Return what is allowed in place of `value`, which is no list."""
+        if self.shape not in ('n', 'nn') or not n:
+            return self.allowed
+        text = f'{self.allowed} (n = {n}, got one value, no list'
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            text += f'; for the same on every joint: [{", ".join([repr(value)] * n)}]'
+        return f'{text})'
 
     def _scalar(self, kind: str, item: object, whole: object) -> Any:
         number = (isinstance(item, (int, float, np.integer, np.floating))
@@ -196,7 +211,7 @@ class Config:
         n = len(joints.coerce(names)) if joints else 0
         for spec in self.parameters().values():
             value = getattr(self, spec.field)
-            value = spec.default_for(n) if value is None else spec.coerce(value)
+            value = spec.default_for(n) if value is None else spec.coerce(value, n)
             object.__setattr__(self, spec.field, value)
             spec.check(value, n)
         if 'joint_names' in self.parameters():

@@ -107,7 +107,7 @@ class NodeParameters:
         return RosParameter(name, _ROS_TYPES[self._specs[name].kind], _to_ros(value))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Turn integers into numbers where numbers are due; leave the rest to `_judge`."""
+        """Turn integers and words for numbers into numbers where such are due."""
         result = []
         for parameter in parameters:
             if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.
@@ -115,7 +115,7 @@ class NodeParameters:
             spec = self._specs.get(parameter.name)
             try:
                 coerced = parameter if spec is None else self._to_parameter(
-                    parameter.name, spec.coerce(parameter.value))
+                    parameter.name, spec.coerce(_numbers(spec, parameter.value)))
             except ParameterError:
                 coerced = parameter
             result.append(coerced)
@@ -155,6 +155,34 @@ def _override(node: Node, name: str) -> Any:
     except ParameterException as error:
         raise CtcError(' '.join(str(error).split())) from None
     return value
+
+
+def _numbers(spec: Parameter, value: Any) -> Any:
+    """
+    Return `value` with words for numbers replaced, where `spec` wants numbers.
+
+    `ros2 param load` and `set` print ``.inf`` as ``inf``, which is a string in YAML, as ``1e-05``
+    is, and send a list of numbers and strings as one string.
+    """
+    if spec.kind not in ('float', 'float[]'):
+        return value
+    items = value
+    if isinstance(value, str):
+        text = value.strip()
+        if not (text.startswith('[') and text.endswith(']')):
+            return _number(text)
+        items = text[1:-1].split(',')
+    if not isinstance(items, list):
+        return value
+    numbers = [_number(x.strip()) if isinstance(x, str) else x for x in items]
+    return value if any(isinstance(x, str) for x in numbers) else numbers
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text.replace('.inf', 'inf'))
+    except ValueError:
+        return text
 
 
 def _to_ros(value: Any) -> Any:
