@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class CtcError(Exception):
     """Base of every error this package raises on purpose; its text is one line for a user."""
@@ -37,3 +40,23 @@ class ParameterError(CtcError, ValueError):
     def __reduce__(self) -> tuple[type[ParameterError], tuple[str, object, str]]:
         """Say how to make it anew, for a worker process that raises it."""
         return ParameterError, (self.name, self.value, self.allowed)
+
+
+@contextmanager
+def refused_as(what: str) -> Iterator[None]:
+    """
+    Turn whatever code that is not ours raises into a `CtcError` of one line.
+
+    Parameters
+    ----------
+    what : str
+        Beginning of the line.
+
+    """
+    try:
+        yield
+    except CtcError:
+        raise
+    except Exception as error:  # Libraries raise what they like.
+        reason = ' '.join(f'{type(error).__name__}: {error}'.split())
+        raise CtcError(f'{what}: {reason}') from error

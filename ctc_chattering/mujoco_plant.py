@@ -16,7 +16,8 @@ import numpy as np
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.robot import Robot
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.core.tree import parse_description
+from ctc_chattering.errors import CtcError, ParameterError, refused_as
 
 #: The largest impedance of a constraint that MuJoCo takes.
 _IMPEDANCE = 0.9999
@@ -86,15 +87,10 @@ class MujocoPlant(Robot):
         if mujoco.get_mju_user_warning() is None:
             # It would write MUJOCO_LOG.TXT where we are; what it counts is seen in _move.
             mujoco.set_mju_user_warning(lambda _: None)
-        try:
+        with refused_as('MuJoCo refuses the description'):
             model = _compiled(mujoco, config.joint_names, description, locked or {})
             _set_options(mujoco, model, config.gravity, self._h)
             data = mujoco.MjData(model)
-        except CtcError:
-            raise
-        except (ValueError, mujoco.FatalError) as error:
-            raise CtcError(
-                'MuJoCo refuses the description: ' + ' '.join(str(error).split())) from None
         self.mjmodel, self.mjdata = model, data
         # Hinges and slides only: one position and one velocity each, in the same order.
         order = [model.joint(name).id for name in config.joint_names]
@@ -169,10 +165,7 @@ def _compiled(mujoco: Any, names: Sequence[str], description: str, locked: Mappi
 
 def _specification(mujoco: Any, names: Sequence[str], description: str) -> Any:
     """Return the description, editable, without what is not used of it."""
-    try:
-        root = ElementTree.fromstring(description)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise CtcError(f'the description is not XML: {error}') from None
+    root = parse_description(description)
     if root.tag == 'robot':
         mimics = {joint.get('name') for joint in root.iter('joint')
                   if joint.find('mimic') is not None}

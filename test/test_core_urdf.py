@@ -14,6 +14,8 @@ import numpy as np
 from oracles import Array, states
 import pytest
 from urdfs import (
+    BOMBS,
+    chain,
     grip,
     I1,
     I2,
@@ -22,6 +24,7 @@ from urdfs import (
     link,
     M1,
     M2,
+    mutated,
     PANDA,
     panda,
     R1,
@@ -33,6 +36,8 @@ from urdfs import (
 )
 
 from ctc_chattering.core.check import check_dynamics
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.scaled import Scaled
 from ctc_chattering.core.tree import Tree
 from ctc_chattering.core.urdf import UrdfModel
@@ -347,3 +352,68 @@ def test_without_pinocchio(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'pinocchio', types.ModuleType('pinocchio'))
     with pytest.raises(CtcError, match='another package has its name'):
         UrdfModel(two_links(), ('a', 'b'))
+
+
+@pytest.mark.parametrize('name', ['lower', 'base', 'link 0', 'universe'])
+@pytest.mark.parametrize('kind', ['fixed', 'revolute'])
+def test_a_joint_may_have_the_name_of_a_link(name: str, kind: str) -> None:
+    """A URDF may have that, Pinocchio not: the dynamics are those under any other name."""
+    old = 'name="c"' if kind == 'fixed' else 'name="b"'
+    joints = ('a', 'b' if kind == 'fixed' else name)
+    try:
+        model = UrdfModel(two_links().replace(old, f'name="{name}"'), joints)
+    except CtcError as error:  # What Pinocchio calls its own.
+        assert name in ('universe', 'link 0') and kind == 'revolute' and '\n' not in str(error)
+        return
+    q, dq, a = [0.3, -0.5], [1.0, 2.0], [0.5, -4.0]
+    assert model.inverse_dynamics(q, dq, a) == UrdfModel(
+        two_links(), ('a', 'b')).inverse_dynamics(q, dq, a)
+
+
+def survive(seed: int) -> bool:
+    """Hand a mutated description to every model; return whether one was made."""
+    text, names = ((two_links(), ('a', 'b')), (two_links(), ('a', 'b')), (panda(), PANDA),
+                   (ur5(), UR5))[seed % 4]
+    made = False
+    for backend in ('builtin', 'mujoco'):
+        config = PlantConfig(joint_names=names, model='urdf', plant_backend=backend)
+        try:
+            robot = make_plant(config, mutated(text, seed))
+            robot.step([-5.0] * len(names))
+            made = True
+        except CtcError as error:
+            assert '\n' not in str(error)
+    return made
+
+
+def test_any_description_is_a_robot_or_refused() -> None:
+    """Nothing else is raised, whatever the libraries make of it, and no process ends."""
+    made = [survive(seed) for seed in range(100)]
+    assert 10 < sum(made) < 90
+
+
+@pytest.mark.slow
+def test_any_of_many_descriptions_is_a_robot_or_refused() -> None:
+    for seed in range(100, 4000):
+        survive(seed)
+
+
+@pytest.mark.parametrize('bomb', BOMBS)
+@pytest.mark.parametrize('backend', ['builtin', 'mujoco'])
+def test_what_is_too_much_is_refused_at_once(bomb: str, backend: str) -> None:
+    with pytest.raises(CtcError, match=bomb if bomb != 'size' else 'too large'):
+        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf', plant_backend=backend),
+                   BOMBS[bomb])
+    assert UrdfModel(chain(400), ('j0',)).n == 1
+
+
+def test_whatever_a_library_raises_is_a_refused_description(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError('out of\nluck')
+    monkeypatch.setattr('pinocchio.buildReducedModel', fail)
+    monkeypatch.setattr(mujoco.MjSpec, 'from_string', fail)
+    for backend in ('builtin', 'mujoco'):
+        with pytest.raises(CtcError, match=r'RuntimeError: out of luck$'):
+            make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf', plant_backend=backend),
+                       two_links())

@@ -96,7 +96,7 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
             assert report.message == f'waiting for {DESCRIPTION}'
         topic = it.node.create_publisher(String, DESCRIPTION, LATCHED)
         for text, words in (
-                ('', ['model urdf needs']), ('<robot', ['URDF: not XML']),
+                ('', ['model urdf needs']), ('<robot', ['the description is not XML']),
                 (ur5(), ["joint_names: ['a', 'b'] is not allowed", 'shoulder_pan_joint']),
                 (massless, ['M is singular', 'moved by b '])):
             topic.publish(String(data=text))
@@ -143,7 +143,7 @@ def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
         ('controller', (*urdf, *good, '-p', 'joint_names:=[a,elbow]'), 'elbow'),
         ('controller', (*ARM, '-p', 'description:=no.urdf'),
          'description: no.urdf: No such file or directory'),
-        ('controller', (*ARM, '-p', f'description:={broken}'), 'URDF: not XML'),
+        ('controller', (*ARM, '-p', f'description:={broken}'), 'the description is not XML'),
         ('controller', (*ARM, *good, '-p', 'locked:=[c 1]'), 'c'),
         ('plant', (*mujoco, '-p', f'description:={broken}'), 'the description is not XML'),
         ('plant', (*mujoco, '-p', 'description:=package://arm/arm.urdf'), 'not installed'),

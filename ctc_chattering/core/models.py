@@ -17,7 +17,7 @@ from typing import Protocol
 
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.two_link import TwoLink
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, refused_as
 
 #: Values of the parameter ``model``, besides classes.
 MODELS = ('two_link', 'urdf')
@@ -57,7 +57,8 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
             raise CtcError('model urdf needs the parameter description, or the topic '
                            'robot_description')
         from ctc_chattering.core.urdf import UrdfModel
-        return UrdfModel(urdf, joint_names, gravity, locked)
+        with refused_as('URDF: there is no model of it'):
+            return UrdfModel(urdf, joint_names, gravity, locked)
     return _own(name, joint_names, gravity)
 
 
@@ -120,13 +121,8 @@ def check_model(name: str, joint_names: tuple[str, ...]) -> None:
 def _own(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
     """Return an instance of a class of the user's."""
     module, _, attribute = name.partition(':')
-    try:
+    with refused_as(f'the model {name} cannot be made'):
         made = getattr(importlib.import_module(module), attribute)(joint_names, gravity)
-    except CtcError:
-        raise
-    except Exception as error:  # Code of the user's, whatever it raises.
-        reason = ' '.join(f'{type(error).__name__}: {error}'.split())
-        raise CtcError(f'the model {name} cannot be made: {reason}') from error
     if not isinstance(made, Model):
         raise CtcError(f'the model {name} is not derived from ctc_chattering.core.model.Model')
     if getattr(made, 'n', None) != len(joint_names):

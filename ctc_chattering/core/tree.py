@@ -17,6 +17,8 @@ from ctc_chattering.errors import CtcError, ParameterError
 #: Types of joint with one degree of freedom.
 _MOVABLE = ('revolute', 'continuous', 'prismatic')
 _INF = float('inf')
+#: Largest description: urdfdom overflows the stack with a chain of 30,000 links.
+_CHARACTERS, _BODIES = 4_000_000, 500
 
 
 class Mimic(NamedTuple):
@@ -139,16 +141,24 @@ class Tree:
         Return a URDF of links with their inertias and joints with their places and axes.
 
         No meshes, so that no file is looked for; no limits. A continuous joint is a revolute one
-        here: to the dynamics there is no difference.
+        here: to the dynamics there is no difference. Links and fixed joints get other names: in
+        Pinocchio, but not in a URDF, those of joints and links must differ.
         """
-        robot = ET.Element('robot', name=self._robot.get('name', 'robot'))
-        for link in self._robot.findall('link'):
-            made = ET.SubElement(robot, 'link', name=link.get('name', ''))
+        robot = ET.Element('robot', name='robot')
+        names = {}
+        for i, link in enumerate(self._robot.findall('link')):
+            names[link.get('name', '')] = f'link {i}'
+            made = ET.SubElement(robot, 'link', name=f'link {i}')
             made.extend(link.findall('inertial'))
-        for joint in self._robot.findall('joint'):
-            kind = joint.get('type', '').replace('continuous', 'revolute')
-            made = ET.SubElement(robot, 'joint', name=joint.get('name', ''), type=kind)
-            for tag in ('origin', 'parent', 'child', 'axis'):
+        for i, joint in enumerate(self._robot.findall('joint')):
+            name, kind = joint.get('name', ''), joint.get('type', '')
+            made = ET.SubElement(robot, 'joint', type=kind.replace('continuous', 'revolute'),
+                                 name=name if name in self.joints else f'fixed joint {i}')
+            for tag in ('parent', 'child'):
+                element = joint.find(tag)
+                assert element is not None  # Checked when the tree was made.
+                ET.SubElement(made, tag, link=names[element.get('link', '')])
+            for tag in ('origin', 'axis'):
                 made.extend(joint.findall(tag))
             ET.SubElement(made, 'limit', lower='-1', upper='1', effort='0', velocity='0')
         return ET.tostring(robot, encoding='unicode')
@@ -204,11 +214,38 @@ def movable_joints(urdf: str) -> tuple[str, ...]:
     return Tree(urdf).movable
 
 
-def _parse(urdf: str) -> ET.Element:
+def parse_description(text: str) -> ET.Element:
+    """
+    Return the outermost element of a robot's description, URDF or MJCF.
+
+    Raises
+    ------
+    CtcError
+        If the text is not XML, or of a size at which the parsers in C++ take minutes or overflow
+        the stack.
+
+    """
+    if len(text) > _CHARACTERS:
+        raise CtcError(f'the description is too large: {len(text)} characters, of '
+                       f'{_CHARACTERS} at most')
+    if '<!ENTITY' in text:
+        raise CtcError('the description declares XML entities')
     try:
-        robot = ET.fromstring(urdf.strip())
+        root = ET.fromstring(text.strip())
     except (ET.ParseError, ValueError) as error:
-        raise CtcError(f'URDF: not XML: {error}') from None
+        raise CtcError(f'the description is not XML: {error}') from None
+    bodies = sum(element.tag in ('link', 'body') for element in root.iter())
+    depth, level = 0, [root]
+    while level:
+        depth, level = depth + 1, [child for element in level for child in element]
+    for name, count, most in (('bodies', bodies, _BODIES), ('levels', depth, _BODIES)):
+        if count > most:
+            raise CtcError(f'the description is too large: {count} {name}, of {most} at most')
+    return root
+
+
+def _parse(urdf: str) -> ET.Element:
+    robot = parse_description(urdf)
     if robot.tag != 'robot':
         raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
     if any('xacro' in element.tag for element in robot.iter()):

@@ -19,7 +19,7 @@ from ctc_chattering.core.array_model import Array, ArrayModel
 from ctc_chattering.core.model import Rows, Vector
 from ctc_chattering.core.parameters import check_joint_names
 from ctc_chattering.core.tree import movable_joints, Tree
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, refused_as
 
 __all__ = ['UrdfModel', 'movable_joints']
 
@@ -268,15 +268,12 @@ def _pinocchio() -> Any:
 
 def _reduced(pin: Any, tree: Tree, stand: Mapping[str, float]) -> Any:
     """Return Pinocchio's model of the joints that are not in `stand`, where the others are."""
-    try:
+    with refused_as('URDF: Pinocchio refuses it'):
         model = pin.buildModelFromXML(tree.bare())
-    except Exception as error:  # Whatever Boost makes of the exceptions of urdfdom.
-        reason = ' '.join(str(error).split())
-        raise CtcError(f'URDF: Pinocchio refuses it: {reason}') from None
-    q = pin.neutral(model)
-    ids = []
-    for name, value in stand.items():
-        joint = model.getJointId(name)
-        q[model.joints[joint].idx_q] = value
-        ids.append(joint)
-    return pin.buildReducedModel(model, ids, q)
+        q = pin.neutral(model)
+        ids = []
+        for name, value in stand.items():
+            joint = model.getJointId(name)
+            q[model.joints[joint].idx_q] = value
+            ids.append(joint)
+        return pin.buildReducedModel(model, ids, q)
