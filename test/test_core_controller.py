@@ -387,7 +387,7 @@ def test_after_reset_the_rate_limit_goes_on_from_what_is_held(held: list[float] 
 def test_limits_that_are_not_reached_change_nothing() -> None:
     """Check that torques are bit-equal, and the filter too, without anti_windup or with."""
     rng = np.random.default_rng(14)
-    wide = {'effort_limit': [1e9, 1e9], 'effort_rate_limit': [1e12, 1e12]}
+    wide = {'effort_limit': [1e9, 1e9], 'effort_rate_limit': [1e9, 1e9]}
     laws = [Controller(_config(switching='implicit_observer', **FULL, **values))
             for values in ({}, wide, {**wide, 'anti_windup': False})]
     for _ in range(50):

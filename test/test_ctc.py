@@ -171,7 +171,7 @@ def test_existing_output(tmp_path: Path, short: Path) -> None:
 
 @pytest.mark.parametrize(('content', 'words'), [
     ('controller: {ros__parameters: {mass: 1}}', ['mass', 'controller']),
-    ('controller: {ros__parameters: {lambda: 0}}', ['lambda', '> 0']),
+    ('controller: {ros__parameters: {lambda: 0}}', ['lambda', '>= 1e-09']),
     ('plant: {ros__parameters: {duration: -1.0}}', ['duration', '>= 0']),
     ('plant: {ros__parameters: {duration: 1.0, initial_velocity: [1e300, 1e300]}}', []),
     ('a: [', ['not a YAML file']), ('', ['node names'])])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 import dataclasses
+from math import isfinite
 from typing import ClassVar
 
 from ctc_chattering.core.array_model import ArrayModel
@@ -73,8 +74,8 @@ class ControllerConfig(Config):
         'lambda', 'float', 10.0, 'Pole of the filter (3).', unit='1/s', minimum=0.0,
         exclusive=True)
     b: float = parameter(
-        'b', 'float', 1.0, 'Gain of the filter (3); the paper has 1.', minimum=0.0,
-        exclusive=True)
+        'b', 'float', 1.0, 'Gain of the filter (3); the paper has 1.', minimum=1e-3,
+        maximum=1e3)
     switching: str = parameter(
         'switching', 'str', 'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS)
     boundary_layer: float = parameter(
@@ -111,7 +112,7 @@ class ControllerConfig(Config):
         unit='rad', minimum=0.0, exclusive=True, infinite=True, shape='n')
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
-        exclusive=True, read_only=True)
+        exclusive=True, maximum=10.0, read_only=True)
 
     def validate(self) -> None:
         """Check the model's number of joints and the period."""
@@ -269,6 +270,19 @@ class Controller:
         if self._sent:
             self._sent.popleft()
         return ListSample(tau, e, de, seen[4], inverse, coriolis, term, excess)
+
+    def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
+                 ahead: Sequence[Point] = ()) -> Sample | None:
+        """
+        Return what `step` does; None where that leaves the range of numbers.
+
+        The law must then be `reset`.
+        """
+        try:
+            sample = self.step(q, dq, q_d, dq_d, ddq_d, ahead)
+        except (ArithmeticError, ValueError):  # 1 / 0, sin(inf), a matrix with inf.
+            return None
+        return sample if isfinite(sum(sample.tau) + sum(sample.v)) else None
 
     def _within_limits(self, tau: Vector, previous: Vector) -> Vector:
         """Return what the limits leave of `tau` after the torque `previous`, (n,) [N·m]."""

@@ -20,6 +20,9 @@ from ctc_chattering.errors import ParameterError
 Matrix = tuple[tuple[float, ...], ...]
 C = TypeVar('C', bound='Config')
 
+#: Least magnitude of a number that must not be 0, and largest of any that is not infinite: what is
+#: beyond is no gain, time, torque or length, and its products leave the range of floats.
+LEAST, LARGEST = 1e-9, 1e9
 _TYPE_NAMES = {
     'bool': 'a boolean', 'int': 'an integer', 'float': 'a number', 'str': 'a string',
     'float[]': 'a list of numbers', 'str[]': 'a list of strings'}
@@ -41,9 +44,9 @@ class Parameter:
     description, unit : str
         For `ros2 param describe` and the README.
     minimum, maximum : float
-        Range of the value, or of each element.
+        Range of the value, or of each element; numbers are within ±`LARGEST` in any case.
     exclusive : bool
-        Whether `minimum` itself is out of range.
+        Whether the minimum is not 0 but `LEAST`.
     infinite : bool
         Whether infinity is a value.
     choices : tuple of str
@@ -81,17 +84,20 @@ class Parameter:
             return ' | '.join(self.choices)
         text = _TYPE_NAMES[self.kind]
         if self.kind in ('float', 'float[]', 'int'):
+            low, high = self.bounds
             text = text.replace('number', 'finite number') if not self.infinite else text
-            lower = f'{">" if self.exclusive else ">="} {self.minimum:g}'
-            if self.minimum > -math.inf and self.maximum < math.inf:
-                text += f' {lower} and <= {self.maximum:g}'
-            elif self.minimum > -math.inf:
-                text += f' {lower}'
+            text += f' >= {low:g} and <= {high:g}{", or inf" if self.infinite else ""}'
         if self.shape == 'nn':
             text += (', one per joint or n*n row by row, symmetric positive definite')
         elif self.shape == 'n':
             text += ', one per joint'
         return text
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest finite value."""
+        most = 2 ** 62 if self.kind == 'int' else LARGEST
+        return (LEAST if self.exclusive else max(self.minimum, -most)), min(self.maximum, most)
 
     def default_for(self, n: int) -> Any:
         """Return the default for `n` joints."""
@@ -157,11 +163,11 @@ class Parameter:
             raise ParameterError(self.name, value, self.allowed)
         if self.kind in ('float', 'float[]', 'int'):
             matrix = self.shape == 'nn' and len(items) != n
+            low, high = self.bounds
+            if matrix:
+                low = -high
             for item in items:
-                finite = isinstance(item, int) or math.isfinite(item) or (
-                    self.infinite and not math.isnan(item))
-                low = item <= self.minimum if self.exclusive else item < self.minimum
-                if not finite or (not matrix and (low or item > self.maximum)):
+                if not (low <= item <= high or (self.infinite and item == math.inf)):
                     raise ParameterError(self.name, value, self.allowed)
             if matrix and not _positive_definite(items, n):
                 raise ParameterError(self.name, value, self.allowed)

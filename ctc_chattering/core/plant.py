@@ -108,7 +108,7 @@ class PlantConfig(Config):
         minimum=0.0, shape='n')
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h; the torque is held over it.', unit='s',
-        minimum=0.0, exclusive=True, read_only=True)
+        minimum=0.0, exclusive=True, maximum=10.0, read_only=True)
     integration_step: float = parameter(
         'integration_step', 'float', 1e-3,
         'Largest step of the integrator; at most one control period is taken at once.', unit='s',

@@ -51,7 +51,7 @@ class ReferenceConfig(Config):
         'none, as in the paper.', unit='s', minimum=0.0, read_only=True)
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Spacing of the points.', unit='s', minimum=0.0,
-        exclusive=True, read_only=True)
+        exclusive=True, maximum=10.0, read_only=True)
 
     def validate(self) -> None:
         """Check the period."""

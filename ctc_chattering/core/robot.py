@@ -112,7 +112,7 @@ class Robot(ABC):
             self._move(t, tau)
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError
-        except (ValueError, OverflowError):  # sin(inf)
+        except (ArithmeticError, ValueError):  # sin(inf)
             shown = ', '.join(f'{x:.4g}' for x in tau)
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s, '
                            f'under a torque of [{shown}] N*m') from None

@@ -129,8 +129,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     Raises
     ------
     CtcError
-        If `duration` is 0, the motion diverges, a position error exceeds `error_limit`, or the
-        waypoints are not allowed.
+        If `duration` is 0, the motion diverges, the law has no finite torque, a position error
+        exceeds `error_limit`, or the waypoints are not allowed.
 
     """
     if plant.duration <= 0.0:
@@ -163,7 +163,9 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         coming.append(at(k + delay))
         q, dq = robot.measured
         desired = coming.popleft()
-        sample = law.step(q, dq, *desired, coming)
+        sample = law.try_step(q, dq, *desired, coming)
+        if sample is None:
+            raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
         if not guard.check(sample.e, law.config.error_limit):
             i = guard.tripped or 0
             raise CtcError(

@@ -425,12 +425,9 @@ class ControllerNode(Shell):
         law = self._controller
         assert law is not None
         for _ in range(2 if self._simulated else 1):
-            try:
-                sample = law.step(state.q, state.dq, *point, ahead)
-                if isfinite(sum(sample.tau) + sum(sample.v)):
-                    return sample
-            except (ValueError, OverflowError):  # sin(inf)
-                pass
+            sample = law.try_step(state.q, state.dq, *point, ahead)
+            if sample is not None:
+                return sample
             law.reset(bumpless=True, held=self._held)
         return None
 

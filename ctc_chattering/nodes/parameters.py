@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import sys
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -195,12 +194,10 @@ def descriptor(spec: Parameter) -> ParameterDescriptor:
     result = ParameterDescriptor(
         name=spec.name, type=_ROS_TYPES[spec.kind].value, description=spec.description + unit,
         additional_constraints=spec.allowed, read_only=spec.read_only, dynamic_typing=True)
-    limit = sys.float_info.max
-    if spec.shape != 'nn' and (spec.minimum > -limit or spec.maximum < limit):
-        low, high = max(spec.minimum, -limit), min(spec.maximum, limit)
-        if spec.kind in ('float', 'float[]') and not spec.infinite:
-            result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        elif spec.kind == 'int':
-            result.integer_range = [IntegerRange(
-                from_value=int(low), to_value=int(min(high, 2 ** 62)), step=1)]
+    low, high = spec.bounds
+    if spec.kind in ('float', 'float[]') and not spec.infinite and spec.shape != 'nn':
+        result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif spec.kind == 'int':
+        result.integer_range = [IntegerRange(
+            from_value=int(low), to_value=int(high), step=1)]
     return result
