@@ -1,4 +1,4 @@
-"""The paper's experiments by name."""
+"""The experiments of `ctc reproduce` by name."""
 
 from __future__ import annotations
 
@@ -11,10 +11,26 @@ from ctc_chattering.share import config_directory
 
 @dataclasses.dataclass(frozen=True)
 class Experiment:
-    """One run of the paper: a parameter file in `config/` and, unless it says, the law."""
+    """
+    One run: a parameter file in `config/` and what stands above it.
+
+    Attributes
+    ----------
+    file : str
+        Name of the parameter file, without its ending.
+    law : str, optional
+        In place of the file's.
+    switching : str, optional
+        In place of the file's, with `ka`.
+    ka : tuple of float
+        Gain Ka under `switching` [N·m].
+
+    """
 
     file: str
     law: str | None = None
+    switching: str | None = None
+    ka: tuple[float, ...] = ()
 
     @property
     def path(self) -> Path:
@@ -24,16 +40,21 @@ class Experiment:
     @property
     def name(self) -> str:
         """Name of its bag."""
-        return f'{self.file}_{self.law}' if self.law else self.file
+        return '_'.join(filter(None, (self.file, self.law, self.switching)))
 
     @property
     def overrides(self) -> dict[str, dict[str, Any]]:
         """What stands above the file."""
-        return {'controller': {'law': self.law}} if self.law else {}
+        values: dict[str, Any] = {'law': self.law} if self.law else {}
+        if self.switching:
+            values.update(switching=self.switching, ka=list(self.ka))
+        return {'controller': values} if values else {}
 
 
-#: Figures 2 to 9 of the paper, and the switch from one law to the other.
+#: Figures 2 to 9 of the paper, the switching that this package recommends (Ka above friction),
+#: and the switch from one law to the other.
 EXPERIMENTS = (
     Experiment('friction', 'compensation'), Experiment('friction', 'chattering'),
+    Experiment('friction', 'chattering', 'implicit_observer', (12.0, 12.0)),
     Experiment('disturbance', 'compensation'), Experiment('disturbance', 'chattering'),
     Experiment('switch'))

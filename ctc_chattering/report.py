@@ -119,7 +119,7 @@ def _headline(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
 def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Yield a card for each pair of runs that differ in the law."""
     for result, run, base in _pairs(results, runs):
-        key = 'max_error_norm1_rad'
+        key, unit = 'max_error_norm1_rad', result.position_units[0]
         joints = '; '.join(
             f'{escape(name)} {_factor(a, b)}' for name, a, b in
             zip(result.joint_names, base['rms_error_rad'], run['rms_error_rad']))
@@ -131,8 +131,8 @@ def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> I
             f'<section class="card"><h2>{escape(run["name"])}</h2>'
             f'<p class="big">{_factor(base[key], run[key])}</p>'
             '<p>Largest error: '
-            f'<b class="compensation">{_number(base[key])} rad</b> under compensation → '
-            f'<b class="chattering">{_number(run[key])} rad</b> with chattering.</p>'
+            f'<b class="compensation">{_number(base[key])} {unit}</b> under compensation → '
+            f'<b class="chattering">{_number(run[key])} {unit}</b> with chattering.</p>'
             f'<p class="fine">RMS error: {joints}.<br>Price, torque variation: {price}.</p>'
             '</section>\n')
 
@@ -164,8 +164,8 @@ def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
         source = f'bag {result.source}; ' if result.source else ''
         head = (f'<th scope="row"{span}><i class="dot" style="background: {colour}"></i>'
                 f'{escape(run["name"])}<br><small>{escape(source + gains(result))}</small></th>')
-        head += ''.join(f'<td class="n"{span}>{_number(run[key])}</td>'
-                        for key, _, _ in RUN_COLUMNS)
+        head += ''.join(f'<td class="n"{span}>{_number(run[key])}{_unit(result, 0, unit)}</td>'
+                        for key, _, unit in RUN_COLUMNS)
         for i, joint in enumerate(joints):
             cells = ''.join(
                 f'<td class="n">{_number(run[key][i] if run[key] else None)}{_unit(result, i, u)}'
@@ -188,7 +188,7 @@ def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
 
 def _unit(result: Result, joint: int, unit: str) -> str:
     """Return the unit of a number of a joint that slides, which is not the heading's."""
-    if result.position_units[joint] == 'rad':
+    if result.position_units[joint] == 'rad' or unit == 's':
         return ''
     return f' <small>{unit.replace("rad", "m").replace("N·m", "N")}</small>'
 

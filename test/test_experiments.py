@@ -10,7 +10,12 @@ from ctc_chattering.experiments import EXPERIMENTS
 def test_all_figures_and_the_switch() -> None:
     """Check both laws of both experiments, and the switch from one to the other at 5 s."""
     setups = {x.name: params.load(x.path, x.overrides) for x in EXPERIMENTS}
-    assert len(setups) == len(EXPERIMENTS) == 5
+    assert len(setups) == len(EXPERIMENTS) == 6
+    observer = setups['friction_chattering_implicit_observer'].controller
+    assert (observer.law, observer.switching, observer.ka) == (
+        'chattering', 'implicit_observer', (12.0, 12.0))
+    others = [s.controller for name, s in setups.items() if 'observer' not in name]
+    assert {(c.switching, c.ka) for c in others} == {('sign', (10.0, 10.0))}
     assert {(s.plant.experiment, s.controller.law) for s in setups.values()} == {
         ('friction', 'compensation'), ('friction', 'chattering'),
         ('disturbance', 'compensation'), ('disturbance', 'chattering'),

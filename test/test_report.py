@@ -214,3 +214,30 @@ def test_a_file_that_cannot_be_written(
         results: list[Result], tmp_path: Path, write: Any) -> None:
     with pytest.raises(CtcError, match=r'^cannot write '):
         write(results, tmp_path)
+
+
+def test_what_needs_attention_is_on_the_page(tmp_path: Path) -> None:
+    """Check a run too short, one with gaps, one whose ka is too small: each says so."""
+    config = ControllerConfig(switching='implicit', ka=(8.0, 8.0))
+    run = simulate(PlantConfig(duration=6.0), config, ReferenceConfig())
+    lossy = Run(*(np.delete(x, np.s_[5200:5300], axis=0) for x in vars(run).values()))
+    results = [Result('weak', [(0.0, config)], run, source='one'),
+               Result('lossy', [(0.0, config)], lossy), result_of('chattering', 0.3, 'short')]
+    write_page(results, [], tmp_path / 'index.html')
+    page = Page(tmp_path / 'index.html')
+    notes = '\n'.join(page.texts['p'])
+    assert 'weak: chattering (implicit): joint2: chattering term at its bound for ' in notes
+    assert 'ka too small' in notes
+    assert 'lossy: chattering (implicit): 100 of 6001 samples are missing' in notes
+    assert 'short: chattering: errors and torques are judged from 5 s to 10 s' in notes
+    assert any('bag one; Kp 100, Kv 50, Ka 8, ' in text for text in page.texts['small'])
+
+
+def test_dark_mode_and_narrow_screens(tmp_path: Path, figures: list[FigureFile]) -> None:
+    """Check that figures follow the page's colours, and keep a legible width in a scrolled box."""
+    write_page([], figures, tmp_path / 'index.html')
+    page = Page(tmp_path / 'index.html')
+    dark = page.source[page.source.rindex('prefers-color-scheme: dark'):]
+    assert 'figure img { filter: invert' in dark
+    assert 'min-width' in page.source
+    assert page.values('a', 'class') == ['scroll'] * len(figures)

@@ -17,6 +17,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.export import write_csv, write_npz
 from ctc_chattering.output import prepare
 from ctc_chattering.result import finite, Result, simulated, write_metrics, write_text
+from ctc_chattering.run_names import names
 from ctc_chattering.settings import parameter_table
 
 #: What is simulated of a run without an end [s].
@@ -53,11 +54,12 @@ def reproduce(options: argparse.Namespace) -> int:
 
     out = prepare(options.out, (_BAGS, _FIGURES, _METRICS, _PAGE), options.overwrite)
     bags = []
+    width = max(len(experiment.name) for experiment in EXPERIMENTS)
     with own_domain():
         for experiment in EXPERIMENTS:
             setup = params.load(experiment.path, experiment.overrides)
             bag = out / _BAGS / experiment.name
-            with Progress(f'{experiment.name:24}', setup.plant.duration) as progress:
+            with Progress(f'{experiment.name:{width}}', setup.plant.duration) as progress:
                 perform(experiment.path, experiment.overrides, bag, progress=progress,
                         show=lambda _: None)
                 progress.complete()
@@ -289,14 +291,16 @@ def benchmark(options: argparse.Namespace) -> int:
 def _print_table(results: Sequence[Result]) -> None:
     """Print the runs' numbers in a table."""
     rows: list[Sequence[str]] = [(
-        'experiment', 'law', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]',
-        'v reached [s]')]
-    for result in results:
+        'run', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]', 'v reached [s]')]
+    notes = []
+    for name, result in zip(names(results), results):
         m = result.metrics()
-        rows.append((m['experiment'], m['law'], _numbers(m['rms_error_rad']),
-                     _numbers(m['max_error_norm1_rad']),
+        rows.append((name, _numbers(m['rms_error_rad']), _numbers(m['max_error_norm1_rad']),
                      _numbers(m['torque_variation_nm_per_s']), _numbers(m['reaching_time_s'])))
+        notes += [f'{name}: {text}' for text in m['notes']]
     _print_columns(rows)
+    if notes:
+        print('\n'.join(notes))
 
 
 def _print_columns(rows: Sequence[Sequence[str]]) -> None:
