@@ -15,11 +15,15 @@ import ctypes
 import gc
 import os
 from pathlib import Path
-import resource
 import signal
+import sys
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.settings import RealTimeSettings
+
+_LINUX = sys.platform.startswith('linux')
+if _LINUX:
+    import resource
 
 #: Of Linux: limits that the module `resource` lacks, flags of mlockall, a capability's bit.
 _RLIMIT_RTPRIO, _RLIMIT_RTTIME = 14, 15
@@ -34,7 +38,7 @@ _NORMAL = 'normal scheduling'
 
 class RealTime:
     """
-    Asks for real-time scheduling while it is needed, and gives it back.
+    Asks for real-time scheduling while it is needed, and gives it back; on Linux only.
 
     Parameters
     ----------
@@ -56,11 +60,13 @@ class RealTime:
         self._settings = settings
         self._asked = self._lost = False
         self.outcome = _NORMAL
-        if settings.cpu_affinity >= 0:
+        if _LINUX and settings.cpu_affinity >= 0:
             _pin(settings.cpu_affinity)
 
     def update(self, needed: bool) -> str:
         """Ask for it or give it back, by `needed`; return a line to be logged, or nothing."""
+        if not _LINUX:
+            return ''
         before = self.outcome
         if self._lost:
             self.outcome = (f'{_NORMAL} from now on: a processor was used for '
@@ -70,7 +76,8 @@ class RealTime:
                 _ask_for_priority(self._settings.thread_priority, self._lose),
                 _ask_for_memory() if self._settings.lock_memory else ''))) or _NORMAL
         elif self._asked and not needed:
-            _schedule(0)
+            if os.sched_getscheduler(0) == os.SCHED_FIFO:
+                _schedule(0)
             self.outcome = _NORMAL
         self._asked = needed
         return self.outcome if self.outcome != before else ''
@@ -107,9 +114,10 @@ def _ask_for_priority(priority: int, too_long: Callable[[], None]) -> str:
     """Return what came of it; `too_long` is called when a thread computes without a pause."""
     if not priority:
         return ''
-    limits = resource.getrlimit(_RLIMIT_RTTIME)
+    hard = resource.getrlimit(_RLIMIT_RTTIME)[1]
+    soft = _LONGEST if hard == resource.RLIM_INFINITY else min(_LONGEST, hard)
     signal.signal(signal.SIGXCPU, lambda *_: too_long())
-    resource.setrlimit(_RLIMIT_RTTIME, (_LONGEST, limits[1]))
+    resource.setrlimit(_RLIMIT_RTTIME, (soft, hard))
     try:
         _schedule(priority)
     except OSError as error:

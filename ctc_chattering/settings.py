@@ -27,13 +27,13 @@ def _wait_for() -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class RealTimeSettings(Config):
-    """Parameters of how a process is scheduled; names and defaults of ros2_control's manager."""
+    """Parameters of how a process is scheduled, with the names of ros2_control's manager."""
 
     title: ClassVar[str] = 'real time'
 
     thread_priority: int = parameter(
         'thread_priority', 'int', 50,
-        'Real time: priority of SCHED_FIFO to ask for; 0 for the normal scheduling.',
+        'Real time: priority of SCHED_FIFO to ask for; 0 for none.',
         minimum=0, maximum=99, read_only=True)
     lock_memory: bool = parameter(
         'lock_memory', 'bool', True,

@@ -7,6 +7,7 @@ import gc
 import os
 from pathlib import Path
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -84,7 +85,7 @@ def test_a_controller_has_priority_while_time_is_real() -> None:
         diagnostics.until(
             'controller', lambda r: r.values['scheduling'] == 'normal scheduling', 'its end')
         assert policies(child.process.pid) == {(os.SCHED_OTHER, 0)}
-        assert interrupt(child) < 5.0
+        assert interrupt(child, signal.SIGINT) < 5.0
         assert child.status == 0
         assert [line.split(']: ')[-1] for line in it.lines if 'SCHED' in line] == [
             'SCHED_FIFO 50; memory locked']
@@ -101,7 +102,7 @@ def test_the_parameters_and_a_refusal() -> None:
         assert policies(child.process.pid) == {(os.SCHED_FIFO, 7)}
         assert os.sched_getaffinity(child.process.pid) == {0}
         assert not locked(child.process.pid)
-        assert interrupt(child) < 5.0
+        assert interrupt(child, signal.SIGINT) < 5.0
         it.lines.clear()
         child = it.start('plant', *arguments)
         report = Diagnostics(it).next('plant')
