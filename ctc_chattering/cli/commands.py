@@ -10,9 +10,10 @@ import sys
 from typing import Any
 
 from ctc_chattering import params
-from ctc_chattering.cli.options import overrides, params_file, read_text
+from ctc_chattering.cli.options import overrides, params_file
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.core.switching import SWITCHINGS
+from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.export import write_csv, write_npz
 from ctc_chattering.output import prepare
@@ -250,7 +251,7 @@ def check_model(options: argparse.Namespace) -> int:
     if name == 'urdf':
         if options.urdf is None:
             raise CtcError('the model urdf needs --urdf FILE')
-        urdf = read_text(options.urdf)
+        urdf = read_description(options.urdf)
         if options.joints is None:
             from ctc_chattering.core.tree import movable_joints
             joints = movable_joints(urdf)

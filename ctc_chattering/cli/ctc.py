@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 
 from ctc_chattering import __version__
-from ctc_chattering.cli.options import add_run_options, guarded
+from ctc_chattering.cli.options import add_run_options, guarded, parameter_file
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -73,7 +73,8 @@ def make_parser() -> argparse.ArgumentParser:
         'compare', help='compare both laws joint by joint, on any robot',
         description='Run every parameter file with the original law and with every switching of '
                     'the proposed one; print the RMS error of each joint.')
-    compare.add_argument('files', nargs='+', type=Path, metavar='F', help='parameter file')
+    compare.add_argument('files', nargs='+', type=parameter_file, metavar='F',
+                         help='parameter file, or the name of one of the package, such as panda')
     compare.add_argument('--backend', action='append', metavar='X',
                          help="plant in place of the file's: builtin | mujoco; may be repeated")
     compare.add_argument('--ros', action='store_true',
@@ -109,7 +110,8 @@ def make_parser() -> argparse.ArgumentParser:
         '--model', metavar='NAME',
         help='two_link, urdf, or package.module:Class; urdf by default if there is --urdf, else '
              'two_link')
-    check_model.add_argument('--urdf', type=Path, metavar='FILE', help='model urdf: the URDF')
+    check_model.add_argument('--urdf', metavar='FILE',
+                             help='model urdf: the URDF, a path or package://NAME/PATH')
     check_model.add_argument(
         '--joints', metavar='A,B,C',
         help='joints in the order of the model; by default all that the URDF has, or joint1, '

@@ -32,8 +32,9 @@ class Parser(argparse.ArgumentParser):
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that choose a run: the file and what stands above it."""
     parser.add_argument(
-        '--params-file', type=Path, metavar='F',
-        help="parameter file; config/friction.yaml, the paper's first experiment, by default")
+        '--params-file', type=parameter_file, metavar='F',
+        help='parameter file, or the name of one of the package, such as panda; friction, the '
+             "paper's first experiment, by default")
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
         parser.add_argument(f'--{name}', metavar='X',
                             help=f"in place of the file's: {' | '.join(values)}")
@@ -43,10 +44,16 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         '--duration', type=float, metavar='S', help="in place of the file's [s]")
 
 
+def parameter_file(text: str) -> Path:
+    """Return the parameter file that `text` names: a path, or ``panda`` for the package's own."""
+    installed = config_directory() / f'{text}.yaml'
+    return installed if Path(text).name == text and installed.exists() else Path(text)
+
+
 def params_file(options: argparse.Namespace) -> Path:
     """Return the parameter file asked for, or that of the first experiment."""
     given: Path | None = options.params_file
-    return given or config_directory() / 'friction.yaml'
+    return given or parameter_file('friction')
 
 
 def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
@@ -59,16 +66,6 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     if options.control_period is not None:
         result['/**'] = {'control_period': options.control_period}
     return result
-
-
-def read_text(path: Path) -> str:
-    """Return what is in a file."""
-    try:
-        return path.read_text(encoding='utf-8')
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
-    except UnicodeDecodeError:
-        raise CtcError(f'{path}: not UTF-8') from None
 
 
 def guarded(name: str, command: Callable[[], int]) -> int:
