@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import time
@@ -18,14 +19,14 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
+from stopwatch import PATIENCE as PATIENCE
+from stopwatch import Stopwatch as Stopwatch
 
 from ctc_chattering import supervisor
 from ctc_chattering.domain import own_domain
 from ctc_chattering.middleware import VARIABLES
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
-#: What is taken for hanging [s]: no bound of a test's, and far from all that a busy machine does.
-PATIENCE = 120.0
 #: After which a service is asked again [s]: rmw drops an answer where it does not know the client
 #: yet.
 AGAIN = 2.0
@@ -196,57 +197,13 @@ def alive(pids: Sequence[int]) -> list[int]:
     return result
 
 
-class Stopwatch:
-    """
-    Measures what processes take [s], but for the time for which they wait for a processor.
-
-    What others on the machine do to the time of a test is nearly all in that waiting, which Linux
-    counts (``/proc/PID/schedstat``; the main threads' is taken). Where it does not, none is left
-    out.
-
-    Parameters
-    ----------
-    pids : int
-        The processes; of several, one waits for the other.
-
-    """
-
-    def __init__(self, *pids: int) -> None:
-        self._before = {pid: _waited(pid) for pid in pids}
-        self._after = dict(self._before)
-        self._begin = time.monotonic()
-
-    def read(self) -> float:
-        """Return the time since it was made, without the waiting [s]."""
-        return time.monotonic() - self._begin - self.waited()
-
-    def waited(self) -> float:
-        """Return for how long they have waited for a processor since it was made [s]."""
-        for pid, latest in self._after.items():
-            self._after[pid] = max(latest, _waited(pid))
-        return sum(self._after.values()) - sum(self._before.values())
-
-    def end(self, process: subprocess.Popen[Any]) -> float:
-        """Wait for the end of a process and return `read` of just before it [s]."""
-        deadline = time.monotonic() + PATIENCE
-        took = 0.0
-        while process.poll() is None:
-            took = self.read()
-            assert time.monotonic() < deadline, 'waited in vain for the end'
-            time.sleep(0.01)
-        return took
-
-
-def _waited(pid: int) -> float:
-    try:
-        return int(Path(f'/proc/{pid}/schedstat').read_text().split()[1]) * 1e-9
-    except OSError:
-        return 0.0
-
-
 def interrupt(child: supervisor.Child, *numbers: int) -> float:
-    """Send signals in quick succession; return how long the end took [s], by a `Stopwatch`."""
+    """
+    Send signals, SIGINT by default; return how long the end took [s], by a `Stopwatch`.
+
+    Several come in quick succession.
+    """
     watch = Stopwatch(child.process.pid)
-    for number in numbers:
+    for number in numbers or (signal.SIGINT,):
         child.signal(number)
     return watch.end(child.process)

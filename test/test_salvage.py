@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 import time
 
 from bags import entries, write_bag
+from faults import nodes_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -23,7 +24,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 import numpy as np
 import pytest
-from ros import bringup, CONFIG, descendants, PATIENCE, perform, wait_for
+from ros import bringup, CONFIG, PATIENCE, perform, Stopwatch, wait_for
 
 from ctc_chattering import params
 from ctc_chattering.bag import open_bag, read_bag
@@ -204,14 +205,16 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> Non
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
                  '--duration', '0', '--record', str(bag)) as process:
         wait_for(lambda: (bag / 'bag.mcap').exists()
-                 and (bag / 'bag.mcap').stat().st_size > 200_000, 'a part of the bag')
-        victim, = (pid for pid, line in descendants(process.pid).items()
-                   if 'cli.node recorder' in line)
-        os.kill(victim, signal.SIGKILL)
+                 and (bag / 'bag.mcap').stat().st_size > 100_000, 'a part of the bag')
+        nodes = nodes_of(process.pid)
+        watch = Stopwatch(*nodes.values())
+        wait_for(lambda: (bag / 'bag.mcap').stat().st_size > 300_000, 'more of it')
+        waited = watch.waited()
+        os.kill(nodes['recorder'], signal.SIGKILL)
         killed = time.time()
         process.communicate(timeout=PATIENCE)
     found, _ = repair(bag)
-    assert found.end / 1e9 > killed - 1.0
+    assert found.end / 1e9 > killed - 1.0 - waited
     assert read_bag(bag).run.t[-1] > 1.0
 
 
@@ -223,10 +226,10 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, hard))
     try:
         status, output = perform('--params-file', str(CONFIG / 'friction.yaml'), '--record',
-                                 str(bag), '--duration', '5')
+                                 str(bag), '--duration', '3')
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert 'the experiment has ended at t = 5 s after 5001 samples' in output
+    assert 'the experiment has ended at t = 3 s after 3001 samples' in output
     assert re.search(r'recording has stopped: File too large', output)
     assert status == 1
     assert 'Traceback' not in output
