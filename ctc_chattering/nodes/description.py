@@ -10,6 +10,7 @@ from std_msgs.msg import String
 from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import ROBOT_DESCRIPTION
+from ctc_chattering.nodes.matching import MatchingSubscription
 from ctc_chattering.nodes.runtime import qos
 
 
@@ -50,8 +51,8 @@ class Description:
             return
         self.problem = f'waiting for {ROBOT_DESCRIPTION}'
         node.get_logger().info(self.problem)
-        node.create_subscription(
-            String, ROBOT_DESCRIPTION, self._on_description, qos(1, latched=True))
+        MatchingSubscription(node, String, ROBOT_DESCRIPTION, self._on_description,
+                             qos(1, latched=True), raw=False)
 
     def _on_description(self, message: String) -> None:
         if not self.problem:

@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile
 
 from ctc_chattering.core.arbiter import Arbiter
 from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.nodes.matching import MatchingSubscription
 
 T = TypeVar('T')
 
@@ -115,8 +116,8 @@ class Inbox(Generic[T]):
         self._contested = 0
         self._owner: tuple[bytes, str] | None = None
         self.owned = False
-        self.subscription = node.create_subscription(
-            kind, topic, with_info(self._on_message), profile, raw=True)
+        self.subscription = MatchingSubscription(
+            node, kind, topic, with_info(self._on_message), profile)
 
     def _on_message(self, data: bytes, info: Mapping[str, Any]) -> None:
         now = time.monotonic_ns()

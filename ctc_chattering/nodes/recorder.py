@@ -17,6 +17,7 @@ from ctc_chattering.core.log_time import LogTime
 from ctc_chattering.core.numbering import Numbering
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.nodes.inbox import LAPSE, PATIENCE, with_info
+from ctc_chattering.nodes.matching import MatchingSubscription
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
@@ -70,9 +71,9 @@ class RecorderNode(Shell):
         self._simulated: bool | None = None
         self._early: list[tuple[str, str, int, bytes, list[Qos]]] = []
         for topic in TOPICS.values():
-            self.create_subscription(
-                message_type(topic.kind), topic.name, self._callback(topic),
-                qos(_DEPTH, topic.latched), raw=True)
+            MatchingSubscription(
+                self, message_type(topic.kind), topic.name, self._callback(topic),
+                qos(_DEPTH, topic.latched))
 
     def introduction(self) -> str:
         """Return where the bag is."""

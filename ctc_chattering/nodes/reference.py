@@ -106,7 +106,7 @@ class ReferenceNode(Shell):
                 self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(10),
                 lambda state: not self._mine.isdisjoint(state.names))
         elif self._states is not None and begun:
-            self.destroy_subscription(self._states.subscription)
+            self._states.subscription.destroy()
             self._states = None
         if self._start is not None and not self._simulated:
             self._advance(self.get_clock().now().nanoseconds + self._lead - self._start)

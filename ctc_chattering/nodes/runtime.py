@@ -28,6 +28,7 @@ from ctc_chattering.graph import DIAGNOSTICS, TOPICS
 from ctc_chattering.memory import give_back
 from ctc_chattering.middleware import use_profile
 from ctc_chattering.nodes.inbox import Inbox
+from ctc_chattering.nodes.matching import compatible
 from ctc_chattering.real_time import garbage_off_the_loop, RealTime
 from ctc_chattering.security import check_security
 
@@ -245,7 +246,9 @@ class Shell(Node):
 
         """
         for publisher in publishers:
-            infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
+            infos = [
+                info for info in self.get_subscriptions_info_by_topic(publisher.topic_name)
+                if compatible(publisher.qos_profile, info.qos_profile)]
             if publisher.get_subscription_count() < len(infos):
                 return False
             names = {info.node_name for info in infos}
