@@ -11,9 +11,11 @@ import yaml
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.grid import period_ns
+from ctc_chattering.core.limits import Limits
 from ctc_chattering.core.parameters import Config
 from ctc_chattering.core.plant import PlantConfig
-from ctc_chattering.core.reference import ReferenceConfig
+from ctc_chattering.core.plants import check_start
+from ctc_chattering.core.reference import make_motion, ReferenceConfig
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.core.waypoints import Route
 from ctc_chattering.description import read_description
@@ -111,6 +113,8 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     descriptions = {node: read_description(config.description)
                     for node, config in (('plant', plant), ('controller', controller))
                     if config.described and config.description}
+    check_start(plant, descriptions.get('plant', ''))
+    _check_motion(reference, route, plant)
     return Setup(plant, controller, reference, events, resolved, route, descriptions)
 
 
@@ -240,6 +244,18 @@ def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
     if not set(controller.joint_names) <= set(reference.joint_names):
         raise _contradiction('joint_names', 'reference', reference.joint_names, 'controller',
                              controller.joint_names)
+
+
+def _check_motion(reference: ReferenceConfig, route: Route | None, plant: PlantConfig) -> None:
+    """Raise `CtcError` if the motion, or its start, is beyond the limits of a URDF."""
+    if not (reference.described and reference.description):
+        return
+    limits = Limits(read_description(reference.description), reference.joint_names)
+    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+    try:
+        make_motion(reference, route, start, limits=limits)
+    except CtcError as error:
+        raise CtcError(f'reference: {error}') from None
 
 
 def _contradiction(name: str, node: str, value: object, other: str, expected: object) -> CtcError:

@@ -9,6 +9,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
+from urdfs import two_links
 
 from ctc_chattering import params
 from ctc_chattering.core.parameters import LARGEST, LEAST
@@ -296,3 +297,28 @@ def test_dump_names_the_namespace(file: Path) -> None:
     assert '/robot1/controller:\n  ros__parameters:' in text
     assert 'disturbance.amplitude: [0.0, 0.0]' in text
     assert '!!' not in text
+
+
+def test_what_is_beyond_the_limits_of_the_urdf_is_refused_at_load(tmp_path: Path) -> None:
+    """The motion, its start, and that of the builtin plant, by name and amount."""
+    robot, file = tmp_path / 'arm.urdf', tmp_path / 'params.yaml'
+    robot.write_text(two_links())
+    file.write_text(f"""
+/**:
+  ros__parameters: {{joint_names: [a, b], model: urdf, description: {robot}}}
+reference:
+  ros__parameters: {{center: [1.0, 0.0], amplitude: [0.5, 0.5], frequency: [0.4, 0.4],
+                    start_duration: 2.0}}
+""")
+    assert params.load(file).reference.model == 'urdf'
+    for node, values, message in (
+            ('reference', {'center': [2.7, 0.0]}, 'reference: the motion is beyond the limits of '
+             'the description: a: position 3.2 rad, 0.2 beyond its limit of 3'),
+            ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 beyond'),
+            ('reference', {'center': [1.0, 3.0]}, r'reference: start_duration 2 s: .*; b: |'
+             r'b: velocity .* would do'),
+            ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
+             'limits of the description: a: position -2.1 rad, 0.1 beyond its limit of -2'),
+            ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 beyond')):
+        with pytest.raises(CtcError, match=message):
+            params.load(file, {node: values})

@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+from ctc_chattering.core.limits import check_limits, Limits
 from ctc_chattering.core.models import locked_positions, model_of
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.robot import Robot
 from ctc_chattering.errors import CtcError
+
+
+def limits_of(config: PlantConfig, description: str) -> Limits | None:
+    """Return the limits that the builtin plant does not keep by itself; None without any."""
+    if config.plant_backend != 'builtin' or config.model != 'urdf' or not description:
+        return None
+    return Limits(description, config.joint_names)
+
+
+def check_start(config: PlantConfig, description: str) -> None:
+    """Raise `CtcError` if the builtin plant starts beyond the limits of its description."""
+    limits = limits_of(config, description)
+    if limits is not None:
+        check_limits('the start of the plant', limits,
+                     [(config.initial_position, config.initial_velocity, ())])
 
 
 def make_plant(config: PlantConfig, description: str = '') -> Robot:
@@ -22,10 +38,11 @@ def make_plant(config: PlantConfig, description: str = '') -> Robot:
     Raises
     ------
     CtcError
-        If there is no description, it does not have the joints, or the backend is not
-        installed.
+        If there is no description, it does not have the joints, the start is beyond its limits,
+        or the backend is not installed.
 
     """
+    check_start(config, description)
     if config.plant_backend == 'builtin':
         return Plant(config, model_of(config, description))
     if not description:

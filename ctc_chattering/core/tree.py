@@ -40,6 +40,8 @@ class Joint(NamedTuple):
     #: Greatest speed [rad/s or m/s] and effort [N·m or N]; inf where the URDF has none, or 0.
     velocity: float
     effort: float
+    #: Greatest acceleration and deceleration [rad/s² or m/s²], as URDF 1.2 has them; inf for none.
+    acceleration: float
     mimic: Mimic | None
 
 
@@ -297,13 +299,16 @@ def _joint(element: ET.Element) -> Joint:
     limit, follows = element.find('limit'), element.find('mimic')
     low, high, velocity, effort = (
         _number(name, limit, key, 0.0, _INF) for key in ('lower', 'upper', 'velocity', 'effort'))
+    acceleration = min(
+        _number(name, limit, key, _INF, _INF) or _INF for key in ('acceleration', 'deceleration'))
     if kind == 'continuous' or low == high == 0.0:
         low, high = -_INF, _INF
     mimic = None
     if follows is not None:
         mimic = Mimic(follows.get('joint', ''), _number(name, follows, 'multiplier', 1.0),
                       _number(name, follows, 'offset', 0.0))
-    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, mimic)
+    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration,
+                 mimic)
 
 
 def _number(joint: str, element: ET.Element | None, key: str, default: float,

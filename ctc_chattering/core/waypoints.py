@@ -14,6 +14,8 @@ from ctc_chattering.core.trajectory import Point
 from ctc_chattering.errors import ParameterError
 
 _FIELDS = ('positions', 'velocities', 'accelerations')
+#: Parts of the way between two waypoints at which limits are checked.
+_PARTS = 32
 
 
 class Waypoints:
@@ -56,6 +58,12 @@ class Waypoints:
     def end(self) -> int:
         """Instant of the last waypoint [ns]."""
         return self._times[-1]
+
+    def extremes(self) -> list[Point]:
+        """Return points of every part of the motion, close enough to show what it reaches."""
+        return [self.at(before + (after - before) * k // _PARTS)
+                for before, after in pairwise(self._times) for k in range(_PARTS)
+                ] + [self.at(self.end)]
 
     def at(self, t: int) -> Point:
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""

@@ -11,8 +11,6 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
-    qos_check_compatible,
-    QoSCompatibility,
     QoSProfile,
     ReliabilityPolicy,
 )
@@ -22,8 +20,16 @@ _PERIOD = 0.5
 
 
 def compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
-    """Return whether a publisher and a subscription with these profiles find each other."""
-    return bool(qos_check_compatible(offered, requested)[0] != QoSCompatibility.ERROR)
+    """
+    Return whether a publisher and a subscription with these profiles find each other.
+
+    `qos_check_compatible` of rclpy takes a deadline that is not set for shorter than one that a
+    peer reports as infinite; deadlines are nothing that we offer or ask for.
+    """
+    return not ((offered.reliability == ReliabilityPolicy.BEST_EFFORT
+                and requested.reliability == ReliabilityPolicy.RELIABLE)
+                or (offered.durability == DurabilityPolicy.VOLATILE
+                and requested.durability == DurabilityPolicy.TRANSIENT_LOCAL))
 
 
 def weakened(requested: QoSProfile, offers: Sequence[QoSProfile]) -> QoSProfile:

@@ -45,6 +45,8 @@ class NodeParameters:
         Together they hold all parameters of the node.
     changed : callable
         Called after every accepted set.
+    check : callable, optional
+        Called with the configurations that a set would make; refuses it by `CtcError`.
 
     Raises
     ------
@@ -54,9 +56,10 @@ class NodeParameters:
     """
 
     def __init__(self, node: Node, configs: Sequence[type[Config]],
-                 changed: Callable[[], None]) -> None:
+                 changed: Callable[[], None],
+                 check: Callable[[Sequence[Config]], None] = lambda _: None) -> None:
         self._node = node
-        self._changed = changed
+        self._changed, self._check = changed, check
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
         values = {}
@@ -132,7 +135,7 @@ class NodeParameters:
                 spec = self._specs.get(parameter.name)
                 if spec is not None and parameter.value is None:
                     raise ParameterError(spec.name, None, spec.allowed)
-            self._candidates(parameters)
+            self._check(self._candidates(parameters))
         except CtcError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

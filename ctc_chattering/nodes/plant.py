@@ -16,7 +16,7 @@ from ctc_chattering.core.command_watchdog import CommandWatchdog
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import PlantConfig
-from ctc_chattering.core.plants import make_plant
+from ctc_chattering.core.plants import limits_of, make_plant
 from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.ticks import Ticks
 from ctc_chattering.errors import CtcError, UsageError
@@ -93,6 +93,7 @@ class PlantNode(Shell):
         """Make the robot, and begin to listen."""
         config = self._tuning.get(PlantConfig)
         self._plant = make_plant(config, description)
+        self._limits = limits_of(config, description)
         lockstep = self._ticker is not None
         self._inbox = Inbox(
             self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
@@ -171,6 +172,9 @@ class PlantNode(Shell):
                 f'no command for {seconds(self._watchdog.timeout):g} s; torque 0, brakes on')
         elif not self._begun:
             level, message = DiagnosticStatus.WARN, f'waiting for {COMMANDS}'
+        if self._limits is not None and (beyond := self._limits.excess(
+                [(self._plant.q, self._plant.dq, ())])):
+            level, message = max(level, DiagnosticStatus.WARN), f'{message}; {beyond}'
         values = {'pacing': self._plant.config.pacing, 'time of the run [s]': self._plant.t}
         return Status(level, message, values) if self._ticker else self._real_time_status(
             level, message, values)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from collections.abc import Callable, Sequence
+from math import inf, isfinite
 from pathlib import Path
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,13 +14,16 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import wire
-from ctc_chattering.core.blend import Blend, Motion
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.core.reference import make_motion, ReferenceConfig
+from ctc_chattering.core.limits import check_limits, Limits
+from ctc_chattering.core.parameters import Config
+from ctc_chattering.core.reference import make_motion, ReferenceConfig, shortest
+from ctc_chattering.core.smooth_start import Motion, smooth_start, Transition
 from ctc_chattering.core.trajectory import Point
 from ctc_chattering.core.waypoints import Route, Waypoints
-from ctc_chattering.errors import ParameterError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
+from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import Inbox, PATIENCE, Refused
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status
@@ -26,8 +31,11 @@ from ctc_chattering.real_time import RealTime
 from ctc_chattering.settings import RealTimeSettings, ReferenceSettings
 from ctc_chattering.trajectory_file import read_trajectory
 
-#: Time over which waypoints that begin in the past are joined, without a start duration [s].
-_BLEND = 0.5
+#: Without a start duration: time over which waypoints that begin in the past are joined, and over
+#: which the motion passes into one with changed parameters [s].
+_JOIN, _CHANGE = 0.5, 2.0
+#: Time between two attempts to begin, where the start is refused [ns].
+_RETRY = 5 * NANOSECONDS
 #: A stamp that is further from the node's clock is from another clock, or wrong [ns].
 _IN_STEP = NANOSECONDS // 4
 
@@ -39,22 +47,27 @@ class ReferenceNode(Shell):
     Where somebody publishes ``clock``, the motion is a function of that time; otherwise of the
     node clock's time since the first joint state seen while somebody listened, in terms of the
     stamps of the states, whatever clock they are from. Waypoints that come on
-    ``~/joint_trajectory`` take the place of the motion.
+    ``~/joint_trajectory`` take the place of the motion, and a sinusoid whose parameters are set
+    takes theirs: it passes from one into the other without a jump.
     """
 
     def __init__(self) -> None:
         super().__init__('reference')
         self._tuning = NodeParameters(
-            self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), lambda: None)
+            self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), self._on_change,
+            self._check)
         config = self._tuning.get(ReferenceConfig)
         self._settings = self._tuning.get(ReferenceSettings)
         self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
         self._route = None
         if config.trajectory_file:
             self._route = read_trajectory(Path(config.trajectory_file), config.joint_names)
-        self._from_state = self._route is not None or config.start_duration > 0.0
-        self._config = config
-        self._motion: Motion | None = None if self._from_state else make_motion(config)
+        self._limits: Limits | None = None
+        #: Why the motion does not begin, and when to try again [ns].
+        self._refusal, self._retry = '', 0
+        #: Parameters of the sinusoid that the motion has, or passes into, and since when [ns].
+        self._shape, self._in_force = _shape(config), 0
+        self._motion: Motion | None = None
         self._period = period_ns(config.control_period)
         horizon = round(self._settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
@@ -79,6 +92,44 @@ class ReferenceNode(Shell):
             self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', wire.TrajectoryReader().read,
             self._on_route, qos(10))
         self.inboxes = [self._clock_inbox, self._route_inbox]
+        self._description = Description(
+            self, config.described, config.description, self._begin)
+
+    @property
+    def _config(self) -> ReferenceConfig:
+        return self._tuning.get(ReferenceConfig)
+
+    def _begin(self, description: str) -> None:
+        """Know the limits, and make the motion if the robot's state is not needed for it."""
+        config = self._config
+        if description:
+            self._limits = Limits(description, config.joint_names)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make the motion, if it does not depend on the robot's state."""
+        if self._motion is None and not self._from_state:
+            self._motion = make_motion(self._config, limits=self._limits)
+            self._shape = _shape(self._config)
+
+    @property
+    def _from_state(self) -> bool:
+        """Whether the motion begins where the robot is."""
+        return self._route is not None or self._config.start_duration > 0.0
+
+    def _check(self, configs: Sequence[Config]) -> None:
+        """Raise `CtcError` if a set would lead beyond the limits."""
+        for config in configs:
+            if isinstance(config, ReferenceConfig) and not config.trajectory_file:
+                make_motion(config.changed({'start_duration': 0.0}), limits=self._limits)
+
+    def _on_change(self) -> None:
+        """Try again to begin, where that was refused; `_extend` sees what else has changed."""
+        self._settings = self._tuning.get(ReferenceSettings)
+        self._retry = 0
+        if self._limits is not None or not self._config.described:
+            self._prepare()
+            self._description.problem = self._refusal = ''
 
     def spin(self, executor: Any) -> None:
         """Take what has come, in batches: the horizon is long enough."""
@@ -118,6 +169,10 @@ class ReferenceNode(Shell):
 
     def status(self) -> Status:
         """Return what the motion does."""
+        if self._description.problem:
+            return Status(DiagnosticStatus.ERROR, self._description.problem, {})
+        if self._refusal:
+            return Status(DiagnosticStatus.ERROR, self._refusal, {})
         if self._now is None or self._motion is None:
             return Status(DiagnosticStatus.WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
         values = {'time of the motion [s]': seconds(self._now), 'published pieces': self._pieces,
@@ -161,11 +216,23 @@ class ReferenceNode(Shell):
             if self._start is None:
                 self._start = t
             t -= self._start
-        if self._motion is None:
-            velocities = state.velocity or (0.0,) * len(state.position)
-            start = {name: (q, dq) for name, q, dq in zip(
-                state.names, state.position, velocities) if isfinite(q + dq)}
-            self._motion = make_motion(self._config, self._route, start, t)
+        if self._motion is None and not self._description.problem:
+            self._begin_at(state, t)
+
+    def _begin_at(self, state: wire.State, t: int) -> None:
+        """Begin the motion where the robot is, unless that is beyond the limits."""
+        now = time.monotonic_ns()
+        if now < self._retry:
+            return
+        velocities = state.velocity or (0.0,) * len(state.position)
+        start = {name: (q, dq) for name, q, dq in zip(
+            state.names, state.position, velocities) if isfinite(q + dq)}
+        try:
+            self._motion = make_motion(self._config, self._route, start, t, self._limits)
+            self._shape, self._refusal = _shape(self._config), ''
+        except CtcError as error:
+            self._refusal, self._retry = str(error), now + _RETRY
+            self.get_logger().error(self._refusal)
 
     def _is_in_step(self, t: int, now: int) -> bool:
         """
@@ -190,18 +257,53 @@ class ReferenceNode(Shell):
         """Go through waypoints, after what has been published already."""
         if self._now is None or self._motion is None:
             raise Refused('early', 'the motion has not begun')
-        begin = (self._now // self._period + self._piece) * self._period
+        begin = self._after_published()
         stamped = piece.start != 0
         shift = self._lead - (self._start or 0) if stamped else begin
         try:
             route = Route(*piece[:3])._replace(times=[t + shift for t in piece.times]).ordered(
                 self._config.joint_names)
-            before = self._motion.at(begin)
-            self._motion = _Then(self._motion, begin, _through(
-                route, begin, before, self._config.start_duration))
-        except ParameterError as error:
+            before = self._motion
+            if isinstance(before, _Then) and before.begin == begin:
+                before = before.before  # What was to come at that instant never does.
+            self._motion = _Then(before, begin, self._through(route, begin, before.at(begin)))
+        except CtcError as error:
             raise Refused('waypoints', str(error)) from None
         self._next = begin // self._period
+
+    def _through(self, route: Route, begin: int, state: Point) -> Motion:
+        """Return the way from a state at `begin` [ns] through waypoints, some past, maybe."""
+        way = Waypoints(route.times, route.points, (begin, state))
+        if self._limits is not None:
+            check_limits('the motion', self._limits, way.extremes())
+        if route.times[0] > begin:
+            return way
+        return self._fitting(
+            lambda duration: smooth_start(way, begin, state, duration), begin, _JOIN)
+
+    def _change(self) -> None:
+        """Have the motion pass into the one that is set now, after what has been published."""
+        assert self._motion is not None and self._now is not None
+        before, after = self._motion, make_motion(self._config.changed({'start_duration': 0.0}))
+        begin = self._after_published()
+        self._motion = self._fitting(
+            lambda duration: Transition(before, after, begin, duration), begin, _CHANGE)
+        self._shape, self._in_force = _shape(self._config), begin
+        self._next = begin // self._period
+
+    def _after_published(self) -> int:
+        """Return an instant that the controller surely hears of in time [ns]."""
+        assert self._now is not None
+        return (self._now // self._period + self._piece) * self._period
+
+    def _fitting(self, make: Callable[[float], Transition], begin: int, least: float
+                 ) -> Transition:
+        """Return a transition that lasts `start_duration`, or longer if the limits ask for it."""
+        duration = self._config.start_duration or least
+        if self._limits is None:
+            return make(duration)
+        longer = shortest(make, begin, duration, self._limits)
+        return make(longer if longer < inf else duration)
 
     def _extend(self) -> None:
         """Publish pieces until the motion is known far enough ahead."""
@@ -209,10 +311,15 @@ class ReferenceNode(Shell):
             return
         if isinstance(self._motion, _Then) and self._now > self._motion.begin:
             self._motion = self._motion.after
+        if isinstance(self._motion, Transition) and self._now >= self._motion.end:
+            self._motion = self._motion.after
+        if (self._shape != _shape(self._config) and self._route is None
+                and not isinstance(self._motion, (_Then, Transition))):
+            self._change()
         if self._tuning.news:
             if not self.heard((self._publisher,), self._settings.wait_for):
                 return
-            self._tuning.announce(self._start or 0)
+            self._tuning.announce((self._start or 0) + self._in_force)
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
@@ -232,18 +339,15 @@ class _Then:
     """One motion until an instant, and another one from there on."""
 
     def __init__(self, before: Motion, begin: int, after: Motion) -> None:
-        self._before, self.begin, self.after = before, begin, after
+        self.before, self.begin, self.after = before, begin, after
 
     def at(self, t: int) -> Point:
-        return (self._before if t < self.begin else self.after).at(t)
+        return (self.before if t < self.begin else self.after).at(t)
 
 
-def _through(route: Route, begin: int, state: Point, duration: float) -> Motion:
-    """Return the way from a state at `begin` [ns] through waypoints, some of them past, maybe."""
-    if route.times[0] > begin:
-        return Waypoints(route.times, route.points, start=(begin, state))
-    q, dq, ddq = state
-    return Blend(Waypoints(route.times, route.points), begin, q, dq, duration or _BLEND, ddq)
+def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:
+    """Return the parameters of the sinusoid."""
+    return config.center, config.amplitude, config.frequency, config.phase
 
 
 #: What the executable runs.
