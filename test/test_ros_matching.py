@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
+import signal
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -75,7 +76,7 @@ def test_all_nodes_hear_best_effort_publishers(tmp_path: Path) -> None:
                  and description.get_subscription_count() == 2, 'the recorder')
         count = len(torques)
         it.until(lambda: answered() and len(torques) > count + 10, 'more torques')
-        interrupt(recorder)
+        interrupt(recorder, signal.SIGINT)
         assert not any('Traceback' in line for line in it.lines), it.lines
     with closing(open_bag(bag)) as reader:
         topics = {connection.topic for connection, _, _ in reader.messages()}
