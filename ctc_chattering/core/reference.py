@@ -192,6 +192,7 @@ def shortest(make: Callable[[float], Transition], t0: int, duration: float,
     duration : float
         The least one [s].
     limits : Limits
+        What it must keep.
 
     Returns
     -------
