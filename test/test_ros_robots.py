@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 import itertools
 import math
 from pathlib import Path
@@ -22,13 +22,16 @@ from std_msgs.msg import Float64MultiArray, String
 from test_ros_lockstep import assert_equal, record
 from test_ros_nodes import COMMANDS, MS, stamp
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from urdfs import link, PANDA, panda, two_links, UR5, ur5
+from urdfs import BOMBS, link, mutated, PANDA, panda, two_links, UR5, ur5
 
 from ctc_chattering import params
 from ctc_chattering.bag import open_bag, read_bag
 from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.core.plant import PlantConfig
+from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.core.trajectory import Trajectory
+from ctc_chattering.errors import CtcError
 from ctc_chattering.result import simulated
 
 pytestmark = pytest.mark.ros
@@ -114,7 +117,7 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
             well = reports.until(node, lambda r: r.message.startswith('running'), 'health')
             assert well.level in (OK, WARN)
             mine = [x for x in it.lines if x.startswith(f'[{node}]')]
-            assert len([x for x in mine if f'waiting for {DESCRIPTION}' in x]) == 1
+            assert len([x for x in mine if x.endswith(f': waiting for {DESCRIPTION}')]) == 1
             assert len([x for x in mine if f'{DESCRIPTION} has come' in x]) == 1
         assert [m.data for m in told] == [two_links()]
 
@@ -129,6 +132,50 @@ def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
         commands.clear()
         it.until(lambda: greatest(0) == 40.0 and greatest(1) > 3.0, 'the first limit')
         assert not any('Traceback' in line for line in it.lines)
+
+
+def test_no_description_ends_a_node() -> None:
+    """Neither one that waits for it nor one that runs: all are refused, and the good one taken."""
+    clash = two_links().replace('name="c"', 'name="lower"')  # A fixed joint called as a link.
+    bad = [*BOMBS.values(), *(text for seed in range(0, 60, 4)
+                              if not is_robot(text := mutated(two_links(), seed)))]
+    assert len(bad) > 12
+    with probe() as it:
+        commands = it.listen(Float64MultiArray, COMMANDS)
+        children = [
+            it.start('controller', *ARM, '-p', 'state_timeout:=1.0'),
+            it.start('plant', *ARM, '-p', 'plant_backend:=mujoco', '-p', 'pacing:=lockstep'),
+            it.start('reference', '-p', 'joint_names:=[a,b]')]
+        topic = it.node.create_publisher(String, DESCRIPTION, LATCHED)
+        it.until(lambda: topic.get_subscription_count() == 2, 'the nodes')
+
+        def refusals() -> list[int]:
+            return [len([x for x in it.lines if x.startswith(f'[{node}] [ERROR]')
+                         and f']: {DESCRIPTION}: ' in x]) for node in ('controller', 'plant')]
+        for count, text in enumerate(bad):
+            topic.publish(String(data=text))
+            it.until(lambda count=count: min(refusals()) > count,  # type: ignore[misc]
+                     f'the refusal of {text[:200]}')
+        topic.publish(String(data=clash))
+        it.until(lambda: len(commands) > 100, 'torques')
+        for text in bad[:6]:
+            topic.publish(String(data=text))
+        commands.clear()
+        it.until(lambda: len(commands) > 100, 'more torques')
+        assert [child.status for child in children] == [None, None, None], it.lines[-20:]
+        assert refusals() == [len(bad)] * 2
+        assert not any('Traceback' in line for line in it.lines)
+
+
+def is_robot(text: str) -> bool:
+    """Return whether a plant can be made of it, by its equations or by MuJoCo."""
+    made = 0
+    for backend in ('builtin', 'mujoco'):
+        with suppress(CtcError):
+            make_plant(PlantConfig(
+                joint_names=('a', 'b'), model='urdf', plant_backend=backend), text)
+            made += 1
+    return made > 0
 
 
 def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
@@ -151,8 +198,8 @@ def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
          "the model nowhere:Arm cannot be made: ModuleNotFoundError: No module named 'nowhere'")]
     missing = [
         ('controller', (*ARM, *good),
-         "the model urdf needs Pinocchio (not here): pip install 'ctc_chattering[urdf]'"),
-        ('plant', (*mujoco, *good), "needs MuJoCo: pip install 'ctc_chattering[mujoco]'")]
+         'the model urdf needs Pinocchio (not here): pip install pin, or '),
+        ('plant', (*mujoco, *good), 'needs MuJoCo: pip install mujoco')]
     for name in ('pinocchio', 'mujoco'):
         package = stubs / name
         package.mkdir(parents=True)

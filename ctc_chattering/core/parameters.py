@@ -112,6 +112,7 @@ class Parameter:
         Parameters
         ----------
         value : object
+            Of any type.
         n : int
             Number of joints, for the message; 0 if it is not known.
 
