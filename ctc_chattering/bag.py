@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Sequence
 import dataclasses
@@ -295,7 +294,7 @@ class _Topics:
         Commands carry no stamp. Where there is one for every state, as in lockstep, they answer
         them in turn, a state that was sent again more than once. Otherwise the torque is the one
         that the next state says was applied; where that state is missing, or does not say, it is
-        the first command recorded before the next state.
+        the first command recorded after it, if that came as soon as usual.
         """
         commands: list[Any] = []
         recorded: list[int] = []
@@ -317,11 +316,15 @@ class _Topics:
         tau = np.full_like(states.effort, np.nan)
         follows = missing(np.array(states.t, float), period) == 0
         tau[:-1][follows] = states.effort[1:][follows]
-        ends = [*states.heard[1:], sys.maxsize]
-        for k in np.flatnonzero(~np.isfinite(tau).all(axis=1)).tolist():
-            i = bisect_left(recorded, states.heard[k])
-            if i < len(recorded) and recorded[i] < ends[k]:
-                tau[k] = commands[i]
+        heard = np.array(states.heard)
+        answer = np.searchsorted(recorded, heard)
+        delay = np.array([*recorded, sys.maxsize])[answer] - heard
+        # A command that comes later than usual may answer a state that is missing.
+        latest = np.median(delay) + 0.5 * np.median(np.diff(heard, append=heard[-1:]))
+        ends = np.append(heard[1:], sys.maxsize) - heard
+        known = (delay < ends) & (delay <= latest)
+        for k in np.flatnonzero(known & ~np.isfinite(tau).all(axis=1)).tolist():
+            tau[k] = commands[answer[k]]
         if not np.isfinite(tau[-1]).all():
             tau[-1] = states.effort[-1]
         return tau

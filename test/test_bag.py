@@ -304,6 +304,14 @@ def test_a_recorder_that_dropped_messages(
     assert (difference < 0.05 * np.abs(RESULT.run.v).max(axis=0)).all()
 
 
+def test_a_later_command_is_no_answer(tmp_path: Path) -> None:
+    """Check a state whose command is lost, before states that are lost but not their commands."""
+    found = [x for x in lossy(lambda k: 50 <= k < 60, False)
+             if not (x.topic.endswith('commands') and x.t // 1_000_000 == 49)]
+    run = read(tmp_path, found).run
+    assert np.isnan(run.tau[49]).all() and np.isfinite(np.delete(run.tau, 49, 0)).all()
+
+
 def test_torques_that_nothing_tells(tmp_path: Path) -> None:
     """Check nan, not another sample's torque, where state and command are both missing."""
     result = read(tmp_path, [x for x in lossy(lambda k: 50 <= k < 60, True)
