@@ -9,6 +9,7 @@ READY := $(VENV)/.ready
 .PHONY: demo test test-load slow lint benchmark latency clean
 
 demo: $(READY)
+	@echo 'Five experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
 	$(BIN)/ctc reproduce --out results --overwrite
 
 test: $(READY) lint
@@ -41,6 +42,8 @@ latency: $(READY)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml
+	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (1.6 GB;'
+	@echo 'some minutes, once) ...'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test,lint]'

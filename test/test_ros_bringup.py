@@ -17,6 +17,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from ros import alive, bringup, CONFIG, descendants, PATIENCE, perform, probe, wait_for
 
+from ctc_chattering.bag import read_bag
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.nodes.conductor import Observer
 
@@ -95,6 +96,20 @@ def test_what_is_wrong_is_said_in_one_line_before_anything_starts(
     assert status == 1
     assert len(output.splitlines()) == 1
     assert message in output
+
+
+def test_arguments_for_ros_stand_above_its_own(tmp_path: Path) -> None:
+    """Check by the bag that they reach the nodes, in a namespace, the last one of each."""
+    file, bag = tmp_path / 'more.yaml', tmp_path / 'bag'
+    file.write_text('controller: {ros__parameters: {law: compensation, b: 2.0}}')
+    status, output = perform(
+        '--duration', '0.2', '--law', 'chattering', '--record', str(bag), '--ros-args',
+        '-p', 'law:=chattering', '--params-file', str(file), '-r', '__ns:=/robot1',
+        '-p', 'experiment:=mine', '-p', 'controller:b:=3')
+    assert status == 0, output
+    result = read_bag(bag)
+    (_, config), = result.configs
+    assert (result.experiment, config.law, config.b) == ('mine', 'compensation', 3.0)
 
 
 def test_an_event_that_a_running_node_would_refuse_is_refused_at_once(tmp_path: Path) -> None:
