@@ -272,6 +272,10 @@ def check_model(options: argparse.Namespace) -> int:
     for x in failed:
         print(f'{x.name}: worst at q = {_numbers(list(x.q))}, dq = {_numbers(list(x.dq))}'
               + (f': {x.error}' if x.error else ''))
+    if name == 'urdf':
+        from ctc_chattering.core.inertia import inertia_faults
+        for fault in inertia_faults(urdf, joints):
+            print(f'warning: {fault}')
     return 1 if failed else 0
 
 
