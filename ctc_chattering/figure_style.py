@@ -101,8 +101,7 @@ def mark(ax: Axes, time: float, name: str = '') -> None:
     if name:
         ax.annotate(f'→ {name}', (time, 1.0), xycoords=ax.get_xaxis_transform(),
                     xytext=(3, -1), textcoords='offset points', va='top', fontsize=9,
-                    color='#444444', annotation_clip=True, bbox={
-                        'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.7, 'pad': 1.0})
+                    color='#444444', annotation_clip=True)
 
 
 def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
@@ -116,7 +115,7 @@ def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
             note(ax, 'axis cut below')
 
 
-def steady_axis(ax: Axes, t: Array, y: Array, unit: str) -> None:
+def steady_axis(ax: Axes, t: Array, y: Array) -> None:
     """Let the axis of y show the run past its start, and say so if that cuts the start."""
     finite = np.isfinite(y)
     late = y[finite & (t >= t[0] + min(1.0, (t[-1] - t[0]) / 3.0))]
@@ -129,7 +128,7 @@ def steady_axis(ax: Axes, t: Array, y: Array, unit: str) -> None:
     span = high - low if high - low > 1e-9 * abs(high) else abs(high) or 1.0
     if least < low - span or most > high + span:
         k = int(np.nanargmax(np.where(finite, np.abs(y), -1.0)))
-        note(ax, f'axis cut: {y[k]:.4g} {unit} at t = {t[k]:.3g} s')
+        note(ax, f'axis cut: {y[k]:.4g} at {t[k]:.3g} s')
     else:
         low, high = min(low, least), max(high, most)
     ax.set_ylim(low - 0.1 * span, high + 0.1 * span)

@@ -93,7 +93,7 @@ def torques(result: Result, called: str = '') -> Figure:
         ylabel = f'{"τ" if unit == "N·m" else "force"} [{unit}]'
         ax = sheet.panel((i, 0), joint, ylabel, _WHOLE)
         sheet.line(ax, tau[:, i], _WHOLE, **_THIN)
-        steady_axis(ax, result.run.t, tau[:, i], unit)
+        steady_axis(ax, result.run.t, tau[:, i])
         ax = sheet.panel((i, 1), joint, ylabel, sheet.window)
         sheet.line(ax, tau[:, i], sheet.window, **STEPS)
     return sheet.finished()
@@ -113,7 +113,7 @@ def internals(result: Result, called: str = '') -> Figure:
             result.joint_names, result.position_units, result.torque_units)):
         ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', _WHOLE)
         sheet.line(ax, terms.v[:, i], _WHOLE, **_THIN)
-        steady_axis(ax, result.run.t, terms.v[:, i], f'{position}/s')
+        steady_axis(ax, result.run.t, terms.v[:, i])
         term = terms.chattering[:, i]
         reach = 1.25 * float(np.abs(term).max()) or 1.0
         for column, part in ((1, _WHOLE), (2, sheet.window)):

@@ -98,7 +98,7 @@ def test_torques_show_the_steady_part_and_say_what_is_cut(chattering: Result) ->
         steady = run.tau[run.t >= 1.0, i]
         assert low < steady.min()
         assert steady.max() < high < 2.0 * steady.max()
-        assert ax.get_title('right') == f'axis cut: {run.tau[0, i]:.4g} N·m at t = 0 s'
+        assert ax.get_title('right') == f'axis cut: {run.tau[0, i]:.4g} at 0 s'
         assert not texts(ax), 'nothing may lie on the data'
 
 
