@@ -1,12 +1,13 @@
-"""SIGINT and SIGTERM as a list that fills, to be looked at when it suits."""
+"""The signals that ask for the end, as a list that fills, to be looked at when it suits."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import signal
 from types import FrameType
 
-#: Signals that ask a process to end.
-STOP = (signal.SIGINT, signal.SIGTERM)
+#: Signals that ask a process to end: Ctrl-C, kill, a terminal that was closed, and Ctrl-\\.
+STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def collect() -> list[int]:
@@ -17,5 +18,11 @@ def collect() -> list[int]:
         caught.append(number)
 
     for number in STOP:
-        signal.signal(number, on_signal)
+        take(number, on_signal)
     return caught
+
+
+def take(number: int, handler: Callable[[int, FrameType | None], None]) -> None:
+    """Handle a signal, but for a SIGHUP that is ignored: that is what nohup asks for."""
+    if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+        signal.signal(number, handler)

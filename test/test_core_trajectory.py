@@ -27,6 +27,21 @@ def _of(polys: list[np.poly1d], s: float) -> Point:
         tuple(float(p.deriv(order)(s)) for p in polys) for order in range(3))
 
 
+
+def test_a_limit_keeps_the_last_points() -> None:
+    """Feed a minute at 1 kHz in pieces of half a second: the end of it is kept, and right."""
+    trajectory = Trajectory()
+    for start in range(0, 60_000, 500):
+        times = range(start * MS, (start + 500) * MS, MS)
+        trajectory.extend(times, [((float(t),), (0.0,), (0.0,)) for t in times])
+        trajectory.limit(1000)
+        assert len(trajectory) <= 1000
+    last = 59_999 * MS
+    assert trajectory.end == last
+    assert trajectory.at(last - 999 * MS) == ((float(last - 999 * MS),), (0.0,), (0.0,))
+    assert trajectory.at(last - 1000 * MS) is None
+
+
 def test_on_a_point_it_is_that_point() -> None:
     """Check that nothing is computed on a point: it comes back to the last bit."""
     rng = np.random.default_rng(0)

@@ -35,12 +35,16 @@ def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
     return found()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_all_of_them_cleanly(tmp_path: Path, number: int) -> None:
+@pytest.mark.parametrize('numbers', [
+    (signal.SIGINT, signal.SIGINT), (signal.SIGTERM,), (signal.SIGHUP,), (signal.SIGQUIT,)])
+def test_a_signal_stops_all_of_them_cleanly(
+        tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
     bag = tmp_path / 'bag'
     with bringup(*ENDLESS, '--record', str(bag)) as process:
         pids = running(process, bag)
-        process.send_signal(number)
+        for number in numbers:
+            process.send_signal(number)
+            time.sleep(0.05)  # Two at once are one.
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output
     assert 'Traceback' not in output
@@ -81,6 +85,7 @@ def test_real_time_takes_its_time(tmp_path: Path) -> None:
         ended = time.monotonic()
         output += process.stdout
         assert process.wait(PATIENCE) == 0, output
+        assert [line for line in output if '[ERROR]' in line] == []
     assert ended - begin > 1.0
 
 

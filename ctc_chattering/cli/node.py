@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import gc
 import importlib
 import os
-import signal
 import sys
 from typing import NoReturn
 
 from ctc_chattering import __version__, signals
+from ctc_chattering.nonblocking_output import NonblockingOutput
 
 
 def main(name: str, argv: Sequence[str] | None = None) -> int:
@@ -37,7 +37,7 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
 
     """
     for number in signals.STOP:
-        signal.signal(number, lambda *_: os._exit(0))  # There is nothing to be left in order.
+        signals.take(number, lambda *_: os._exit(0))  # There is nothing to be left in order.
     from ctc_chattering.cli.options import guarded
     return guarded(name, lambda: _run(name, list(sys.argv if argv is None else argv)[1:]))
 
@@ -51,9 +51,10 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     values = ros.values(name)
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     runtime = importlib.import_module('ctc_chattering.nodes.runtime')
-    return int(runtime.run(
-        module.NODE, name, ['--ros-args', *ros.rest, *ros_arguments.assignments(values)],
-        signals.collect()))
+    with NonblockingOutput():
+        return int(runtime.run(
+            module.NODE, name, ['--ros-args', *ros.rest, *ros_arguments.assignments(values)],
+            signals.collect()))
 
 
 def _make_parser(name: str) -> argparse.ArgumentParser:

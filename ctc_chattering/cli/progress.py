@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from math import inf
+import queue
 import sys
+import threading
 from types import TracebackType
 from typing import Any
 
 from tqdm import tqdm
 
+#: Lines and times that may wait to be printed.
+_MANY = 1000
+#: What is waited at the end for the last ones to be printed [s].
+_PATIENCE = 0.5
+
 
 class Progress:
     """
     A bar from 0 to `total` seconds, shown from the first call with the time reached on.
+
+    A thread of its own draws it, so that a terminal that is stopped, or a pipe that is not read,
+    holds nobody up: what it cannot take is dropped.
 
     Parameters
     ----------
@@ -23,40 +35,52 @@ class Progress:
 
     def __init__(self, title: str, total: float) -> None:
         self._title, self._total = title, total
-        self._bar: Any = None
-
-    def _shown(self) -> Any:
-        """Return the bar."""
-        if self._bar is None:
-            self._bar = _bar(self._title, self._total)
-        return self._bar
+        self._queue: queue.Queue[float | str | None] = queue.Queue(_MANY)
+        self._thread = threading.Thread(target=self._draw, daemon=True)
 
     def __enter__(self) -> Progress:
         """Return itself."""
+        self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         """Leave the bar as it is."""
-        if self._bar is not None:
-            self._bar.close()
+        self._put(None)
+        self._thread.join(_PATIENCE)
 
     def __call__(self, time: float) -> None:
         """Move to `time` [s]."""
-        bar = self._shown()
-        bar.n = min(time, self._total) if self._total else time
-        bar.update(0)
+        self._put(min(time, self._total) if self._total else time)
 
     def complete(self) -> None:
         """Move to the end."""
-        bar = self._shown()
-        bar.n = self._total or bar.n
-        bar.refresh()
+        self._put(inf)
 
-    @staticmethod
-    def write(line: str) -> None:
+    def write(self, line: str) -> None:
         """Print a line above the bar."""
-        tqdm.write(line)
+        self._put(line)
+
+    def _put(self, item: float | str | None) -> None:
+        with suppress(queue.Full):
+            self._queue.put_nowait(item)
+
+    def _draw(self) -> None:
+        """Print what comes, until the end or until nobody takes it any more."""
+        bar = None
+        with suppress(OSError):
+            while (item := self._queue.get()) is not None:
+                if isinstance(item, str):
+                    tqdm.write(item)
+                    continue
+                if bar is None:
+                    bar = _bar(self._title, self._total)
+                bar.n = item if item < inf else self._total or bar.n
+                bar.update(0)
+                if item == inf:
+                    bar.refresh()
+            if bar is not None:
+                bar.close()
 
 
 def _bar(title: str, total: float) -> Any:

@@ -77,6 +77,11 @@ class Trajectory:
             del self._points[t]
         del self._times[:keep]
 
+    def limit(self, most: int) -> None:
+        """Drop the first points where there are more than `most`."""
+        if len(self._times) > most:
+            self.forget(self._times[-most])
+
     def at(self, t: int) -> Point | None:
         """
         Return position, velocity and acceleration at `t` [ns].

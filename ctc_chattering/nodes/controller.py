@@ -45,6 +45,8 @@ from ctc_chattering.settings import ControllerSettings, RealTimeSettings
 _WRONG_STAMP = {
     stamps.REPEATED: 'the stamp repeats', stamps.BACKWARD: 'the stamp goes back',
     stamps.JUMP: 'the stamp leaps'}
+#: Points of the reference that are kept while there is no state: a minute at 1 kHz.
+_MOST_POINTS = 60_000
 #: Real time: silence of the states that is reported as an error at once [ns].
 _SILENCE = NANOSECONDS // 2
 
@@ -222,6 +224,7 @@ class ControllerNode(Shell):
         return Status(level, message, {
             'period of the stamps, mean [ms]': 1e3 * self._cadence.mean,
             'law': config.law, 'switching': config.switching,
+            'points of the reference': len(self._trajectory),
             'saturated samples': self._saturated, 'restarts': self._restarts,
             'restarts per second': self._health.restarts_per_second,
             **{f'timeouts, {name}': count for name, count in self._timeouts.items()},
@@ -293,6 +296,8 @@ class ControllerNode(Shell):
             raise Refused('times', 'points whose times do not increase')
         self._trajectory.extend(
             piece.times, [(pick(q), pick(dq), pick(ddq)) for q, dq, ddq in piece.points])
+        if not self._seen or self._lost:  # No state says what is past.
+            self._trajectory.limit(max(_MOST_POINTS, len(piece.times)))
         if self._waiting is not None:
             self._answer(self._waiting._replace(now=now))
 
@@ -381,6 +386,7 @@ class ControllerNode(Shell):
                 self._settings.wait_for)
         if point is None or not self._heard or not self._guard.allows or self._must_wait(t):
             self._waiting = state
+            self._trajectory.forget(t)
             return
         self._waiting = None
         ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]
@@ -449,15 +455,15 @@ class ControllerNode(Shell):
 
     def _stop(self, why: str = '', error: bool = True) -> None:
         """Send no torque from now on; in real time a last one of 0, for those who hold it."""
+        if self._held is not None and not self._simulated:  # First: the log may be slow.
+            self._commands.publish(self._writer.write((0.0,) * len(self._names)))
+        self._held = None
+        self.pace.pause()
         # A line each: ROS takes no second severity from the same line, and raises.
         if why and error:
             self.get_logger().error(why)
         elif why:
             self.get_logger().info(why)
-        if self._held is not None and not self._simulated:
-            self._commands.publish(self._writer.write((0.0,) * len(self._names)))
-        self._held = None
-        self.pace.pause()
 
     def _publish_terms(self, t: int, s: Sample, point: Point, lyapunov: float) -> None:
         self._tracking.publish(self._tracking_writer.write(

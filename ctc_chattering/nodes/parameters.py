@@ -135,6 +135,10 @@ class NodeParameters:
                 spec = self._specs.get(parameter.name)
                 if spec is not None and parameter.value is None:
                     raise ParameterError(spec.name, None, spec.allowed)
+                if (parameter.name == 'use_sim_time' and parameter.value is True
+                        and not self._node.count_publishers('/clock')):
+                    raise ParameterError('use_sim_time', True, (
+                        'false: nobody publishes /clock, and time would stand still'))
             self._check(self._candidates(parameters))
         except CtcError as error:
             return SetParametersResult(successful=False, reason=str(error))
