@@ -160,7 +160,7 @@ def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
             graph.start('plant')
         plant.signal(signal.SIGCONT)
     assert report.count('timeouts, state') > before.count('timeouts, state')
-    assert graph.log('controller', 'no state for')
+    graph.probe.until(lambda: graph.log('controller', 'no state for'), 'the line')
     graph.probe.until(lambda: len(graph.commands) > 10 and len(graph.states) > 10, 'torques')
     if number == signal.SIGSTOP:  # Of a new plant's states it is unknown which one is heard first.
         known, firsts = motion(graph), []

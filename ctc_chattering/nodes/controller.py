@@ -47,8 +47,9 @@ _WRONG_STAMP = {
     stamps.JUMP: 'the stamp leaps'}
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MOST_POINTS = 60_000
-#: Real time: silence of the states that is reported as an error at once [ns].
-_SILENCE = NANOSECONDS // 2
+#: Real time: silence of the states that is reported as an error at once [ns]; a plant at its end
+#: may take so long to leave.
+_SILENCE = 2 * NANOSECONDS
 
 
 class _State(NamedTuple):
