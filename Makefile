@@ -12,8 +12,10 @@ demo: $(READY)
 	@echo 'Five experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
 	$(BIN)/ctc reproduce --out results --overwrite
 
+# Processes that run tests; auto is one for each processor.
+WORKERS ?= auto
 test: $(READY) lint
-	$(BIN)/python -m pytest --numprocesses=auto --dist=worksteal --durations=10
+	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=worksteal --durations=10
 
 # The tests with ROS processes beside LOOPS busy loops, ROUNDS times.
 LOOPS ?= 2

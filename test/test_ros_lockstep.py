@@ -40,7 +40,7 @@ def counts(bag: Path) -> dict[str, int]:
         return result
 
 
-def test_the_law_is_switched_at_its_time_and_the_same_every_time(tmp_path: Path) -> None:
+def test_the_law_is_switched_at_its_time_as_in_the_simulation(tmp_path: Path) -> None:
     """
     Of the torque only the chattering term comes; v and the other terms go on without a bump.
 
@@ -50,9 +50,7 @@ def test_the_law_is_switched_at_its_time_and_the_same_every_time(tmp_path: Path)
     file.write_text((CONFIG / 'switch.yaml').read_text().replace("['5.0 ", "['1.5 "))
     arguments = ('--params-file', str(file), '--duration', '1.8')
     first = record(tmp_path / 'first', *arguments)
-    second = record(tmp_path / 'second', *arguments)
-    assert first.changes == second.changes == [(1.5, 'chattering')]
-    assert_equal(first, second)
+    assert first.changes == [(1.5, 'chattering')]
     assert_equal(first, simulated(params.load(file, {'plant': {'duration': 1.8}})))
     at = int(np.flatnonzero(first.run.t == 1.5)[0])
     assert not first.terms.chattering[:at].any()

@@ -198,7 +198,7 @@ def test_a_run_under_rejected_sets_equals_the_simulation(tmp_path: Path) -> None
             before = {node: setter.values() for node, setter in setters.items()}
             assert it.set('plant', 'hold_at', 0.9).successful
             before['plant']['hold_at'] = 0.9
-            for i in range(20):
+            for i in range(10):
                 futures = []
                 for node, setter in setters.items():
                     bad = WRONG[node]
@@ -220,7 +220,7 @@ def test_a_run_under_rejected_sets_equals_the_simulation(tmp_path: Path) -> None
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output
     assert 'Traceback' not in output
-    assert refused > 400
+    assert refused > 200
     run = read_bag(bag).run
     expected = simulated(params.load(file, {'plant': {'duration': 1.0}})).run
     for field in FIELDS:

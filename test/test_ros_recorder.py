@@ -268,7 +268,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(
     The profile is not ours: with the kernel's buffers of some megabytes too long is very long.
     """
     use_plain_profile(tmp_path, monkeypatch)
-    bag, duration = tmp_path / 'bag', 8.0
+    bag, duration = tmp_path / 'bag', 6.5
     everybody = ('-p', 'wait_for:=[recorder,controller,plant]')
     with probe() as it:
         reports, witness = Diagnostics(it), Witness(it)
