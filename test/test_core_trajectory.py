@@ -27,7 +27,6 @@ def _of(polys: list[np.poly1d], s: float) -> Point:
         tuple(float(p.deriv(order)(s)) for p in polys) for order in range(3))
 
 
-
 def test_a_limit_keeps_the_last_points() -> None:
     """Feed a minute at 1 kHz in pieces of half a second: the end of it is kept, and right."""
     trajectory = Trajectory()
