@@ -57,13 +57,16 @@ def open_bag(path: Path) -> AnyReader:
     if not path.exists():
         raise CtcError(f'{path}: no such bag')
     scratch = None
-    if is_damaged(path):
+    place = path
+    if path.is_dir() and (path.suffix == '.bag' or is_damaged(path)):
         scratch = tempfile.TemporaryDirectory()
-        whole = Path(scratch.name) / path.name
-        print(f'{path}: not closed properly: {rewrite(path, whole)}', file=sys.stderr)
-        path = whole
+        place = Path(scratch.name) / 'bag'
+        if is_damaged(path):
+            print(f'{path}: not closed properly: {rewrite(path, place)}', file=sys.stderr)
+        else:  # AnyReader takes what is called .bag for a bag of ROS 1.
+            place.symlink_to(path.resolve())
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        reader = AnyReader([place], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None

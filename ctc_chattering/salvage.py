@@ -12,12 +12,27 @@ from typing import NamedTuple
 
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk, StreamReader
-from rosbags.interfaces import Qos
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Qos
+from rosbags.rosbag2 import Reader, storage_mcap
 from rosbags.rosbag2.metadata import parse_qos
 
 from ctc_chattering.core.grid import seconds
 from ctc_chattering.errors import CtcError
 from ctc_chattering.recording import Recording
+
+#: How rosbags finds the definition of a type.
+_get_msgdef = storage_mcap.get_msgdef
+
+
+def _definition(schema: storage_mcap.Schema | None) -> MessageDefinition:
+    """Return the definition of a message; none of a service's event, which rosbags cannot read."""
+    if schema is not None and '/srv/' in schema.name:
+        return MessageDefinition(MessageDefinitionFormat.NONE, '')
+    return _get_msgdef(schema)
+
+
+# Otherwise it refuses the whole bag; `ros2 bag record -a` has such events in it.
+storage_mcap.get_msgdef = _definition
 
 
 class Entry(NamedTuple):
@@ -64,6 +79,15 @@ def is_damaged(bag: Path) -> bool:
     return bag.is_dir() and not (bag / 'metadata.yaml').exists() and any(bag.glob('*.mcap'))
 
 
+def is_whole(bag: Path) -> bool:
+    """Return whether all the messages that a bag says it has can be read."""
+    try:
+        with Reader(bag) as reader:
+            return sum(1 for _ in reader.messages()) == reader.message_count
+    except Exception:  # Whatever a reader makes of bytes that are no bag.
+        return False
+
+
 def rewrite(bag: Path, target: Path) -> Salvage:
     """
     Write all that can be read of a damaged bag as a new bag.
@@ -104,14 +128,14 @@ def rewrite(bag: Path, target: Path) -> Salvage:
     return found
 
 
-def repair(bag: Path) -> tuple[Salvage, Path]:
+def repair(bag: Path) -> tuple[Salvage, Path] | None:
     """
     Put a whole bag in the place of a damaged one, which is kept beside it.
 
     Returns
     -------
-    (Salvage, Path)
-        What was recovered, and where the damaged bag is now.
+    (Salvage, Path) or None
+        What was recovered, and where the damaged bag is now; None if the bag is not damaged.
 
     Raises
     ------
@@ -121,6 +145,8 @@ def repair(bag: Path) -> tuple[Salvage, Path]:
     """
     if not bag.exists():
         raise CtcError(f'{bag}: no such bag')
+    if is_whole(bag):
+        return None
     if not any(bag.glob('*.mcap')):
         raise CtcError(f'{bag}: not a bag: it holds no MCAP file')
     aside = bag.with_name(bag.name + '.damaged')

@@ -221,7 +221,7 @@ def test_no_bag(tmp_path: Path) -> None:
         refused(tmp_path / name)
 
 
-@pytest.mark.parametrize('file', ['bag.mcap', 'metadata.yaml'])
+@pytest.mark.parametrize('file', ['bag_0.mcap', 'metadata.yaml'])
 def test_truncated_files(tmp_path: Path, file: str) -> None:
     """Cut a bag off, everywhere in the metadata and at 100 places of the messages."""
     write_bag(tmp_path / 'bag', messages())
@@ -232,7 +232,7 @@ def test_truncated_files(tmp_path: Path, file: str) -> None:
         path.write_bytes(whole[:end])
         refused(tmp_path / 'bag')
     path.unlink()
-    if file == 'bag.mcap':
+    if file == 'bag_0.mcap':
         refused(tmp_path / 'bag')
     else:  # What a killed recorder leaves is read without it.
         same(read_bag(tmp_path / 'bag').run, RESULT.run)
@@ -250,7 +250,7 @@ def test_junk_in_the_metadata(tmp_path: Path, junk: bytes) -> None:
 def test_flipped_bytes(tmp_path: Path) -> None:
     """Check that a bag with wrong bytes outside the messages is read or refused, nothing else."""
     write_bag(tmp_path / 'bag', messages()[:40])
-    path = tmp_path / 'bag' / 'bag.mcap'
+    path = tmp_path / 'bag' / 'bag_0.mcap'
     whole, dice = path.read_bytes(), random.Random(1)
     outside = [*range(60), *range(whole.index(b'ros2msg') - 100, whole.index(b'ros2msg')),
                *range(len(whole) - 1500, len(whole))]
@@ -261,6 +261,25 @@ def test_flipped_bytes(tmp_path: Path) -> None:
             read_bag(tmp_path / 'bag')
         except CtcError as error:
             assert len(str(error).splitlines()) == 1
+
+
+@pytest.mark.parametrize('name', ['run.bag', 'run.mcap', 'run.db3', 'run'])
+def test_the_name_of_a_bag_does_not_matter(tmp_path: Path, name: str) -> None:
+    """Check whole bags, and those cut off; one ending in .bag is none of ROS 1."""
+    write_bag(tmp_path / name, messages())
+    same(read_bag(tmp_path / name).run, RESULT.run)
+    (tmp_path / name / 'metadata.yaml').unlink()
+    same(read_bag(tmp_path / name).run, RESULT.run)
+
+
+def test_a_bag_with_the_old_name_of_the_file(tmp_path: Path) -> None:
+    write_bag(tmp_path / 'run', messages())
+    (tmp_path / 'run' / 'run_0.mcap').rename(tmp_path / 'run' / 'run.mcap')
+    file = tmp_path / 'run' / 'metadata.yaml'
+    file.write_text(file.read_text().replace('run_0.mcap', 'run.mcap'))
+    same(read_bag(tmp_path / 'run').run, RESULT.run)
+    file.unlink()
+    same(read_bag(tmp_path / 'run').run, RESULT.run)
 
 
 def test_open_bag_gives_a_reader(tmp_path: Path) -> None:

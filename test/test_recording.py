@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 import errno
+import importlib
+import json
 from pathlib import Path
+import random
+import resource
 import threading
 import time
 import tracemalloc
@@ -18,6 +22,7 @@ import yaml
 
 from ctc_chattering import params
 from ctc_chattering.errors import CtcError
+from ctc_chattering.graph import TOPICS
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
 from ctc_chattering.salvage import rewrite
@@ -100,6 +105,71 @@ def test_metadata(bag: Path) -> None:
         assert topics[name]['topic_metadata']['type'] == kind
 
 
+def test_the_name_is_one_that_ros2_bag_reindex_finds(bag: Path) -> None:
+    (file,) = bag.glob('*.mcap')
+    assert file.name == 'run_0.mcap'
+
+
+def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
+    """Check for every topic of the graph what `ros2 bag convert` goes by, and `metadata.yaml`."""
+    recording = Recording(tmp_path / 'bag')
+    for topic in TOPICS.values():
+        recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), [])
+    recording.close()
+    with recording.file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    found = {x.topic: x.metadata['topic_type_hash'] for x in summary.channels.values()}
+    said = {x['topic_metadata']['name']: x['topic_metadata']['type_description_hash']
+            for x in metadata(tmp_path / 'bag')['topics_with_message_count']}
+    expected = {f'/{topic.name}': type_hash(topic.kind) for topic in TOPICS.values()}
+    assert found == said == expected
+
+
+def type_hash(kind: str) -> str:
+    """Return the hash of a type from what its package has installed."""
+    package, _, name = kind.split('/')
+    prefix = Path(str(importlib.import_module(package).__file__)).parents[4]
+    file = prefix / 'share' / package / 'msg' / f'{name}.json'
+    hashes = json.loads(file.read_text(encoding='utf-8'))['type_hashes']
+    return {x['type_name']: str(x['hash_string']) for x in hashes}[kind]
+
+
+@pytest.mark.parametrize('limit', [8, *random.Random(1).sample(range(40_000), 60)])
+def test_a_disk_that_is_full_at_any_moment(
+        limit: int, messages: list[Entry], tmp_path: Path) -> None:
+    """
+    One error, whatever comes after; what had been flushed before is there.
+
+    The limit on the size of files stands for the end of the disk.
+    """
+    recording, errors, flushed = Recording(tmp_path / 'bag'), [], 0
+
+    def attempt(action: Any, *arguments: Any) -> None:
+        try:
+            action(*arguments)
+        except OSError as error:
+            errors.append(error.errno)
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+    try:
+        for i, (topic, kind, t, message) in enumerate(messages, 1):
+            attempt(recording.write, topic, kind, t, message, [])
+            if i % 20 == 0:
+                attempt(recording.flush)
+                flushed = flushed if errors else i
+        attempt(recording.close)
+        attempt(recording.close)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert errors == [errno.EFBIG] * (not (tmp_path / 'bag' / 'metadata.yaml').exists())
+    assert {x.name for x in (tmp_path / 'bag').iterdir()} <= {'bag_0.mcap', 'metadata.yaml'}
+    if errors and not flushed:
+        return
+    assert flushed <= rewrite(tmp_path / 'bag', tmp_path / 'rewritten').messages <= len(messages)
+
+
 def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
     Recording(tmp_path / 'bag').close()
     (file,) = (tmp_path / 'bag').glob('*.mcap')
@@ -143,7 +213,7 @@ def test_flushes_cost_no_memory_and_each_chunk_is_in_the_index(tmp_path: Path) -
     tracemalloc.stop()
     assert sizes[2] - sizes[1] < 20 * 1200  # A chunk's index has 100 bytes or more.
     recording.close()
-    with (tmp_path / 'bag' / 'bag.mcap').open('rb') as stream:
+    with (tmp_path / 'bag' / 'bag_0.mcap').open('rb') as stream:
         reader = make_reader(stream)
         summary = reader.get_summary()
         assert summary is not None

@@ -146,8 +146,8 @@ def test_bringup_ends_soon_on_a_loaded_machine(number: signal.Signals, tmp_path:
     bag = tmp_path / 'bag'
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
                  '--record', str(bag)) as process:
-        wait_for(lambda: (bag / 'bag.mcap').exists()
-                 and (bag / 'bag.mcap').stat().st_size > 20_000, 'a part of the bag')
+        wait_for(lambda: (bag / 'bag_0.mcap').exists()
+                 and (bag / 'bag_0.mcap').stat().st_size > 20_000, 'a part of the bag')
         pids = nodes_of(process.pid)
         assert set(pids) == set(NODES)
         with load():

@@ -30,7 +30,7 @@ def assert_equal(one: Result, other: Result) -> None:
 
 def counts(bag: Path) -> dict[str, int]:
     """Count the messages of each topic with the `mcap` library, which is not ours."""
-    with (bag / f'{bag.name}.mcap').open('rb') as stream:
+    with (bag / f'{bag.name}_0.mcap').open('rb') as stream:
         reader = make_reader(stream)
         result: dict[str, int] = {}
         for schema, channel, _ in reader.iter_messages():

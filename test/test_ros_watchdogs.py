@@ -359,8 +359,8 @@ def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
     """Hold each process still for half a second, as long as 25 timeouts."""
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
     with bringup('--params-file', str(file), '--duration', '3', '--record', str(bag)) as process:
-        wait_for(lambda: (bag / 'bag.mcap').exists()
-                 and (bag / 'bag.mcap').stat().st_size > 20_000, 'a part of the bag')
+        wait_for(lambda: (bag / 'bag_0.mcap').exists()
+                 and (bag / 'bag_0.mcap').stat().st_size > 20_000, 'a part of the bag')
         pids = nodes_of(process.pid)
         for victim in ('plant', 'controller'):
             os.kill(pids[victim], signal.SIGSTOP)

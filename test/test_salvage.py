@@ -25,9 +25,12 @@ from mcap.stream_reader import StreamReader
 import numpy as np
 import pytest
 from ros import bringup, CONFIG, PATIENCE, perform, Stopwatch, wait_for
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering import params
 from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
@@ -60,16 +63,16 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def cut(whole: Path, target: Path, size: int) -> Path:
     """Copy the first `size` bytes of a bag, and no metadata, as a kill leaves it."""
     target.mkdir()
-    data = (whole / f'{whole.name}.mcap').read_bytes()
-    (target / f'{whole.name}.mcap').write_bytes(data[:size])
+    data = (whole / f'{whole.name}_0.mcap').read_bytes()
+    (target / f'{whole.name}_0.mcap').write_bytes(data[:size])
     return target
 
 
 def test_cut_at_50_places_all_flushed_before_is_there(
         whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     complete = messages(whole)
-    size = (whole / f'{whole.name}.mcap').stat().st_size
-    file = whole / f'{whole.name}.mcap'
+    size = (whole / f'{whole.name}_0.mcap').stat().st_size
+    file = whole / f'{whole.name}_0.mcap'
     ends: list[int] = []
     with file.open('rb') as stream:
         records = StreamReader(stream, emit_chunks=True).records
@@ -101,7 +104,7 @@ def recordings(draw: st.DrawFn) -> list[list[tuple[str, int, bytes]]]:
 def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[bytes, list[int]]:
     """Record without an end; return the file, and its size after each flush."""
     recording, sizes = Recording(folder), []
-    file = folder / f'{folder.name}.mcap'
+    file = folder / f'{folder.name}_0.mcap'
     for rows in flushes:
         for topic, t, data in rows:
             recording.write(topic, 'std_msgs/msg/String', t, data, [offered_qos(10, False)])
@@ -125,7 +128,7 @@ def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
         bag = Path(scratch) / 'bag'
         bag.mkdir()
         tail = b'' if wrong is None else bytes([data[place] ^ wrong]) + data[place + 1:]
-        (bag / 'bag.mcap').write_bytes(data[:place] + tail)
+        (bag / 'bag_0.mcap').write_bytes(data[:place] + tail)
         try:
             count = rewrite(bag, Path(scratch) / 'whole').messages
             found = messages(Path(scratch) / 'whole')
@@ -149,7 +152,7 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
     damaged = bytearray(data)
     damaged[sizes[0] + record:sizes[0] + record + 8] = bytes(8)
     (tmp_path / 'bag').mkdir()
-    (tmp_path / 'bag' / 'bag.mcap').write_bytes(damaged)
+    (tmp_path / 'bag' / 'bag_0.mcap').write_bytes(damaged)
     found = rewrite(tmp_path / 'bag', tmp_path / 'whole')
     assert messages(tmp_path / 'whole') == [rows[0], rows[2]]
     assert found.messages == 2
@@ -158,14 +161,16 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
 
 def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(
         whole: Path, tmp_path: Path) -> None:
-    size = (whole / f'{whole.name}.mcap').stat().st_size
+    size = (whole / f'{whole.name}_0.mcap').stat().st_size
     bag = cut(whole, tmp_path / 'bag', size * 3 // 4)
     before = messages(bag)
-    found, aside = repair(bag)
+    done = repair(bag)
+    assert done is not None
+    found, aside = done
     assert aside == tmp_path / 'bag.damaged' and aside.exists()
     assert found.messages == len(before) > 0
     assert sorted(messages(bag)) == sorted(before)
-    with (bag / 'bag.mcap').open('rb') as stream:
+    with (bag / 'bag_0.mcap').open('rb') as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None and summary.statistics is not None
     assert summary.statistics.message_count == len(before)
@@ -194,9 +199,40 @@ def test_what_is_no_bag_cannot_be_repaired(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no MCAP file'):
         repair(tmp_path / 'bag')
     shutil.copytree(whole, tmp_path / 'good')
+    (tmp_path / 'good' / 'metadata.yaml').unlink()
     (tmp_path / 'good.damaged').mkdir()
     with pytest.raises(CtcError, match='exists already'):
         repair(tmp_path / 'good')
+
+
+def test_a_whole_bag_is_left_as_it_is(
+        whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also after a repair, and where it is not ours; one with a wrong byte is not whole."""
+    bag = tmp_path / 'bag'
+    shutil.copytree(whole, bag)
+    before = {path.name: (path.stat().st_ino, path.read_bytes()) for path in bag.iterdir()}
+    assert main(['repair', str(bag)]) == 0
+    assert capsys.readouterr().out == f'{bag}: nothing to repair\n'
+    assert {path.name: (path.stat().st_ino, path.read_bytes())
+            for path in bag.iterdir()} == before
+    (bag / 'metadata.yaml').unlink()
+    assert repair(bag) is not None
+    assert repair(bag) is None
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['bag', 'bag.damaged']
+    with Writer(tmp_path / 'theirs', version=8) as writer:
+        connection = writer.add_connection(
+            '/news', 'std_msgs/msg/String', typestore=get_typestore(Stores.ROS2_JAZZY))
+        writer.write(connection, 1, b'\0\1\0\0\1\0\0\0\0')
+    assert repair(tmp_path / 'theirs') is None
+    (tmp_path / 'first').mkdir()
+    bag = shutil.copytree(whole, tmp_path / 'first' / 'bag')
+    with (bag / 'bag_0.mcap').open('r+b') as stream:
+        stream.seek((bag / 'bag_0.mcap').stat().st_size // 3)
+        stream.write(bytes(200))
+    done = repair(bag)
+    assert done is not None
+    assert 0 < done[0].messages < len(messages(whole))
+    assert done[0].lost > 0
 
 
 @pytest.mark.ros
@@ -204,17 +240,18 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> Non
     bag = tmp_path / 'bag'
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
                  '--duration', '0', '--record', str(bag)) as process:
-        wait_for(lambda: (bag / 'bag.mcap').exists()
-                 and (bag / 'bag.mcap').stat().st_size > 100_000, 'a part of the bag')
+        wait_for(lambda: (bag / 'bag_0.mcap').exists()
+                 and (bag / 'bag_0.mcap').stat().st_size > 100_000, 'a part of the bag')
         nodes = nodes_of(process.pid)
         watch = Stopwatch(*nodes.values())
-        wait_for(lambda: (bag / 'bag.mcap').stat().st_size > 300_000, 'more of it')
+        wait_for(lambda: (bag / 'bag_0.mcap').stat().st_size > 300_000, 'more of it')
         waited = watch.waited()
         os.kill(nodes['recorder'], signal.SIGKILL)
         killed = time.time()
         process.communicate(timeout=PATIENCE)
-    found, _ = repair(bag)
-    assert found.end / 1e9 > killed - 1.0 - waited
+    done = repair(bag)
+    assert done is not None
+    assert done[0].end / 1e9 > killed - 1.0 - waited
     assert read_bag(bag).run.t[-1] > 1.0
 
 

@@ -44,7 +44,7 @@ def test_every_bag_is_opened_and_what_is_none_is_named(tmp_path: Path) -> None:
     whole = record(tmp_path / 'a', range(0, S, MS), S)
     cut = record(tmp_path / 'b', range(0, S, MS), S)
     (cut / 'metadata.yaml').unlink()
-    (cut / 'b.mcap').write_bytes((cut / 'b.mcap').read_bytes()[:-300])
+    (cut / 'b_0.mcap').write_bytes((cut / 'b_0.mcap').read_bytes()[:-300])
     (tmp_path / 'c').mkdir()
     found = examine([whole, cut, tmp_path / 'c'], NAMES, [])
     assert (found['count'], found['salvaged'], found['states']) == (3, 1, 2000)

@@ -229,8 +229,11 @@ def replay(options: argparse.Namespace) -> int:
 def repair(options: argparse.Namespace) -> int:
     """Run `ctc repair`."""
     from ctc_chattering.salvage import repair as mend
-    found, aside = mend(options.bag)
-    print(f'{options.bag}: {found}; the damaged bag is now {aside}')
+    done = mend(options.bag)
+    if done is None:
+        print(f'{options.bag}: nothing to repair')
+    else:
+        print(f'{options.bag}: {done[0]}; the damaged bag is now {done[1]}')
     return 0
 
 
