@@ -26,6 +26,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.errors import CtcError
 
 #: Latest time that we take from a stamp, an hour before those of messages end [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
@@ -47,9 +48,20 @@ _PATIENCE = 1000
 
 
 def message_type(kind: str) -> Any:
-    """Return the message class called `kind`, for example ``std_msgs/msg/String``."""
-    package, _, name = kind.split('/')
-    return getattr(importlib.import_module(f'{package}.msg'), name)
+    """
+    Return the message class called `kind`, for example ``std_msgs/msg/String``.
+
+    Raises
+    ------
+    CtcError
+        If there is none.
+
+    """
+    try:
+        package, _, name = kind.split('/')
+        return getattr(importlib.import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError):
+        raise CtcError(f'{kind}: this type of message is not installed') from None
 
 
 def stamp(nanoseconds: int) -> Time:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import sys
 import time
 from typing import Any
 
@@ -17,6 +18,7 @@ from rosgraph_msgs.msg import Clock
 
 from ctc_chattering import signals, wire
 from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK
 from ctc_chattering.middleware import use_profile
 
@@ -32,7 +34,7 @@ _NAP = 0.05
 
 def play(reader: AnyReader, rate: float, delay: float) -> int:
     """
-    Publish all messages of an open bag, and the clock.
+    Publish all messages of an open bag, but for those of types not installed, and the clock.
 
     Parameters
     ----------
@@ -56,10 +58,11 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
     node = rclpy.create_node('player')
     count = 0
     try:
+        types = _types(reader.connections)
         publishers = {
             connection.topic: node.create_publisher(
-                wire.message_type(connection.msgtype), connection.topic, _qos(connection))
-            for connection in reader.connections}
+                types[connection.msgtype], connection.topic, _qos(connection))
+            for connection in reader.connections if connection.msgtype in types}
         has_clock = any(topic.endswith('/' + CLOCK) for topic in publishers)
         clock = None if has_clock else node.create_publisher(Clock, '/clock', 10)
         begin = time.monotonic() + delay
@@ -73,10 +76,10 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
             _sleep_until(begin + (t - reader.start_time) / NANOSECONDS / rate, stop)
             if stop:
                 break
-            if topic:
+            if topic in publishers:
                 publishers[topic].publish(bytes(data))
                 count += 1
-            elif clock is not None:
+            elif clock is not None and not topic:
                 clock.publish(data)
         for publisher in publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=0.5))
@@ -84,6 +87,20 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
     return count
+
+
+def _types(connections: Sequence[Connection]) -> dict[str, Any]:
+    """Return message classes by name; say in one line which topics have types not installed."""
+    types, missing = {}, []
+    for connection in connections:
+        try:
+            types[connection.msgtype] = wire.message_type(connection.msgtype)
+        except CtcError:
+            missing.append(f'{connection.topic} ({connection.msgtype})')
+    if missing:
+        print('not played, because their types of message are not installed: '
+              + ', '.join(missing), file=sys.stderr, flush=True)
+    return types
 
 
 def _sleep_until(instant: float, stop: Sequence[int]) -> None:
