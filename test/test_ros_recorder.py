@@ -4,26 +4,31 @@ from __future__ import annotations
 
 from ast import literal_eval
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 import itertools
 import os
 from pathlib import Path
 import random
+import resource
 import signal
 import time
 from typing import Any, NamedTuple
 
+from bags import joint_state
 from faults import Diagnostics, ERROR, OK
 from mcap.reader import make_reader
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros import CONFIG, PATIENCE, perform, Probe, probe, Stopwatch, use_plain_profile
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from test_recording import metadata
 from test_ros_lockstep import assert_equal, counts
 from test_ros_robots import PATIENT
@@ -32,7 +37,7 @@ from ctc_chattering import params, supervisor
 from ctc_chattering.bag import open_bag, read_bag
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.graph import COMMANDS, DIAGNOSTICS, JOINT_STATES
+from ctc_chattering.graph import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from ctc_chattering.nodes.inbox import with_info
 from ctc_chattering.result import simulated
 from ctc_chattering.salvage import is_damaged, repair
@@ -100,7 +105,7 @@ class Killed(NamedTuple):
 
 
 def size(bag: Path) -> int:
-    file = bag / f'{bag.name}.mcap'
+    file = bag / f'{bag.name}_0.mcap'
     return file.stat().st_size if file.exists() else 0
 
 
@@ -166,8 +171,9 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
     states: list[State] = []
     for bag, end, overrun, waited in killed:
         assert is_damaged(bag)
-        found, _ = repair(bag)
-        assert len(others(bag)) == found.messages > 0
+        done = repair(bag)
+        assert done is not None
+        assert len(others(bag)) == done[0].messages > 0
         mine = [read(data) for data in recorded(bag).get(STATES, [])]
         have = {x.t for x in mine}
         missing = [end - t for x, t in published if mine and mine[0].t <= x.t
@@ -194,7 +200,7 @@ def others(bag: Path) -> list[bytes]:
     """Return the messages that both `rosbags` and `mcap` find in a bag, without help of ours."""
     with AnyReader([bag]) as reader:
         found = [bytes(data) for _, _, data in reader.messages()]
-    with (bag / f'{bag.name}.mcap').open('rb') as stream:
+    with (bag / f'{bag.name}_0.mcap').open('rb') as stream:
         assert Counter(found) == Counter(
             message.data for _, _, message in make_reader(stream).iter_messages())
     return found
@@ -273,7 +279,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(
     with probe() as it:
         reports, witness = Diagnostics(it), Witness(it)
         recorder = it.start('recorder', '-p', f'bag:={bag}')
-        it.until(lambda: (bag / 'bag.mcap').exists(), 'the recorder')
+        it.until(lambda: (bag / 'bag_0.mcap').exists(), 'the recorder')
         it.start('controller', *everybody)
         it.start('reference', *everybody)
         plant = it.start('plant', '-p', 'pacing:=lockstep', '-p', f'duration:={duration}',
@@ -305,6 +311,77 @@ def test_what_is_dropped_is_counted_exactly_and_said(
     assert (ERROR, str(total)) in dropped(bag)
     assert any('messages were dropped' in line for line in it.lines)
     assert any(line.endswith(f', {total} dropped') for line in it.lines)
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[tuple[Probe, Path, supervisor.Child, Publisher]]:
+    """Yield a recorder that hears a publisher of states whose history has one message only."""
+    with probe() as it:
+        child = it.start('recorder', '-p', f'bag:={tmp_path / "bag"}')
+        publisher = it.node.create_publisher(JointState, JOINT_STATES, 1)
+        it.until(lambda: publisher.get_subscription_count() > 0, 'the recorder')
+        yield it, tmp_path / 'bag', child, publisher
+
+
+def publish(publisher: Publisher, begin: int, count: int) -> None:
+    for t in range(begin, begin + count):
+        publisher.publish(joint_state(t, ['joint1'], *np.full((3, 1), float(t))).message)
+
+
+def test_what_comes_while_it_has_no_processor_is_kept_by_the_kernel(
+        recorder: tuple[Probe, Path, supervisor.Child, Publisher]) -> None:
+    """As of a real robot, whose publisher sends nothing again: more than fits by default."""
+    it, bag, child, publisher = recorder
+
+    def begun() -> bool:
+        publish(publisher, 0, 1)
+        return size(bag) > EMPTY
+
+    it.until(begun, 'the first state')
+    child.signal(signal.SIGSTOP)
+    it.until(lambda: state_of(child) == 'T', 'that it stops')
+    publish(publisher, 1, 300)
+    child.signal(signal.SIGCONT)
+    reports = Diagnostics(it)
+
+    def over() -> bool:
+        publish(publisher, 301, 1)
+        it.executor.spin_once(0.02)
+        report = reports.latest.get('recorder')
+        return report is not None and report.count('messages') + report.count('dropped') > 300
+
+    it.until(over, 'that all is recorded or dropped')
+    child.signal(signal.SIGINT)
+    assert child.process.wait(PATIENCE) == 0
+    found = [StateReader().read(x).t for x in recorded(bag)[STATES]]
+    assert [t for t in found if 0 < t < 301] == list(range(1, 301))
+
+
+def state_of(child: supervisor.Child) -> str:
+    return Path(f'/proc/{child.process.pid}/stat').read_text().rsplit(')', 1)[1].split()[0]
+
+
+def test_a_full_disk_before_the_first_state_ends_the_recording_with_one_line(
+        recorder: tuple[Probe, Path, supervisor.Child, Publisher]) -> None:
+    """The limit on the size of files stands for the end of the disk; the node stays."""
+    it, bag, child, publisher = recorder
+    reports = Diagnostics(it)
+    it.until(lambda: (bag / 'bag_0.mcap').exists(), 'the bag')
+    hard = resource.prlimit(child.process.pid, resource.RLIMIT_FSIZE)[1]
+    resource.prlimit(child.process.pid, resource.RLIMIT_FSIZE, (20_000, hard))
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    describe = it.node.create_publisher(String, ROBOT_DESCRIPTION, latched)
+    describe.publish(String(data=random.Random(1).randbytes(1_000_000).hex()))
+    it.until(lambda: describe.get_subscription_count() > 0, 'the recorder')
+    assert describe.wait_for_all_acked(Duration(seconds=PATIENCE))
+    publish(publisher, 0, 10)
+    said = 'recording has stopped: File too large; what was written before is kept'
+    it.until(lambda: said in reports.next('recorder').message, 'its report')
+    publish(publisher, 10, 10)
+    assert reports.next('recorder').level == ERROR
+    child.signal(signal.SIGINT)
+    assert child.process.wait(PATIENCE) == 1
+    assert [said in line for line in it.lines if '[INFO]' not in line] == [True], it.lines
 
 
 def after(witness: Witness, count: int) -> Callable[[], bool]:

@@ -66,6 +66,11 @@ class MatchingSubscription:
     raw : bool
         Whether the callback takes serialized messages.
 
+    Attributes
+    ----------
+    current : Subscription
+        The subscription of rclpy.
+
     """
 
     def __init__(self, node: Node, kind: Any, topic: str, callback: Callable[..., None],
@@ -76,29 +81,29 @@ class MatchingSubscription:
         self._profile = profile
         #: A call of the timer may still be under way then.
         self._destroyed = False
-        self._subscription = self._subscribe()
+        self.current = self._subscribe()
         self._timer = node.create_timer(
             _PERIOD, self.match, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def match(self) -> None:
         """Ask for less if publishers are there and none of them offers what is asked for."""
-        if self._destroyed or self._subscription.get_publisher_count():
+        if self._destroyed or self.current.get_publisher_count():
             return
-        name = self._subscription.topic_name
+        name = self.current.topic_name
         offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)]
         if offers and not any(compatible(offer, self._profile) for offer in offers):
-            self._node.destroy_subscription(self._subscription)
+            self._node.destroy_subscription(self.current)
             self._profile = weakened(self._profile, offers)
             self._node.get_logger().info(
                 f'{name}: subscribed as {self._profile.reliability.name}, '
                 f'{self._profile.durability.name}: its publishers offer no more')
-            self._subscription = self._subscribe()
+            self.current = self._subscribe()
 
     def destroy(self) -> None:
         """Hear nothing any more."""
         self._destroyed = True
         self._node.destroy_timer(self._timer)
-        self._node.destroy_subscription(self._subscription)
+        self._node.destroy_subscription(self.current)
 
     def _subscribe(self) -> Any:
         kind, topic, callback = self._arguments

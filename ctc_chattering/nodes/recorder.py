@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from operator import itemgetter
 from pathlib import Path
 import time
 from typing import Any
@@ -16,7 +17,8 @@ from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.log_time import LogTime
 from ctc_chattering.core.numbering import Numbering
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
-from ctc_chattering.nodes.inbox import LAPSE, PATIENCE, with_info
+from ctc_chattering.middleware import enlarge_receive_buffers
+from ctc_chattering.nodes.inbox import LAPSE, PATIENCE
 from ctc_chattering.nodes.matching import MatchingSubscription
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
@@ -26,12 +28,13 @@ from ctc_chattering.wire import message_type, read_stamp
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
+#: What the kernel keeps for us while the middleware's thread has no processor, if
+#: ``net.core.rmem_max`` allows it [bytes]: some thousand messages.
+_RECEIVE_BUFFER = 1 << 22
 #: Between two flushes to the disk [s].
 _FLUSH = 0.3
-#: Longest time for which messages keep the disk waiting [s].
-_BATCH = 0.1
 #: How long a message may still be on its way at the end [s].
-_SLICE = 0.001
+_SLICE = 0.02
 #: How far states may be behind the clock [ns].
 _BEHIND = NANOSECONDS // 50
 #: So many messages wait until a state or a clock tells what the time is.
@@ -42,6 +45,10 @@ _SILENCE = 3 * NANOSECONDS
 _DRAIN = NANOSECONDS // 5
 
 
+def _no_callback(_data: bytes) -> None:
+    """Mark a subscription whose messages `RecorderNode` takes itself."""
+
+
 class RecorderNode(Shell):
     """
     Records all topics of `graph.TOPICS`.
@@ -50,19 +57,19 @@ class RecorderNode(Shell):
     ``clock``, so that a lockstep run plays back with its own timing, and the node clock's time
     of reception otherwise. Publishers number their messages; what is missing in the numbers was
     dropped on the way, and the bag says how much.
+
+    Messages are taken from the middleware in batches and put in the order of their arrival: an
+    executor that calls back for each takes twice as long for a message.
     """
 
     def __init__(self) -> None:
         super().__init__('recorder')
         tuning = NodeParameters(self, (RecorderSettings,), lambda: None)
         self._recording = Recording(Path(tuning.get(RecorderSettings).bag))
+        self.tick = NAP
         self._received = 0
-        #: Whether there was more than could be taken at once.
-        self._more = False
-        #: When the last message taken was sent [ns], by the system's clock.
+        #: When the last message recorded was sent [ns], by the system's clock.
         self._sent = 0
-        #: When the signal to end was seen, by the same clock.
-        self._asked = 0
         self._dropped: Counter[str] = Counter()
         self._flushed = self._reported = time.monotonic()
         self._heard = time.monotonic_ns()
@@ -70,19 +77,26 @@ class RecorderNode(Shell):
         self._time = LogTime()
         self._simulated: bool | None = None
         self._early: list[tuple[str, str, int, bytes, list[Qos]]] = []
-        for topic in TOPICS.values():
-            MatchingSubscription(
-                self, message_type(topic.kind), topic.name, self._callback(topic),
-                qos(_DEPTH, topic.latched))
+        #: What was taken and came after the batch began: arrival [ns], handler, data, information.
+        self._pending: list[tuple[int, Callable[..., None], bytes, Mapping[str, Any]]] = []
+        self._topics = [
+            (MatchingSubscription(self, message_type(topic.kind), topic.name, _no_callback,
+                                  qos(_DEPTH, topic.latched)), self._handler(topic))
+            for topic in TOPICS.values()]
+        enlarge_receive_buffers(_RECEIVE_BUFFER)
 
     def introduction(self) -> str:
         """Return where the bag is."""
         return f'records {len(TOPICS)} topics to {self._recording.path}; waits for messages'
 
-    def _callback(self, topic: Topic) -> Callable[..., None]:
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """Yield those that an executor serves; `_take` serves the others."""
+        return (x for x in super().subscriptions if x.callback is not _no_callback)
+
+    def _handler(self, topic: Topic) -> Callable[[bytes, Mapping[str, Any]], None]:
         name = self.resolve_topic_name(topic.name)
         offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
-        write = self._recording.write
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
         numbering = Numbering()
         arbiter = Arbiter(PATIENCE if is_clock else LAPSE, trusting=True)
@@ -91,10 +105,6 @@ class RecorderNode(Shell):
             return bool(self.count_publishers(topic.name) <= 1)
 
         def on_message(data: bytes, info: Mapping[str, Any]) -> None:
-            self._received += 1
-            self._sent = info.get('source_timestamp') or 0
-            if self.failure is not None:
-                return
             number = info.get('publication_sequence_number')
             if number and not numbering.follows(number):
                 lost = numbering.lost(number, self.count_publishers(topic.name))
@@ -114,27 +124,22 @@ class RecorderNode(Shell):
             if self._simulated is None and (
                     is_state or is_clock or len(self._early) >= _EARLY):
                 self._begin(is_clock or self.count_publishers(CLOCK) > 0)
-            t = self._time.now if self._simulated else self.get_clock().now().nanoseconds
+            t = self._time.now if self._simulated else (
+                info.get('received_timestamp') or self.get_clock().now().nanoseconds)
             if self._simulated is None:
                 self._early.append((name, topic.kind, t, data, offered))
-                return
-            try:
-                write(name, topic.kind, t, data, offered)
-            except OSError as error:
-                self._give_up(error)
+            else:
+                self._attempt(self._recording.write, name, topic.kind, t, data, offered)
 
-        return with_info(on_message)
+        return on_message
 
     def _begin(self, simulated: bool) -> None:
         """Write what came before it could be known whether time is simulated."""
         self._simulated = simulated
         early, self._early = self._early, []
-        try:
-            for name, kind, t, data, offered in early:
-                self._recording.write(
-                    name, kind, self._time.now if simulated else t, data, offered)
-        except OSError as error:
-            self._give_up(error)
+        for name, kind, t, data, offered in early:
+            self._attempt(self._recording.write, name, kind,
+                          self._time.now if simulated else t, data, offered)
 
     def _lose(self, topic: str, count: int) -> None:
         """Count messages that never came."""
@@ -161,70 +166,72 @@ class RecorderNode(Shell):
             'messages': sum(self._recording.counts.values()), 'rate [Hz]': rate, 'dropped': lost,
             **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
 
-    def heed(self) -> None:
-        """Leave it to `spin`, which has something to do yet."""
-
     def spin(self, executor: Any) -> None:
-        """Take all that has come, in batches; at the end, all that was sent before it."""
-        if not self._more:
-            time.sleep(NAP)
-        self._more = False
-        due = time.monotonic() + _BATCH
-        before = -1
-        while before < self._received and not self._has_enough():
-            before = self._received
-            if self.stop:
-                self.serve(executor, _SLICE)
-            elif time.monotonic() < due:
-                executor.spin_once(0.0)
-            else:
-                self._more = True
-                return
+        """Serve parameters and timers, then record what has come."""
+        super().spin(executor)
+        self._take()
 
-    def _has_enough(self) -> bool:
-        """Return whether, once asked to end, nothing is left that was sent before, or too much."""
-        if not self.stop:
-            return False
-        now = time.time_ns()
-        self._asked = self._asked or now
-        if self._sent > self._asked:
-            return True
-        # When the others have ended, there is time for all that they have sent.
-        if now - self._asked < _DRAIN or not self.count_publishers(JOINT_STATES):
-            return False
-        self.get_logger().warning('asked to end while more came than could be recorded')
-        return True
+    def _take(self) -> None:
+        """Record what had arrived when this was called, in the order of arrival."""
+        begin = time.time_ns()
+        pending = self._pending
+        for subscription, handler in self._topics:
+            current = subscription.current
+            take, kind = current.handle.take_message, current.msg_type
+            while (taken := take(kind, True)) is not None:
+                data, info = taken
+                arrival = info.get('received_timestamp') or 0
+                pending.append((arrival, handler, data, info))
+                self._received += 1
+                if arrival > begin:
+                    break
+        pending.sort(key=itemgetter(0))
+        self._pending = [x for x in pending if x[0] > begin]
+        for _, handler, data, info in pending[:len(pending) - len(self._pending)]:
+            self._sent = info.get('source_timestamp') or 0
+            if self.failure is None:
+                handler(data, info)
+
+    def _drain(self) -> None:
+        """Take all that was sent before now, but not for ever."""
+        begin = time.time_ns()
+        before = -1
+        while before < self._received or self._pending:
+            before = self._received
+            self._take()
+            if self._sent > begin:
+                return
+            # When the others have ended, there is time for all that they have sent.
+            if time.time_ns() - begin > _DRAIN and self.count_publishers(JOINT_STATES):
+                self.get_logger().warning('asked to end while more came than could be recorded')
+                return
+            time.sleep(_SLICE)
 
     def idle(self) -> None:
         """Put what was received onto the disk every so often."""
         now = time.monotonic()
         if self.failure is None and now - self._flushed > _FLUSH:
-            try:
-                self._recording.flush()
-            except OSError as error:
-                self._give_up(error)
+            self._attempt(self._recording.flush)
             self._flushed = time.monotonic()
 
-    def _give_up(self, error: OSError) -> None:
-        """Stop recording, keep what is on the disk, and let the control loop go on."""
-        self.failure = (f'recording has stopped: {error.strerror or error}; what was written '
-                        'before is kept, see ctc repair')
-        self.get_logger().error(self.failure)
-        self._recording.abandon()
+    def _attempt(self, action: Callable[..., None], *arguments: Any) -> None:
+        """Call what writes to the disk; where that takes no more, let the control loop go on."""
+        try:
+            action(*arguments)
+        except OSError as error:
+            self.failure = (f'recording has stopped: {error.strerror or error}; what was written '
+                            'before is kept, see ctc repair')
+            self.get_logger().error(self.failure)
 
     def finish(self) -> None:
         """Close the bag."""
+        self._drain()
+        self._begin(bool(self._simulated))
+        self._attempt(self._recording.close)
         if self.failure is None:
-            self._begin(bool(self._simulated))
-        if self.failure is None:
-            try:
-                self._recording.close()
-            except OSError as error:
-                self._give_up(error)
-        total = sum(self._recording.counts.values())
-        lost = sum(self._dropped.values())
-        self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics'
-                               + (f', {lost} dropped' if lost else ''))
+            total, lost = sum(self._recording.counts.values()), sum(self._dropped.values())
+            self.get_logger().info(f'{total} messages on {len(self._recording.counts)} topics'
+                                   + (f', {lost} dropped' if lost else ''))
 
 
 #: What the executable runs.
