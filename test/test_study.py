@@ -79,7 +79,7 @@ def test_diverging_run_is_reported() -> None:
     """Check that a run which diverges stands in the table and in the CSV as such."""
     unstable = Case('unstable', 'Gain', {
         '/**': {'control_period': 0.01}, 'controller': {'kv': [1e4, 1e4]},
-        'plant': {'duration': 2.0}}, x=1.0)
+        'plant': {'duration': 2.0, 'torque_saturation': [float('inf')] * 2}}, x=1.0)
     outcomes = perform((SHORT[0], unstable), TWO, 2)
     assert [bool(o.failure) for o in outcomes] == [False, False, True, True]
     assert outcomes[2].error is None
