@@ -93,16 +93,15 @@ def table(text: str, head: str) -> list[list[str]]:
 
 
 def test_the_experiments_of_the_readme() -> None:
-    """RMS errors and torque variation of the paper's four runs."""
+    """RMS errors and torque variation of the runs under one law, in their order."""
+    experiments = [x for x in EXPERIMENTS if x.law]
     rows = table(README, '| experiment | law |')
-    assert len(rows) == 4
-    runs = {(x.file, x.law): simulated(params.load(x.path, x.overrides)).run
-            for x in EXPERIMENTS if x.law}
-    for experiment, law, *columns in rows:
-        found = metrics(runs[experiment, law.split()[0]])
+    for (name, law, *columns), x in zip(rows, experiments, strict=True):
+        assert (name, law.split()[0].strip(',')) == (x.file, x.law)
+        found = metrics(simulated(params.load(x.path, x.overrides)).run)
         for column, key in zip(columns, ('rms_error_rad', 'torque_variation_nm_per_s'),
                                strict=True):
-            assert [float(x) for x in column.split(', ')] == pytest.approx(
+            assert [float(number) for number in column.split(', ')] == pytest.approx(
                 found[key], rel=TOLERANCE)
 
 
