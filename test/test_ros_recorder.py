@@ -234,15 +234,20 @@ def test_messages_without_a_pause_do_not_keep_it_from_the_disk(tmp_path: Path) -
         reports = Diagnostics(it)
         recorder = it.start('recorder', '-p', f'bag:={bag}')
         publisher = it.node.create_publisher(Float64MultiArray, COMMANDS, 1000)
-        it.until(lambda: publisher.get_subscription_count() > 0, 'the recorder')
+
+        def publish() -> bool:
+            for _ in range(10):
+                publisher.publish(Float64MultiArray(data=[1.0, 2.0]))
+                time.sleep(3e-4)
+            return True
+
+        it.until(lambda: publish() and size(bag) > EMPTY, 'the first messages')
         watch = Stopwatch(recorder.process.pid, os.getpid())
         growth, reported, latest = [0.0], 0, size(bag)
 
         def has_reported() -> bool:
             nonlocal reported, latest
-            for _ in range(10):
-                publisher.publish(Float64MultiArray(data=[1.0, 2.0]))
-                time.sleep(3e-4)
+            publish()
             reported += reports.latest.pop('recorder', None) is not None
             if size(bag) > latest:
                 latest = size(bag)
