@@ -80,6 +80,11 @@ class ControllerSettings(Config):
         'reference_timeout', 'float', 0.1,
         'A reference that is late goes on at its last velocity for so long; then the position '
         'is held.', unit='s', minimum=0.0, maximum=3600.0, read_only=True)
+    restart_duration: float = parameter(
+        'restart_duration', 'float', 2.0,
+        'Time over which the desired motion leads from where the robot is back to the reference, '
+        'where no torque was sent for more than 0.1 s; 0 for none.', unit='s', minimum=0.0,
+        maximum=3600.0)
     enabled: bool = parameter(
         'enabled', 'bool', True, 'Whether torques are sent from the start; see ~/enable.',
         read_only=True)

@@ -20,6 +20,7 @@ from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.models import model_of
+from ctc_chattering.core.rejoining import Rejoining
 from ctc_chattering.core.state_health import BUSY, StateHealth
 from ctc_chattering.core.term_saturation import TermSaturation
 from ctc_chattering.core.trajectory import Point, Trajectory
@@ -87,6 +88,7 @@ class ControllerNode(Shell):
         self._stamps = stamps.Stamps(self._timeout)
         self._cadence = Cadence(self._period)
         self._trajectory = Trajectory(round(self._settings.reference_timeout * NANOSECONDS))
+        self._rejoining = Rejoining(self._trajectory)
         self._lags = [self._period * (i + 1) for i in range(config.input_delay)]
         self._state_joints, self._reference_joints = Joints(names), Joints(names)
         self._writer = wire.EffortWriter(names)
@@ -370,6 +372,7 @@ class ControllerNode(Shell):
         self._cadence.pause()
         if verdict == stamps.ANEW:
             self._count = 0
+            self._rejoining = Rejoining(self._trajectory)
             self._tuning.news = True
             self.get_logger().info(
                 f'time begins anew at {seconds(t):.3f} s', throttle_duration_sec=1.0)
@@ -388,10 +391,18 @@ class ControllerNode(Shell):
         if point is None or not self._heard or not self._guard.allows or self._must_wait(t):
             self._waiting = state
             self._trajectory.forget(t)
+            if not self._guard.allows:
+                self._rejoining.pause(t)
             return
         self._waiting = None
-        ahead = [x for lag in self._lags if (x := self._trajectory.at(t + lag)) is not None]
         q = state.q
+        if self._rejoining.begin(t, q, state.dq, self._settings.restart_duration):
+            self.get_logger().info(
+                f'no torque was sent for a while: back to {REFERENCE} from where the robot is '
+                f'within {self._settings.restart_duration:g} s')
+        point = self._rejoining.at(t, point)
+        ahead = [self._rejoining.at(t + lag, x) for lag in self._lags
+                 if (x := self._trajectory.at(t + lag)) is not None]
         sample = self._sample(state, point, ahead)
         if sample is None:
             self._beyond = state
