@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
+import itertools
 import math
 from pathlib import Path
 import signal
@@ -310,3 +311,46 @@ def test_the_reference_follows_the_clock_ahead_of_time() -> None:
             assert list(point.positions) == list(q_d)
             assert list(point.velocities) == list(dq_d)
             assert list(point.accelerations) == list(ddq_d)
+
+
+def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> None:
+    """Set at once, each by a call of its own: position and velocity go on, to the new motion."""
+    period = 10 * MS
+    changed = ReferenceConfig(
+        amplitude=(0.2, 0.9), center=(1.0, -1.0), frequency=(0.4, 1.7), control_period=1e-2)
+    with probe() as it:
+        pieces = it.listen(JointTrajectory, 'reference')
+        clock = it.node.create_publisher(Clock, 'clock', 10)
+        it.start('reference', '-p', 'control_period:=0.01')
+        it.until(clock.get_subscription_count, 'the reference')
+        now = -200 * MS
+
+        def known() -> dict[int, JointTrajectoryPoint]:
+            return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
+                    + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
+                    for m in pieces for p in m.points}
+
+        def run_to(end: int) -> None:
+            nonlocal now
+            while now < end:
+                now += 200 * MS
+                clock.publish(Clock(clock=stamp(now)))
+                it.until(lambda: known() and max(known()) >= now + 400 * MS, 'the motion ahead')
+        run_to(1000 * MS)
+        for name in ('amplitude', 'center', 'frequency'):
+            assert it.set('reference', name, list(getattr(changed, name))).successful
+        assert not it.set('reference', 'frequency', [-1.0, 1.0]).successful
+        run_to(6000 * MS)
+        points = known()
+        times = sorted(points)
+        assert times == list(range(0, times[-1] + 1, period))
+        for before, after in itertools.pairwise(times):
+            a, b = points[before], points[after]
+            for j in range(2):
+                mean = 0.5 * (a.velocities[j] + b.velocities[j])
+                assert b.positions[j] - a.positions[j] == pytest.approx(1e-2 * mean, abs=2e-4)
+                mean = 0.5 * (a.accelerations[j] + b.accelerations[j])
+                assert b.velocities[j] - a.velocities[j] == pytest.approx(1e-2 * mean, abs=2e-2)
+        last = Sinusoid(changed).at(times[-1] / 1e9)
+        assert list(points[times[-1]].positions) == list(last[0])
+        assert points[0].positions[0] == math.pi
