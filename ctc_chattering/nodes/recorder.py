@@ -59,7 +59,7 @@ class RecorderNode(Shell):
     dropped on the way, and the bag says how much.
 
     Messages are taken from the middleware in batches and put in the order of their arrival: an
-    executor that calls back for each takes twice as long for a message.
+    executor that calls back for each takes longer for a message.
     """
 
     def __init__(self) -> None:
