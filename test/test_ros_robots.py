@@ -388,8 +388,9 @@ def test_waypoints_are_gone_through_in_real_time_and_held_at_the_end() -> None:
         tracking = it.listen(JointState, 'controller/tracking', 10_000)
         topic = it.node.create_publisher(JointTrajectory, 'reference/joint_trajectory', 10)
         it.start('plant')
-        it.start('controller', '-p', 'state_decimation:=1', '-p', 'state_timeout:=1.0',
-                 *PATIENT)
+        # A machine that is late for 0.1 s would have the controller lead back to the reference.
+        it.start('controller', '-p', 'state_decimation:=1', '-p', 'state_timeout:=1.0', '-p',
+                 'restart_duration:=0.0', *PATIENT)
         it.start('reference', '-p', 'center:=[0.0, 0.0]', '-p', 'amplitude:=[0.0, 0.0]')
         it.until(lambda: len(tracking) > 100 and topic.get_subscription_count(), 'motion')
 
@@ -487,7 +488,8 @@ def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
             assert run.dq_d[0].tolist() == [0.0, 0.0]
         # In real time the controller may be late by some tenths of a second, and miss samples.
         assert run.q_d[0] == pytest.approx(run.q[0], abs=0.1)
-        assert np.abs(run.tau).max() < (300.0 if pacing == 'lockstep' else 1000.0)
+        # A state that was not answered has no torque in the bag.
+        assert np.nanmax(np.abs(run.tau)) < (300.0 if pacing == 'lockstep' else 1000.0)
 
 
 def test_waypoints_from_a_file_equal_the_simulation(tmp_path: Path) -> None:
