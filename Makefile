@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 .PHONY: demo test test-load slow lint benchmark latency clean
 
 demo: $(READY)
-	@echo 'Five experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
+	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
 	$(BIN)/ctc reproduce --out results --overwrite
 
 # Processes that run tests; auto is one for each processor.
