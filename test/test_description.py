@@ -109,6 +109,7 @@ def test_a_parameter_file_reads_it_for_those_who_need_it(
     file.write_text(f"""
 /**: {{ros__parameters: {{joint_names: [a, b], description: {robot}}}}}
 plant: {{ros__parameters: {{{plant}}}}}
+reference: {{ros__parameters: {{center: [0, 0], amplitude: [0.1, 0.1]}}}}
 """.replace('joint_names', f'{shared}, joint_names' if shared else 'joint_names'))
     if needs:
         with pytest.raises(CtcError, match=r'^description: .*arm\.urdf: No such file'):

@@ -185,7 +185,7 @@ def test_what_may_not_be_set_is_refused_with_the_reason_and_changes_nothing() ->
                 ('kp', [1.0, 2.0, 3.0, 1.0], 'symmetric positive definite'),
                 ('kv', [-1.0, 1.0], 'kv: [-1.0, 1.0] is not allowed'),
                 ('ka', [math.nan, 1.0], 'ka: [nan, 1.0] is not allowed'),
-                ('lambda', 0.0, 'lambda: 0.0 is not allowed; allowed: a finite number > 0'),
+                ('lambda', 0.0, 'lambda out of range Min: 1e-09'),
                 ('lambda', math.nan, 'lambda'), ('b', -1.0, 'b'),
                 ('switching', 'magic', "switching: 'magic' is not allowed; allowed: sign"),
                 ('effort_limit', [0.0, 1.0], 'effort_limit: [0.0, 1.0] is not allowed'),
@@ -214,7 +214,8 @@ def test_every_parameter_is_described_and_a_signal_ends_the_node(
             assert found.description.startswith(spec.description)
             assert found.read_only == spec.read_only
             if spec.kind == 'float' and spec.minimum == 0.0 and not spec.infinite:
-                assert found.floating_point_range[0].from_value == 0.0
+                least = found.floating_point_range[0].from_value
+                assert 0.0 < least <= 1e-9 if spec.exclusive else least == 0.0
         assert interrupt(child, signal.SIGTERM if name == 'plant' else signal.SIGINT) < 1.0
         assert child.status == 0
         assert not any('Traceback' in line for line in it.lines)
