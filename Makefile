@@ -12,8 +12,8 @@ demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
 	$(BIN)/ctc reproduce --out results --overwrite
 
-# Processes that run tests; auto is one for each processor.
-WORKERS ?= auto
+# Processes that run tests: more than two processors, for many tests mostly wait.
+WORKERS ?= 3
 test: $(READY) lint
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=worksteal --durations=10
 

@@ -356,7 +356,8 @@ def test_check_model(tmp_path: Path) -> None:
     (['--model', 'puma'], ['model', 'puma', 'two_link | urdf | package.module:Class']),
     (['--model', 'urdf'], ['--urdf']), (['--urdf', 'nowhere.urdf'], ['nowhere.urdf']),
     (['--model', 'two_link', '--urdf', 'README.md'], ['--urdf', 'two_link']),
-    (['--urdf', 'README.md'], ['description', 'not XML']), (['--joints', 'a,b,c'], ['joint_names']),
+    (['--urdf', 'README.md'], ['description', 'not XML']),
+    (['--joints', 'a,b,c'], ['joint_names']),
     (['--joints', 'a,a'], ['joint_names']), (['--samples', '0'], ['--samples', '>= 1']),
     (['--seed', '-1'], ['--seed', '>= 0']), (['--gravity', 'nan'], ['--gravity', '>= 0'])])
 def test_check_model_refuses(arguments: list[str], words: list[str]) -> None:

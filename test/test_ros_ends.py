@@ -125,7 +125,8 @@ def takes_signals(child: supervisor.Child) -> bool:
     return all(caught >> (number - 1) & 1 for number in NUMBERS)
 
 
-@pytest.mark.parametrize('round_', range(3))
+@pytest.mark.parametrize(
+    'round_', [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_nodes_end_soon_at_any_moment_of_their_start(round_: int, tmp_path: Path) -> None:
     """All start at once, which keeps the machine busy, and each is stopped at a random moment."""
     dice = random.Random(round_)

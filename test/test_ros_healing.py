@@ -16,7 +16,8 @@ def seconds(message: JointState) -> float:
     return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
 
 
-@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+@pytest.mark.parametrize(
+    'pacing', ['lockstep', pytest.param('real_time', marks=pytest.mark.slow)])
 def test_killed_nodes_started_again_heal_the_graph(pacing: str) -> None:
     arguments = {'controller': (), 'reference': (), 'plant': ('-p', f'pacing:={pacing}')}
     with probe() as it:

@@ -79,7 +79,8 @@ def contested(report: Report, topic: str, owner: str, other: str, before: int = 
             and f'{topic} has publishers beside {owner}: {other}' in report.message)
 
 
-@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+@pytest.mark.parametrize(
+    'pacing', [pytest.param('lockstep', marks=pytest.mark.slow), 'real_time'])
 def test_the_first_publisher_of_torques_moves_the_robot_until_it_is_silent(pacing: str) -> None:
     with probe() as it:
         diagnostics, states, children = running(it, pacing)

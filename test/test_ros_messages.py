@@ -137,7 +137,8 @@ def test_a_node_alone_refuses_counts_and_lives(topic: str, arguments: tuple[str,
         assert not any('Traceback' in line or 'sequence size' in line for line in it.lines)
 
 
-@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+@pytest.mark.parametrize(
+    'pacing', ['lockstep', pytest.param('real_time', marks=pytest.mark.slow)])
 def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing: str) -> None:
     with probe() as it:
         publisher = it.node.create_publisher(KINDS[COMMANDS].type, COMMANDS, 10)

@@ -141,7 +141,8 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
     return killed
 
 
-@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+@pytest.mark.parametrize(
+    'pacing', [pytest.param('lockstep', marks=pytest.mark.slow), 'real_time'])
 def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         pacing: str, tmp_path: Path) -> None:
     """

@@ -30,7 +30,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize('rate', [0.5, 2.0])
+@pytest.mark.parametrize('rate', [pytest.param(0.5, marks=pytest.mark.slow), 2.0])
 def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> None:
     run = read_bag(bag).run
     with probe() as it:

@@ -49,7 +49,7 @@ def ns(t: Time) -> int:
 
 @pytest.mark.parametrize(('name', 'backend', 'urdf', 'joints'), [
     ('panda', 'builtin', panda, PANDA), ('panda', 'mujoco', panda, PANDA),
-    ('ur5', 'mujoco', ur5, UR5)])
+    pytest.param('ur5', 'mujoco', ur5, UR5, marks=pytest.mark.slow)])
 def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
         name: str, backend: str, urdf: Callable[[], str], joints: Sequence[str],
         tmp_path: Path) -> None:

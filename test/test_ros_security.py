@@ -80,7 +80,8 @@ def multicast(pid: int, domain: int) -> bool:
 
 
 @pytest.mark.parametrize(('before', 'after'), [
-    (None, 'LOCALHOST'), ('SUBNET', 'SUBNET'), ('OFF', 'OFF')])
+    (None, 'LOCALHOST'), ('SUBNET', 'SUBNET'),
+    pytest.param('OFF', 'OFF', marks=pytest.mark.slow)])
 def test_what_bringup_starts_is_confined_to_this_host(
         before: str | None, after: str, tmp_path: Path) -> None:
     """By its environment, and by its sockets; unless the environment says otherwise."""

@@ -76,7 +76,8 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
         assert rest[k] == pytest.approx(other.tau[k] + other.chattering[k], rel=1e-12)
 
 
-@pytest.mark.parametrize('switching', ['sign', 'implicit_observer'])
+@pytest.mark.parametrize(
+    'switching', [pytest.param('sign', marks=pytest.mark.slow), 'implicit_observer'])
 def test_with_every_imperfection_the_graph_equals_the_simulation(
         switching: str, tmp_path: Path) -> None:
     file = tmp_path / 'params.yaml'

@@ -77,6 +77,7 @@ def test_the_last_torque_does_not_wait_for_the_log() -> None:
             os.close(sink)
 
 
+@pytest.mark.slow
 def test_a_node_that_was_stopped_for_longer_than_its_lease_is_heard_again() -> None:
     """Stop each until the others have given it up; the plant's stamps never go back."""
     with probe() as it:

@@ -127,7 +127,8 @@ def nobody_else_dies(request: pytest.FixtureRequest) -> Iterator[None]:
         assert [name for name, child in children.items() if child.status is not None] == []
 
 
-@pytest.mark.parametrize('number', [signal.SIGSTOP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    'number', [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
 def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
         graph: Graph, number: signal.Signals) -> None:
     """One torque of zero, silence, an error; then the inverse dynamics, and on from there."""
