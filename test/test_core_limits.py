@@ -71,7 +71,8 @@ def _reached(run: Run, band: float) -> int:
     return int(outside[-1]) + 1 if len(outside) else 0
 
 
-@pytest.mark.parametrize('velocity', [[0.0, 0.0], [6.0, -4.0]])
+@pytest.mark.parametrize('velocity', [
+    pytest.param([0.0, 0.0], marks=pytest.mark.slow), [6.0, -4.0]])
 def test_without_a_perturbation_v_reaches_zero_and_stays(velocity: list[float]) -> None:
     """
     Check the theorem's time, 2 √V(0) / (ka k) and a few samples, into a band of order h².

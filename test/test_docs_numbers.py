@@ -64,7 +64,7 @@ def test_the_study_has_every_case_and_both_files_have_the_same_numbers() -> None
     assert text.startswith(to_markdown(ROWS) + '\n## Figures\n')
 
 
-@pytest.mark.parametrize('row', SAMPLE, ids=name_of)
+@pytest.mark.parametrize('row', SAMPLE[::2], ids=name_of)
 def test_a_row_of_the_study(row: Outcome) -> None:
     check(row)
 

@@ -630,7 +630,8 @@ def test_chattering_beats_compensation() -> None:
 
 
 @pytest.mark.parametrize(('law', 'switching'), [
-    ('compensation', 'sign'), ('chattering', 'sign'), ('chattering', 'implicit'),
+    ('compensation', 'sign'),
+    *(pytest.param('chattering', x, marks=pytest.mark.slow) for x in ('sign', 'implicit')),
     ('chattering', 'implicit_observer')])
 def test_both_plants_give_the_same_error(law: str, switching: str) -> None:
     """Check the RMS error of the loop with MuJoCo against the one with our own plant."""

@@ -52,7 +52,8 @@ def test_a_signal_stops_all_of_them_cleanly(
     assert (bag / 'metadata.yaml').exists()
 
 
-@pytest.mark.parametrize('victim', NODES)
+@pytest.mark.parametrize('victim', [
+    pytest.param(x, marks=pytest.mark.slow) if x in NODES[2:] else x for x in NODES])
 def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) -> None:
     bag = tmp_path / 'bag'
     with bringup(*ENDLESS, '--record', str(bag)) as process:

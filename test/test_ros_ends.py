@@ -142,7 +142,8 @@ def test_nodes_end_soon_at_any_moment_of_their_start(round_: int, tmp_path: Path
         nothing_raised(it)
 
 
-@pytest.mark.parametrize('number', NUMBERS)
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_bringup_ends_soon_on_a_loaded_machine(number: signal.Signals, tmp_path: Path) -> None:
     bag = tmp_path / 'bag'
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',

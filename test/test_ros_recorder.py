@@ -49,7 +49,7 @@ PERIOD = 1_000_000
 #: What a killed recorder may lose, beside what comes while it waits for a processor [ns].
 LOSS = NANOSECONDS
 #: Recorders killed in each graph, and those alive at the same time.
-KILLS, ALIVE = 6, 3
+KILLS, ALIVE = 4, 2
 #: Largest size of a bag without a message [bytes].
 EMPTY = 500
 

@@ -48,7 +48,8 @@ def ns(t: Time) -> int:
 # Robots, in lockstep.
 
 @pytest.mark.parametrize(('name', 'backend', 'urdf', 'joints'), [
-    ('panda', 'builtin', panda, PANDA), ('panda', 'mujoco', panda, PANDA),
+    pytest.param('panda', 'builtin', panda, PANDA, marks=pytest.mark.slow),
+    ('panda', 'mujoco', panda, PANDA),
     pytest.param('ur5', 'mujoco', ur5, UR5, marks=pytest.mark.slow)])
 def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
         name: str, backend: str, urdf: Callable[[], str], joints: Sequence[str],

@@ -240,7 +240,7 @@ read = reader().read if reader else wire.read_clock
 read(kind.valid)
 size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 2 ** 27, size + 2 ** 27))
-for i in range(10_000):
+for i in range(4000):
     data = mutated(kind, dice) if i % 4 else kind.make(dice)
     try:
         read(data)
@@ -254,7 +254,7 @@ print(count)
 
 
 @pytest.mark.parametrize('topic', KINDS)
-def test_ten_thousand_mutated_messages_do_no_harm(topic: str) -> None:
+def test_thousands_of_mutated_messages_do_no_harm(topic: str) -> None:
     """Check that there is no crash, no need for memory, and no word of ROS's own about them."""
     done = subprocess.run(
         [sys.executable, '-c', FUZZ, topic], capture_output=True, text=True, check=False,
