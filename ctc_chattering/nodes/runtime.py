@@ -48,10 +48,10 @@ NAP = 0.02
 _REPORT = NANOSECONDS
 #: What `run` waits at the end for the last messages to arrive, all together [s]: after a signal,
 #: and without one; and between two looks for signals.
-_FAREWELL, _PATIENCE, _SLICE = 0.3, 5.0, 0.1
+_FAREWELL, _PATIENCE, _SLICE = 0.25, 5.0, 0.1
 #: How long the middleware may take after that to leave the graph [s]: Fast DDS hangs now and then
 #: where others leave at the same time.
-_LEAVE = 0.4
+_LEAVE = 0.3
 
 
 def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
