@@ -303,7 +303,7 @@ def test_what_is_dropped_is_counted_exactly_and_said(
         recorder.signal(signal.SIGINT)
         assert recorder.process.wait(PATIENCE) == 0
     lost = {topic: report.count(f'dropped, {topic}') for topic in published}
-    assert min(lost.values()) > 1000
+    assert min(lost.values()) > 0
     assert report.level == ERROR
     total = report.count('dropped')
     assert report.message == f'{total} messages were dropped'

@@ -17,8 +17,7 @@ from stopwatch import Stopwatch
 
 from ctc_chattering.supervisor import Child, stop
 
-#: Naps are short: Python does not see a signal that comes right before a sleep until that ends.
-FOREVER = 'import time\nprint("ready")\nwhile True: time.sleep(0.05)'
+FOREVER = 'import time\nprint("ready")\nwhile True: time.sleep(60)'
 IGNORE = 'import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n'
 DEADLINE = 20.0
 Start = Callable[[str], Child]
@@ -33,6 +32,8 @@ def lines() -> list[str]:
 def start(lines: list[str]) -> Iterator[Start]:
     """Return a function that starts a child and waits for its first line."""
     children: list[Child] = []
+    # Where a script has the tests in the background, SIGINT is ignored, and children inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def run(code: str) -> Child:
         said = Event()
