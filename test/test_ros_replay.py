@@ -50,8 +50,8 @@ def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> N
             it.until(lambda: process.poll() is not None
                      or len(states) == len(commands) == len(run.t), 'all messages')
             waited = watch.waited()
-            it.until(lambda: len(sent) == len(run.t) and clocks and clocks[-1].clock.sec == 1,
-                     'the last of the clock')
+            it.until(lambda: len(states) == len(commands) == len(sent) == len(run.t)
+                     and clocks and clocks[-1].clock.sec == 1, 'the last messages')
             output, _ = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()

@@ -8,7 +8,6 @@ import time
 from typing import Any
 
 import rclpy
-from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
@@ -21,6 +20,7 @@ from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK
 from ctc_chattering.middleware import use_profile
+from ctc_chattering.nodes.runtime import wait_for_all_acked
 
 #: Period of ``/clock`` where the bag holds none [ns].
 _CLOCK_PERIOD = 10_000_000
@@ -81,8 +81,7 @@ def play(reader: AnyReader, rate: float, delay: float) -> int:
                 count += 1
             elif clock is not None and not topic:
                 clock.publish(data)
-        for publisher in publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=0.5))
+        wait_for_all_acked(node, stop)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -37,7 +37,7 @@ try:
 except ImportError:  # An rclpy from before it was there: slower, but the same.
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ['NAP', 'TICK', 'Executor', 'Shell', 'Status', 'qos', 'run']
+__all__ = ['NAP', 'TICK', 'Executor', 'Shell', 'Status', 'qos', 'run', 'wait_for_all_acked']
 
 #: Longest time between two looks at signals and at `Shell.idle` [s]. It must be finite: see
 #: docs/design.md.
@@ -318,14 +318,14 @@ def run(make_node: Callable[[], Shell], name: str,
             node.finish()
             if node.scheduling:  # Whatever holds the end up must not hold up others.
                 node.scheduling.update(False)
-            _wait_for_all_acked(node, stop)
+            wait_for_all_acked(node, stop)
             end_after(_LEAVE, 1 if node.failure else status)
             node.destroy_node()
         rclpy.try_shutdown()
     return 1 if node.failure else 0
 
 
-def _wait_for_all_acked(node: Node, stop: Sequence[int]) -> None:
+def wait_for_all_acked(node: Node, stop: Sequence[int]) -> None:
     """
     Wait until the last messages have arrived, but not for peers that were killed.
 
