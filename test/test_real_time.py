@@ -112,7 +112,8 @@ def test_the_parameters_and_a_refusal() -> None:
             f'/etc/security/limits.conf, ulimit -r is {priority}; or CAP_SYS_NICE); memory not '
             f'locked (needs memlock unlimited in /etc/security/limits.conf, ulimit -l is '
             f'{memory // 1024}; or CAP_IPC_LOCK)')
-        assert any(line.endswith(report.values['scheduling']) for line in it.lines)
+        it.until(lambda: any(
+            line.endswith(report.values['scheduling']) for line in it.lines), 'the line')
         assert policies(child.process.pid) == {(os.SCHED_OTHER, 0)}
 
 

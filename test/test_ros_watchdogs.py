@@ -174,11 +174,12 @@ def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
     graph.probe.until(lambda: len(graph.log('controller', 'holding the position')) == count,
                       'a line for each')
     graph.clear()
-    graph.probe.until(lambda: len(graph.tracking) > 5, 'the errors')
+    # After a pause of the machine the desired motion leads to the held position, and stays there.
+    graph.probe.until(lambda: len(graph.tracking) > 5 and not any(
+        any(m.velocity[:2]) for m in graph.tracking[-5:]), 'the hold')
     last = graph.pieces[-1].points[-1]
     held = [q + REFERENCE_TIMEOUT * dq for q, dq in zip(last.positions, last.velocities)]
-    for message in graph.tracking:
-        assert list(message.velocity[:2]) == ZERO
+    for message in graph.tracking[-5:]:
         assert list(message.position[:2]) == held
     assert any(any(m.data) for m in graph.commands)
     graph.start('reference')
