@@ -6,6 +6,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
+# Where Python keeps no compiled modules, each of some hundred processes compiles them.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-load slow lint benchmark latency clean
 
 demo: $(READY)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 import signal
 import subprocess
@@ -31,3 +32,10 @@ def test_a_signal_while_it_imports_ends_it_without_a_traceback(
         process.kill()
     assert (process.returncode, output) == (0, '')
     assert not (tmp_path / 'bag').exists()
+
+
+def test_numpy_starts_no_threads() -> None:
+    """For each processor OpenBLAS would start one, which computes in vain at first."""
+    program = "import ctc_chattering.cli, numpy, os; print(len(os.listdir('/proc/self/task')))"
+    environment = {name: value for name, value in os.environ.items() if 'THREADS' not in name}
+    assert subprocess.check_output([sys.executable, '-c', program], env=environment) == b'1\n'
