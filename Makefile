@@ -28,7 +28,7 @@ test-load: $(READY)
 
 # Studies that take a minute or more each, and properties with random examples.
 slow: $(READY)
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600
 	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
 		--hypothesis-profile=random
 

@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 import random
 import signal
-import sys
 import tempfile
 from typing import Any
 
@@ -80,8 +79,8 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
         observer = None
         try:
             for name in names:
-                argv = [sys.executable, '-m', 'ctc_chattering.cli.node', name, *ros_args,
-                        '--ros-args', '--params-file', str(resolved)]
+                argv = supervisor.node_command(
+                    name, *ros_args, '--ros-args', '--params-file', str(resolved))
                 children[name] = supervisor.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)
             observer = Observer(setup.events, lockstep, ros_args)

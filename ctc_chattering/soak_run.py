@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 import platform
 import signal
-import sys
 import tempfile
 import time
 from typing import Any, TextIO
@@ -206,8 +205,8 @@ class _Graph:
         self._spawned[name] = time.time_ns()
         self._memory[name].begin(time.monotonic() - self._begun)
         self._children[name] = supervisor.Child(
-            name, [sys.executable, '-m', 'ctc_chattering.cli.node', name, '--ros-args',
-                   '--params-file', str(self._file), *more],
+            name, supervisor.node_command(
+                name, '--ros-args', '--params-file', str(self._file), *more),
             lambda line: print(line, file=self._log))
 
     def _bury(self, name: str) -> None:

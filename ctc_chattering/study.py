@@ -17,6 +17,7 @@ import io
 import itertools
 import json
 import math
+from multiprocessing import get_context
 import signal
 from typing import Any
 
@@ -220,7 +221,8 @@ def _mapped(tasks: Sequence[tuple[Case, str, Setup]], jobs: int) -> Iterator[Out
         yield from (evaluate(*task) for task in tasks)
         return
     try:
-        with ProcessPoolExecutor(jobs, initializer=_ignore_interrupt) as pool:
+        # A fork of a process that has threads may wait for ever for what they hold.
+        with ProcessPoolExecutor(jobs, get_context('spawn'), _ignore_interrupt) as pool:
             yield from pool.map(evaluate, *zip(*tasks))
     except BrokenProcessPool:
         raise CtcError('a process of the study was killed; try fewer --jobs') from None

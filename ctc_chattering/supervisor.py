@@ -9,12 +9,32 @@ import ctypes
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 
 #: Lines of a process's output that are kept for the report of its death.
 _TAIL = 20
 _PR_SET_PDEATHSIG = 1
+
+
+def node_command(name: str, *arguments: str) -> list[str]:
+    """Return the command that runs a node, which ends when this process has ended."""
+    return [sys.executable, '-m', 'ctc_chattering.cli.node', name, '--parent', str(os.getpid()),
+            *arguments]
+
+
+def end_with(parent: int) -> None:
+    """
+    Have this process end when its parent has; on Linux, by SIGTERM.
+
+    The process asks for it itself: between fork and exec, in a parent with threads, Python code
+    may wait for ever for what one of them held.
+    """
+    if sys.platform.startswith('linux'):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
+        if os.getppid() != parent:
+            os._exit(1)
 
 
 class Child:
@@ -39,8 +59,9 @@ class Child:
         self.process = subprocess.Popen(
             argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, errors='replace', start_new_session=True,
-            preexec_fn=_prepare(processors),
             env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+        if processors and hasattr(os, 'sched_setaffinity'):
+            os.sched_setaffinity(self.process.pid, processors)
         self._reader = threading.Thread(target=self._read, args=(show,), daemon=True)
         self._reader.start()
 
@@ -92,18 +113,3 @@ def stop(children: Sequence[Child], patience: float = 5.0) -> None:
                 child.process.wait(max(0.0, deadline - time.monotonic()))
         if all(child.status is not None for child in children):
             return
-
-
-def _prepare(processors: Set[int] | None) -> Callable[[], None]:
-    """Return what a new process does first: ask for SIGTERM when its parent is gone."""
-    parent = os.getpid()
-    libc = ctypes.CDLL(None, use_errno=True)
-
-    def ask() -> None:
-        libc.prctl(_PR_SET_PDEATHSIG, int(signal.SIGTERM))
-        if os.getppid() != parent:
-            os._exit(1)
-        if processors and hasattr(os, 'sched_setaffinity'):
-            os.sched_setaffinity(0, processors)
-
-    return ask

@@ -1,12 +1,14 @@
 """
 What all tests have in common.
 
-The processes that they start have the rights of an ordinary user, whoever runs the tests.
+The processes that they start have the rights of an ordinary user, whoever runs the tests, and
+signals end them, where the tests run under nohup or in the background too.
 Hypothesis tries the same examples every time, however slow the machine.
 """
 
 from concurrent.futures import ThreadPoolExecutor
 import ctypes
+import signal
 
 from hypothesis import HealthCheck, settings
 import pytest
@@ -28,6 +30,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Have what this thread starts from now on ask for real-time scheduling in vain."""
     if config.getoption('numprocesses', None) and not hasattr(config, 'workerinput'):
         return  # It starts those that run the tests.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     WITH_RIGHTS.submit(int).result()  # It takes its rights from us when it begins.
     for capability in (_CAP_IPC_LOCK, _CAP_SYS_NICE):
         ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, capability, 0, 0, 0)

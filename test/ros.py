@@ -47,8 +47,8 @@ class Probe:
     def start(self, name: str, *ros_args: str) -> supervisor.Child:
         """Start one of the nodes."""
         child = supervisor.Child(
-            name, [sys.executable, '-m', 'ctc_chattering.cli.node', name,
-                   *(('--ros-args', *ros_args) if ros_args else ())], self.lines.append)
+            name, supervisor.node_command(name, *(('--ros-args', *ros_args) if ros_args else ())),
+            self.lines.append)
         self.children.append(child)
         return child
 

@@ -32,8 +32,6 @@ def lines() -> list[str]:
 def start(lines: list[str]) -> Iterator[Start]:
     """Return a function that starts a child and waits for its first line."""
     children: list[Child] = []
-    # Where a script has the tests in the background, SIGINT is ignored, and children inherit that.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def run(code: str) -> Child:
         said = Event()
@@ -135,7 +133,8 @@ def test_stop_shares_its_patience(start: Start) -> None:
 
 def test_children_outlive_no_parent() -> None:
     """Kill a parent with SIGKILL; its child, which ignores SIGINT, must go too."""
-    kid = IGNORE + FOREVER
+    kid = ('import os\nfrom ctc_chattering import supervisor\n'
+           f'{IGNORE}supervisor.end_with(os.getppid())\n{FOREVER}')
     code = ('import sys\nfrom threading import Event\n'
             'from ctc_chattering.supervisor import Child\nready = Event()\n'
             f'child = Child("kid", [sys.executable, "-c", {kid!r}], lambda line: ready.set())\n'

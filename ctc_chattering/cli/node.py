@@ -44,9 +44,11 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
 
 def _run(name: str, arguments: Sequence[str]) -> int:
     """Run a node with the arguments for ROS; heed those that are not."""
-    from ctc_chattering import ros_arguments
+    from ctc_chattering import ros_arguments, supervisor
     own, ros = ros_arguments.parse(arguments)
-    _make_parser(name).parse_args(own)
+    parent = _make_parser(name).parse_args(own).parent
+    if parent is not None:
+        supervisor.end_with(parent)
     ros.check([name])
     values = ros.values(name)
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
@@ -68,6 +70,7 @@ def _make_parser(name: str) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=f'parameters:\n{parameter_help(name)}')
     parser.add_argument('--version', action='version', version=__version__)
+    parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
     return parser
 
 

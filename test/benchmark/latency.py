@@ -66,8 +66,7 @@ def measure_nodes(priority: int) -> Times:
                      '-p', 'plant:pacing:=real_time', '-p', 'plant:duration:=0.0',
                      '-p', f'thread_priority:={priority}')
         children = [supervisor.Child(
-            name, [sys.executable, '-m', 'ctc_chattering.cli.node', name, *arguments],
-            lambda _: None) for name in LOOP]
+            name, supervisor.node_command(name, *arguments), lambda _: None) for name in LOOP]
         try:
             while len(reports) < _WINDOW + 2:  # The first ones are of the start.
                 executor.spin_once(0.1)
