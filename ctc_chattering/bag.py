@@ -8,14 +8,10 @@ import dataclasses
 import itertools
 from pathlib import Path
 import sys
-import tempfile
 from typing import Any
-import weakref
 
 import numpy as np
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.gaps import missing
@@ -35,44 +31,13 @@ from ctc_chattering.graph import (
     ROBOT_DESCRIPTION,
 )
 from ctc_chattering.result import Result
-from ctc_chattering.salvage import is_damaged, rewrite
+from ctc_chattering.salvage import BagReader, open_bag
 
 #: Periods between two states that are no outage, and states that must follow a longer one.
 _FEW = 20
 #: Which field of a ParameterValue holds the value, by its type.
 _FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
            8: 'double_array_value', 9: 'string_array_value'}
-
-
-def open_bag(path: Path) -> AnyReader:
-    """
-    Return an open reader of the bag at `path`; close it after use.
-
-    Raises
-    ------
-    CtcError
-        If there is no bag, or it cannot be read.
-
-    """
-    if not path.exists():
-        raise CtcError(f'{path}: no such bag')
-    scratch = None
-    place = path
-    if path.is_dir() and (path.suffix == '.bag' or is_damaged(path)):
-        scratch = tempfile.TemporaryDirectory()
-        place = Path(scratch.name) / 'bag'
-        if is_damaged(path):
-            print(f'{path}: not closed properly: {rewrite(path, place)}', file=sys.stderr)
-        else:  # AnyReader takes what is called .bag for a bag of ROS 1.
-            place.symlink_to(path.resolve())
-    try:
-        reader = AnyReader([place], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        reader.open()
-    except Exception as error:
-        raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
-    if scratch is not None:
-        weakref.finalize(reader, scratch.cleanup)
-    return reader
 
 
 def read_bag(path: Path) -> Result:
@@ -137,7 +102,7 @@ class _States:
 class _Topics:
     """The topics of one open bag; namespaces in front of their names do not matter."""
 
-    def __init__(self, reader: AnyReader, path: Path) -> None:
+    def __init__(self, reader: BagReader, path: Path) -> None:
         self._reader = reader
         self._path = path
 

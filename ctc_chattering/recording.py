@@ -11,6 +11,7 @@ from pathlib import Path
 import struct
 import tempfile
 from typing import Any
+import zlib
 
 from rosbags.interfaces import (
     Connection,
@@ -27,6 +28,7 @@ from rosbags.rosbag2.storage_mcap import Channel, McapWriter, write_channel, wri
 from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.errors import CtcError
+from ctc_chattering.index_checksum import write_index_checksum
 
 #: Size at which a chunk is written [bytes]: compressing takes some times as much memory.
 _CHUNK = 1 << 18
@@ -85,6 +87,8 @@ class _Storage(McapWriter):
 
     #: A record of a message: opcode, length, channel, number, log time, time of publication.
     _MESSAGE = struct.Struct('<BQHIQQ')
+    #: What precedes the checksum in a record of a chunk: opcode, length, times, size.
+    _BEFORE_CRC = struct.Struct('<BQQQQ')
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
@@ -116,10 +120,19 @@ class _Storage(McapWriter):
             self.close_chunk()
 
     def close_chunk(self) -> None:
-        """Write the messages since the last chunk."""
+        """Write the messages since the last chunk, with the checksum that rosbags leaves at 0."""
         self.message_start_time = min(self.chunk.message_start_time, self.message_start_time)
         self.message_end_time = max(self.chunk.message_end_time, self.message_end_time)
+        start, checksum = self.bio.tell(), zlib.crc32(self.chunk.bio.getbuffer())
         super().close_chunk()
+        self.bio.seek(start + self._BEFORE_CRC.size)
+        self.bio.write(struct.pack('<I', checksum))
+        self.bio.seek(0, os.SEEK_END)
+
+    def close(self, version: int, metadata: str) -> None:
+        """Write index and metadata."""
+        super().close(version, metadata)
+        write_index_checksum(self.path)
 
     def abort(self) -> None:
         """Close without index."""

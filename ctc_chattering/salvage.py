@@ -1,23 +1,29 @@
-"""Bags that were cut off: what is left of them, and a whole bag made of it."""
+"""Opening bags; what is left of those that are damaged, and a whole bag made of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Generator, Iterator
+from contextlib import closing
 import dataclasses
 import functools
 from pathlib import Path
 import shutil
+import sys
 import tempfile
 from typing import NamedTuple
+import weakref
 
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk, StreamReader
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Qos
-from rosbags.rosbag2 import Reader, storage_mcap
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Qos
+from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.metadata import parse_qos
+from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering.core.grid import seconds
 from ctc_chattering.errors import CtcError
+from ctc_chattering.index_checksum import check_index
 from ctc_chattering.recording import Recording
 
 #: How rosbags finds the definition of a type.
@@ -79,12 +85,79 @@ def is_damaged(bag: Path) -> bool:
     return bag.is_dir() and not (bag / 'metadata.yaml').exists() and any(bag.glob('*.mcap'))
 
 
+class BagReader(AnyReader):
+    """
+    Reads a bag at `path`, which stands in errors, from the directory `place`.
+
+    Attributes
+    ----------
+    path : Path
+        Where the bag is for the user.
+
+    """
+
+    def __init__(self, path: Path, place: Path) -> None:
+        super().__init__([place], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+        self.path = path
+
+    def messages(self, connections: Collection[Connection] = (), start: int | None = None,
+                 stop: int | None = None) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield messages; raise `CtcError` where the bag is damaged."""
+        try:
+            yield from super().messages(connections, start, stop)
+        except Exception as error:  # Whatever a reader makes of bytes that are no chunk.
+            raise _damaged(self.path, error) from None
+
+
+def open_bag(path: Path) -> BagReader:
+    """
+    Return an open reader of the bag at `path`; close it after use.
+
+    Raises
+    ------
+    CtcError
+        If there is no bag, or it cannot be read.
+
+    """
+    if not path.exists():
+        raise CtcError(f'{path}: no such bag')
+    scratch = None
+    place = path
+    if path.is_dir() and (path.suffix == '.bag' or is_damaged(path)):
+        scratch = tempfile.TemporaryDirectory()
+        place = Path(scratch.name) / 'bag'
+        if is_damaged(path):
+            print(f'{path}: not closed properly: {rewrite(path, place)}', file=sys.stderr)
+        else:  # AnyReader takes what is called .bag for a bag of ROS 1.
+            place.symlink_to(path.resolve())
+    try:
+        for file in place.glob('*.mcap'):
+            check_index(file)
+        reader = BagReader(path, place)
+        reader.open()
+    except Exception as error:
+        if any(place.glob('*.mcap')):
+            raise _damaged(path, error) from None
+        raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
+    if scratch is not None:
+        weakref.finalize(reader, scratch.cleanup)
+    return reader
+
+
+def _damaged(path: Path, error: Exception) -> CtcError:
+    """Return an error that names the bag and says what to do."""
+    advice = f'; "ctc repair {path}" recovers what is whole' if any(path.glob('*.mcap')) else ''
+    return CtcError(f'{path}: damaged: {" ".join(str(error).split()).rstrip(".")}{advice}')
+
+
 def is_whole(bag: Path) -> bool:
     """Return whether all the messages that a bag says it has can be read."""
+    if is_damaged(bag):
+        return False
     try:
-        with Reader(bag) as reader:
+        with closing(open_bag(bag)) as reader:
             return sum(1 for _ in reader.messages()) == reader.message_count
-    except Exception:  # Whatever a reader makes of bytes that are no bag.
+    except CtcError:
         return False
 
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader
 
 from ctc_chattering import wire
-from ctc_chattering.bag import open_bag
 from ctc_chattering.core.grid import NANOSECONDS, seconds
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import JOINT_STATES
-from ctc_chattering.salvage import is_damaged
+from ctc_chattering.salvage import is_damaged, open_bag
 from ctc_chattering.soak import Gap, gaps, Outage
 
 #: Where the stamp of a header stands in a serialized message, and how long it is.
@@ -41,16 +41,13 @@ def examine(bags: Sequence[Path], names: Sequence[str], outages: Sequence[Outage
     for bag in bags:
         salvaged += is_damaged(bag)
         try:
-            reader = open_bag(bag)
+            with closing(open_bag(bag)) as reader:
+                stamps = list(_stamps(reader, names))
+                count, end = reader.message_count, reader.end_time
         except CtcError as error:
             unreadable.append(str(error))
             continue
-        try:
-            messages += reader.message_count
-            stamps = list(_stamps(reader, names))
-            end = reader.end_time
-        finally:
-            reader.close()
+        messages += count
         states += len(stamps)
         # The bag's end, after the last of them.
         found += gaps([*stamps, max(end, stamps[-1] + 1)] if stamps else [], outages)

@@ -17,6 +17,8 @@ from unittest.mock import Mock
 
 from bags import entries, Entry, serialized, write_bag
 from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import breakup_chunk, StreamReader
 import pytest
 import yaml
 
@@ -64,6 +66,17 @@ def test_mcap_reads_every_message(bag: Path, messages: list[Entry]) -> None:
                     log_time_order=False)]
     assert Counter(topic for topic, *_ in read) == COUNTS
     assert read == [tuple(entry) for entry in messages]
+
+
+def test_chunks_have_checksums_that_mcap_finds_right(bag: Path) -> None:
+    (file,) = bag.glob('*.mcap')
+    with file.open('rb') as stream:
+        chunks = [record for record in StreamReader(stream, emit_chunks=True).records
+                  if isinstance(record, Chunk)]
+    assert chunks
+    for chunk in chunks:
+        assert chunk.uncompressed_crc != 0
+        assert breakup_chunk(chunk, validate_crc=True)
 
 
 def test_schemas_are_in_it(bag: Path) -> None:

@@ -16,8 +16,8 @@ from test_ros_nodes import COMMANDS, MS, stamp, state
 from trajectory_msgs.msg import JointTrajectory
 from urdfs import two_links
 
-from ctc_chattering.bag import open_bag
 from ctc_chattering.nodes.matching import compatible, weakened
+from ctc_chattering.salvage import open_bag
 
 pytestmark = pytest.mark.ros
 #: As `rclcpp::ClockQoS` and `rclcpp::SensorDataQoS` offer it.

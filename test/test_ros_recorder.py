@@ -34,13 +34,13 @@ from test_ros_lockstep import assert_equal, counts
 from test_ros_robots import PATIENT
 
 from ctc_chattering import params, supervisor
-from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.bag import read_bag
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from ctc_chattering.nodes.inbox import with_info
 from ctc_chattering.result import simulated
-from ctc_chattering.salvage import is_damaged, repair
+from ctc_chattering.salvage import is_damaged, open_bag, repair
 from ctc_chattering.wire import State, StateReader
 
 pytestmark = pytest.mark.ros

@@ -25,7 +25,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from urdfs import BOMBS, link, mutated, PANDA, panda, two_links, UR5, ur5
 
 from ctc_chattering import params
-from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.bag import read_bag
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import make_plant
@@ -33,6 +33,7 @@ from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.core.trajectory import Trajectory
 from ctc_chattering.errors import CtcError
 from ctc_chattering.result import simulated
+from ctc_chattering.salvage import open_bag
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

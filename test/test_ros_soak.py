@@ -15,7 +15,7 @@ import pytest
 from ros import descendants, PATIENCE, wait_for
 
 from ctc_chattering import soak
-from ctc_chattering.bag import open_bag
+from ctc_chattering.salvage import open_bag
 
 pytestmark = pytest.mark.ros
 ROOT = Path(__file__).resolve().parent.parent

@@ -23,13 +23,14 @@ from test_ros_nodes import COMMANDS, MS, reference, state
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import params, supervisor
-from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.bag import read_bag
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.trajectory import Point
 from ctc_chattering.graph import DIAGNOSTICS
 from ctc_chattering.result import simulated
+from ctc_chattering.salvage import open_bag
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]

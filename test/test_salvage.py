@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 import os
 from pathlib import Path
@@ -29,12 +30,12 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
 
 from ctc_chattering import params
-from ctc_chattering.bag import open_bag, read_bag
+from ctc_chattering.bag import read_bag
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
-from ctc_chattering.salvage import repair, rewrite
+from ctc_chattering.salvage import is_whole, open_bag, repair, rewrite
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:
@@ -207,7 +208,7 @@ def test_what_is_no_bag_cannot_be_repaired(whole: Path, tmp_path: Path) -> None:
 
 def test_a_whole_bag_is_left_as_it_is(
         whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also after a repair, and where it is not ours; one with a wrong byte is not whole."""
+    """Also after a repair, and where it is not ours."""
     bag = tmp_path / 'bag'
     shutil.copytree(whole, bag)
     before = {path.name: (path.stat().st_ino, path.read_bytes()) for path in bag.iterdir()}
@@ -224,16 +225,95 @@ def test_a_whole_bag_is_left_as_it_is(
             '/news', 'std_msgs/msg/String', typestore=get_typestore(Stores.ROS2_JAZZY))
         writer.write(connection, 1, b'\0\1\0\0\1\0\0\0\0')
     assert repair(tmp_path / 'theirs') is None
-    (tmp_path / 'first').mkdir()
-    bag = shutil.copytree(whole, tmp_path / 'first' / 'bag')
-    with (bag / 'bag_0.mcap').open('r+b') as stream:
-        data = stream.read()
-        stream.seek(data.index(b'\x28\xb5\x2f\xfd', len(data) // 3))  # Where a chunk begins.
-        stream.write(bytes(20))
+
+
+def wrong_bytes(file: Path, places: Sequence[int], dice: random.Random) -> Iterator[int]:
+    """Have one byte of a file wrong at a time, and none in the end."""
+    data = file.read_bytes()
+    for place in places:
+        wrong = bytes([data[place] ^ dice.randint(1, 255)])
+        file.write_bytes(data[:place] + wrong + data[place + 1:])
+        yield place
+    file.write_bytes(data)
+
+
+@pytest.mark.parametrize('name, count', [('bag_0.mcap', 30), ('metadata.yaml', 10)])
+def test_a_bag_with_a_wrong_byte_is_not_whole_or_holds_the_same(
+        whole: Path, tmp_path: Path, name: str, count: int) -> None:
+    bag, complete = tmp_path / 'bag', messages(whole)
+    shutil.copytree(whole, bag)
+    dice = random.Random(1)
+    places = dice.sample(range((bag / name).stat().st_size), count)
+    found = 0
+    for _ in wrong_bytes(bag / name, places, dice):
+        if is_whole(bag):
+            assert messages(bag) == complete
+        else:
+            found += 1
+    assert found > count // 2
+    assert is_whole(bag)
+
+
+def test_a_wrong_byte_in_a_chunk_is_found_and_costs_no_other(whole: Path, tmp_path: Path) -> None:
+    """Check chunks that do not say what the topics are, as the first does."""
+    bag, complete = tmp_path / 'bag', messages(whole)
+    shutil.copytree(whole, bag)
+    file, dice = bag / 'bag_0.mcap', random.Random(2)
+    with file.open('rb') as stream:
+        chunks = [(stream.tell(), len(record.data))
+                  for record in StreamReader(stream, emit_chunks=True).records
+                  if isinstance(record, Chunk)][1:]
+    # Not in the first bytes of the compressed data, of which not every bit has a meaning.
+    places = [dice.randrange(end - length + 20, end) for end, length in chunks]
+    for _ in wrong_bytes(file, places[::2], dice):
+        assert not is_whole(bag)
+    assert is_whole(bag)
+    next(wrong_bytes(file, places[5:], dice))
+    error = f'^{bag}: damaged: .*; "ctc repair {bag}" recovers what is whole$'
+    with pytest.raises(CtcError, match=error):
+        read_bag(bag)
     done = repair(bag)
     assert done is not None
-    assert 0 < done[0].messages < len(messages(whole))
-    assert done[0].lost > 0
+    assert done[0].lost == chunks[5][1]
+    assert messages(bag) == complete[:240] + complete[280:]
+
+
+def test_a_chunk_said_to_hold_another_topic_is_found(whole: Path, tmp_path: Path) -> None:
+    """Check what would have a reader of one topic pass over the chunk."""
+    bag = tmp_path / 'bag'
+    shutil.copytree(whole, bag)
+    file = bag / 'bag_0.mcap'
+    with file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    channel, offset = next(iter(summary.chunk_indexes[3].message_index_offsets.items()))
+    place = file.read_bytes().rindex(struct.pack('<HQ', channel, offset))
+    next(wrong_bytes(file, [place], random.Random(1)))
+    with pytest.raises(CtcError, match='damaged: wrong checksum of the index'):
+        read_bag(bag)
+    done = repair(bag)
+    assert done is not None and done[0].lost == 0
+    assert messages(bag) == messages(whole)
+
+
+def test_checksums_of_0_stand_for_none(whole: Path, tmp_path: Path) -> None:
+    """Check a bag as rosbags writes it."""
+    bag = tmp_path / 'bag'
+    shutil.copytree(whole, bag)
+    file = bag / 'bag_0.mcap'
+    with file.open('rb') as stream:
+        ends = [(stream.tell(), len(record.data))
+                for record in StreamReader(stream, emit_chunks=True).records
+                if isinstance(record, Chunk)]
+    data = bytearray(file.read_bytes())
+    for end, length in ends:
+        place = end - length - 8 - len('zstd') - 4 - 4
+        assert any(data[place:place + 4])
+        data[place:place + 4] = bytes(4)
+    data[-12:-8] = bytes(4)
+    file.write_bytes(data)
+    assert repair(bag) is None
+    assert messages(bag) == messages(whole)
 
 
 @pytest.mark.ros

@@ -218,7 +218,7 @@ def replay(options: argparse.Namespace) -> int:
         raise ParameterError('--rate', options.rate, 'a finite number > 0')
     if not 0.0 <= options.delay < float('inf'):
         raise ParameterError('--delay', options.delay, 'a finite number >= 0')
-    from ctc_chattering.bag import open_bag
+    from ctc_chattering.salvage import open_bag
     with closing(open_bag(options.bag)) as reader:
         from ctc_chattering.nodes.player import play
         count = play(reader, options.rate, options.delay)

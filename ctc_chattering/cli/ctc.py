@@ -96,9 +96,9 @@ def make_parser() -> argparse.ArgumentParser:
     _add_output(soak, 'soak')
 
     repair = commands.add_parser(
-        'repair', help='make a whole bag of one that was cut off',
-        description='Rewrite a bag that was not closed, so that every tool reads it; what was '
-                    'there is kept beside it.')
+        'repair', help='make a whole bag of one that was cut off or has wrong bytes',
+        description='Rewrite a bag that was not closed, or is damaged, so that every tool reads '
+                    'it; what was there is kept beside it.')
     repair.add_argument('bag', type=Path, metavar='BAG')
 
     check_model = commands.add_parser(
