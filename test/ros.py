@@ -37,8 +37,13 @@ class Probe:
 
     def __init__(self) -> None:
         self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node('probe', context=self.context)
+        with pytest.MonkeyPatch.context() as it:
+            # Without memory that others write into: a process killed while it does leaves a lock
+            # behind, on which this one would crash or hang when it leaves.
+            it.setenv(VARIABLES[0], str(CONFIG / 'fastdds.xml'))
+            it.delenv(VARIABLES[1], raising=False)
+            rclpy.init(context=self.context)
+            self.node = rclpy.create_node('probe', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.children: list[supervisor.Child] = []

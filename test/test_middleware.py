@@ -62,3 +62,4 @@ def test_nobody_writes_into_the_memory_of_a_node_unless_told_otherwise(
         child = it.start('reference')
         it.until(lambda: 'reference' in it.node.get_node_names(), 'the node')
         assert has_port(child.process.pid) == theirs
+        assert not has_port(os.getpid())  # Else a killed node may take the tests with it.
