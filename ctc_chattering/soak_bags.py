@@ -9,10 +9,10 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 
-from ctc_chattering import wire
 from ctc_chattering.core.grid import NANOSECONDS, seconds
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import JOINT_STATES
+from ctc_chattering.ros.serialization import StateWriter
 from ctc_chattering.salvage import is_damaged, open_bag
 from ctc_chattering.soak import Gap, gaps, Outage
 
@@ -61,7 +61,7 @@ def examine(bags: Sequence[Path], names: Sequence[str], outages: Sequence[Outage
 def _stamps(reader: AnyReader, names: Sequence[str]) -> Iterator[int]:
     """Yield the stamps [ns] of the states that the plant itself sent; it names no frame."""
     row = (0.0,) * len(names)
-    sample = wire.StateWriter(names).write(0, row, row, row)
+    sample = StateWriter(names).write(0, row, row, row)
     begin, end = _STAMP + _SIZE, len(sample) - 3 * (8 * len(names)) - 16
     connections = [x for x in reader.connections if x.topic.endswith('/' + JOINT_STATES)]
     for _, _, data in reader.messages(connections) if connections else ():

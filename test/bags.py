@@ -29,7 +29,9 @@ Row = npt.NDArray[np.float64]
 
 
 class Cdr:
-    """A message written by hand as the OMG's CDR has it, in either byte order, padded with 0."""
+    """A message written by hand as the OMG's CDR has it, in either byte order."""
+
+    padding = b'\0'
 
     def __init__(self, order: str = '<') -> None:
         self.order = order
@@ -37,7 +39,7 @@ class Cdr:
 
     def put(self, form: str, *values: float) -> Cdr:
         for value in values:
-            self.data += bytes((4 - len(self.data)) % struct.calcsize(form))
+            self.data += self.padding * ((4 - len(self.data)) % struct.calcsize(form))
             self.data += struct.pack(self.order + form, value)
         return self
 
@@ -173,7 +175,7 @@ def entries(result: Result, plant: Config, start: int = 0, order: Sequence[int] 
 
 def serialized(message: Any) -> bytes:
     """
-    Return a message as it goes over the wire.
+    Return a message as it goes over the serialization.
 
     rclpy's `serialize_message` leaves as many bytes of junk at the end as it reckoned too much.
     """

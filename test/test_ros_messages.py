@@ -18,19 +18,21 @@ from ros import bringup, CONFIG, PATIENCE, Probe, probe
 from sensor_msgs.msg import JointState
 from test_ros_lockstep import FIELDS
 
-from ctc_chattering import params, wire
+from ctc_chattering import params
 from ctc_chattering.bag import read_bag
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
 from ctc_chattering.result import simulated
+from ctc_chattering.ros.messages import read_clock
+from ctc_chattering.ros.serialization import EffortReader, StateReader, TrajectoryReader
 
 pytestmark = pytest.mark.ros
 COUNT = 1000
 #: Who reads a topic, and how.
 READERS: dict[str, tuple[str, Callable[[], Callable[[bytes], Any]]]] = {
-    JOINT_STATES: ('controller', lambda: wire.StateReader().read),
-    COMMANDS: ('plant', lambda: wire.EffortReader().read),
-    REFERENCE: ('controller', lambda: wire.TrajectoryReader().read),
-    CLOCK: ('reference', lambda: wire.read_clock)}
+    JOINT_STATES: ('controller', lambda: StateReader().read),
+    COMMANDS: ('plant', lambda: EffortReader().read),
+    REFERENCE: ('controller', lambda: TrajectoryReader().read),
+    CLOCK: ('reference', lambda: read_clock)}
 #: By what a topic's messages are refused when there is only one publisher.
 REFUSALS = {
     JOINT_STATES: {'undecodable', 'joints', 'length', 'not_finite', 'stamp', 'repeated',
@@ -54,7 +56,7 @@ def undecodable(kind: Kind, messages: list[bytes]) -> int:
 def is_huge(data: bytes) -> bool:
     """Return whether these are torques from which no motion can be computed: such a run ends."""
     try:
-        values = wire.EffortReader().read(data).values
+        values = EffortReader().read(data).values
     except Exception:
         return False
     return any(math.isfinite(x) and abs(x) > 1e6 for x in values)
@@ -130,7 +132,7 @@ def test_a_node_alone_refuses_counts_and_lives(topic: str, arguments: tuple[str,
             if other is not None:
                 other.publish(now[others[topic]])
             return bool(answers) if topic != COMMANDS else any(
-                list(wire.StateReader().read(x).effort) == [0.2, 0.1] for x in answers)
+                list(StateReader().read(x).effort) == [0.2, 0.1] for x in answers)
 
         it.until(answered, 'an answer')
         assert child.status is None

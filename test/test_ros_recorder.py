@@ -40,8 +40,8 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from ctc_chattering.nodes.inbox import with_info
 from ctc_chattering.result import simulated
+from ctc_chattering.ros.serialization import State, StateReader
 from ctc_chattering.salvage import is_damaged, open_bag, repair
-from ctc_chattering.wire import State, StateReader
 
 pytestmark = pytest.mark.ros
 STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'

@@ -8,9 +8,9 @@ import pytest
 
 from ctc_chattering.core.grid import NANOSECONDS as S
 from ctc_chattering.recording import offered_qos, Recording
+from ctc_chattering.ros.serialization import StateWriter
 from ctc_chattering.soak import Outage
 from ctc_chattering.soak_bags import examine
-from ctc_chattering.wire import StateWriter
 
 NAMES = ('joint1', 'joint2')
 MS = S // 1000

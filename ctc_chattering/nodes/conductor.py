@@ -16,13 +16,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
-from ctc_chattering import wire
 from ctc_chattering.core.grid import NANOSECONDS, seconds
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, PARAMETERS
 from ctc_chattering.nodes.inbox import Inbox
 from ctc_chattering.nodes.runtime import Executor, qos, Shell
+from ctc_chattering.ros.messages import nanoseconds_of, read_clock
 
 #: Time after which a request without an answer is sent again [s]: the middleware drops an answer
 #: to a client that the server has not met yet, and to set a value twice does no harm.
@@ -57,7 +57,7 @@ class Conductor(Shell):
         self._last = 0
         if lockstep:
             self.inboxes = [Inbox(
-                self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), trusting=True,
+                self, Clock, CLOCK, read_clock, self._on_clock, qos(), trusting=True,
                 plausible=lambda now: 0 <= now - self._last < NANOSECONDS)]
         else:
             self.inboxes = [Inbox(
@@ -114,7 +114,7 @@ class Conductor(Shell):
 
 
 def _read_start(data: bytes) -> int:
-    return wire.nanoseconds_of(deserialize_message(data, ParameterEvent).stamp)
+    return nanoseconds_of(deserialize_message(data, ParameterEvent).stamp)
 
 
 class Observer:

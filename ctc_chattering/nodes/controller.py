@@ -12,7 +12,6 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from ctc_chattering import wire
 from ctc_chattering.core import stamps
 from ctc_chattering.core.cadence import Cadence
 from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
@@ -40,6 +39,15 @@ from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status, TICK
 from ctc_chattering.real_time import RealTime
+from ctc_chattering.ros.messages import LATEST
+from ctc_chattering.ros.serialization import (
+    EffortWriter,
+    State,
+    StateReader,
+    StateWriter,
+    TrajectoryChunk,
+    TrajectoryReader,
+)
 from ctc_chattering.settings import ControllerSettings, RealTimeSettings
 
 #: Why a stamp is refused.
@@ -91,11 +99,11 @@ class ControllerNode(Shell):
         self._rejoining = Rejoining(self._trajectory)
         self._lags = [self._period * (i + 1) for i in range(config.input_delay)]
         self._state_joints, self._reference_joints = Joints(names), Joints(names)
-        self._writer = wire.EffortWriter(names)
-        self._tracking_writer = wire.StateWriter(
+        self._writer = EffortWriter(names)
+        self._tracking_writer = StateWriter(
             [f'{j}/{x}' for x in ('desired', 'error') for j in names], ('position', 'velocity'))
-        self._filter_writer = wire.StateWriter(names, ('velocity',))
-        self._torque_writer = wire.StateWriter(
+        self._filter_writer = StateWriter(names, ('velocity',))
+        self._torque_writer = StateWriter(
             [*(f'{j}/{x}' for x in ('inverse_dynamics', 'compensation', 'chattering')
                for j in names), 'V'], ('effort',))
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
@@ -138,10 +146,10 @@ class ControllerNode(Shell):
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
         self._reference_inbox = Inbox(
-            self, JointTrajectory, REFERENCE, wire.TrajectoryReader().read, self._on_reference,
+            self, JointTrajectory, REFERENCE, TrajectoryReader().read, self._on_reference,
             qos(), trusting=True, plausible=self._continues)
         self._state_inbox = Inbox(
-            self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(),
+            self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
             lambda state: self._state_joints.concerned(state.names), trusting=True,
             plausible=self._goes_on)
         self.inboxes = [self._state_inbox, self._reference_inbox]
@@ -284,7 +292,7 @@ class ControllerNode(Shell):
             self._controller.reset(bumpless, self._held if bumpless else None)
             self._term_saturation.pause()
 
-    def _on_reference(self, piece: wire.Piece, now: int) -> None:
+    def _on_reference(self, piece: TrajectoryChunk, now: int) -> None:
         pick = self._reference_joints.pick(piece.names)
         n = len(piece.names)
         if pick is None:
@@ -304,18 +312,18 @@ class ControllerNode(Shell):
         if self._waiting is not None:
             self._answer(self._waiting._replace(now=now))
 
-    def _goes_on(self, state: wire.State) -> bool:
+    def _goes_on(self, state: State) -> bool:
         """Return whether a state is the next one by its stamp."""
         step = state.t - self._last
         return 0 < step <= self._timeout and not (self._simulated and step % self._period)
 
-    def _continues(self, piece: wire.Piece) -> bool:
+    def _continues(self, piece: TrajectoryChunk) -> bool:
         """Return whether a piece begins where the motion is known, or right behind it."""
         end = self._trajectory.end
         return bool(piece.times) and end is not None and (
             self._last <= piece.times[0] <= end + self._period)
 
-    def _on_state(self, state: wire.State, now: int) -> None:
+    def _on_state(self, state: State, now: int) -> None:
         t, names, position, velocity, _ = state
         pick = self._state_joints.pick(names)
         if pick is None:
@@ -327,7 +335,7 @@ class ControllerNode(Shell):
         q, dq = pick(position), pick(velocity)
         if not isfinite(sum(q) + sum(dq)):
             raise Refused('not_finite', f'{list(q)}, {list(dq)}')
-        if t > wire.LATEST:
+        if t > LATEST:
             raise Refused('stamp', f'no stamp is as late as {seconds(t):.9f} s')
         if not self._seen:
             self._clock_heard = self.count_publishers(CLOCK) > 0

@@ -16,11 +16,11 @@ from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from ctc_chattering import wire
 from ctc_chattering.core.parameters import Config, Parameter
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.graph import PARAMETERS
 from ctc_chattering.nodes.runtime import qos
+from ctc_chattering.ros.messages import stamp
 
 C = TypeVar('C', bound=Config)
 
@@ -93,7 +93,7 @@ class NodeParameters:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
         now = {name: value for config in self._configs
                for name, value in config.as_mapping().items()}
-        message = ParameterEvent(stamp=wire.stamp(t), node=self._node.get_fully_qualified_name())
+        message = ParameterEvent(stamp=stamp(t), node=self._node.get_fully_qualified_name())
         changed = [self._to_parameter(name, value).to_parameter_msg()
                    for name, value in now.items() if self._announced.get(name) != value]
         if self._announced:

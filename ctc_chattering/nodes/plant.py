@@ -11,7 +11,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from ctc_chattering import wire
 from ctc_chattering.core.command_watchdog import CommandWatchdog
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.core.model import Vector
@@ -27,6 +26,8 @@ from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status
 from ctc_chattering.real_time import RealTime
+from ctc_chattering.ros.messages import stamp
+from ctc_chattering.ros.serialization import EffortReader, Efforts, StateWriter
 from ctc_chattering.settings import PlantSettings, RealTimeSettings
 
 #: Periods that one tick of the real-time clock makes good at the most.
@@ -81,7 +82,7 @@ class PlantNode(Shell):
         self._watchdog = CommandWatchdog(self._period)
         self._said_silent = False
         self._set_timeout()
-        self._writer = wire.StateWriter(config.joint_names)
+        self._writer = StateWriter(config.joint_names)
         lockstep = self.hurried = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
         self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
@@ -96,7 +97,7 @@ class PlantNode(Shell):
         self._limits = limits_of(config, description)
         lockstep = self._ticker is not None
         self._inbox = Inbox(
-            self, Float64MultiArray, COMMANDS, wire.EffortReader().read,
+            self, Float64MultiArray, COMMANDS, EffortReader().read,
             self._on_answer if lockstep else self._on_command, qos(),
             trusting=lockstep, plausible=self._is_like_the_last,
             lapse=PATIENCE if lockstep else LAPSE)
@@ -203,7 +204,7 @@ class PlantNode(Shell):
 
     # Lockstep.
 
-    def _on_answer(self, efforts: wire.Efforts, now: int) -> None:
+    def _on_answer(self, efforts: Efforts, now: int) -> None:
         tau = self._torques(efforts)
         self._labels = efforts.names
         plant = self._robot
@@ -236,11 +237,11 @@ class PlantNode(Shell):
 
     def _publish_clock(self) -> None:
         assert self._ticker is not None
-        self._ticker.publish(Clock(clock=wire.stamp(self._robot.k * self._period)))
+        self._ticker.publish(Clock(clock=stamp(self._robot.k * self._period)))
 
     # Real time.
 
-    def _on_command(self, efforts: wire.Efforts, now: int) -> None:
+    def _on_command(self, efforts: Efforts, now: int) -> None:
         self._latest = self._torques(efforts)
         self._labels = efforts.names
         silence = self._watchdog.command(now)
@@ -334,14 +335,14 @@ class PlantNode(Shell):
         self._states.publish(self._writer.write(
             self._start + plant.k * self._period, *plant.measured, plant.applied))
 
-    def _is_like_the_last(self, efforts: wire.Efforts) -> bool:
+    def _is_like_the_last(self, efforts: Efforts) -> bool:
         """Return whether torques come with the labels of those taken last, and can be used."""
         try:
             return efforts.names == self._labels and bool(self._torques(efforts))
         except Refused:
             return False
 
-    def _torques(self, efforts: wire.Efforts) -> Vector:
+    def _torques(self, efforts: Efforts) -> Vector:
         """Return the torques of a message in our order."""
         names, values = efforts
         names = names or self._names

@@ -15,12 +15,13 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, QosDurability, QosReliability
 from rosgraph_msgs.msg import Clock
 
-from ctc_chattering import signals, wire
+from ctc_chattering import signals
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK
 from ctc_chattering.middleware import use_profile
 from ctc_chattering.nodes.runtime import wait_for_all_acked
+from ctc_chattering.ros.messages import message_type, stamp
 
 #: Period of ``/clock`` where the bag holds none [ns].
 _CLOCK_PERIOD = 10_000_000
@@ -93,7 +94,7 @@ def _types(connections: Sequence[Connection]) -> dict[str, Any]:
     types, missing = {}, []
     for connection in connections:
         try:
-            types[connection.msgtype] = wire.message_type(connection.msgtype)
+            types[connection.msgtype] = message_type(connection.msgtype)
         except CtcError:
             missing.append(f'{connection.topic} ({connection.msgtype})')
     if missing:
@@ -113,7 +114,7 @@ def _messages(reader: AnyReader, with_clock: bool) -> Iterator[tuple[int, str, A
     tick = reader.start_time
     for connection, t, data in reader.messages():
         while with_clock and tick <= t:
-            yield tick, '', serialize_message(Clock(clock=wire.stamp(tick)))
+            yield tick, '', serialize_message(Clock(clock=stamp(tick)))
             tick += _CLOCK_PERIOD
         yield t, connection.topic, data
 

@@ -1,4 +1,4 @@
-"""The recorder as a node: every message of the graph, as it came over the wire, into a bag."""
+"""The recorder as a node: every message of the graph, as it was received, into a bag."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from ctc_chattering.nodes.matching import MatchingSubscription
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
 from ctc_chattering.recording import offered_qos, Recording
+from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.settings import RecorderSettings
-from ctc_chattering.wire import message_type, read_stamp
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000

@@ -13,7 +13,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from ctc_chattering import wire
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.limits import check_limits, Limits
 from ctc_chattering.core.parameters import Config
@@ -28,6 +27,14 @@ from ctc_chattering.nodes.inbox import Inbox, PATIENCE, Refused
 from ctc_chattering.nodes.parameters import NodeParameters
 from ctc_chattering.nodes.runtime import qos, Shell, Status
 from ctc_chattering.real_time import RealTime
+from ctc_chattering.ros.messages import LATEST, read_clock
+from ctc_chattering.ros.serialization import (
+    State,
+    StateReader,
+    TrajectoryChunk,
+    TrajectoryReader,
+    TrajectoryWriter,
+)
 from ctc_chattering.settings import RealTimeSettings, ReferenceSettings
 from ctc_chattering.trajectory_file import read_trajectory
 
@@ -72,7 +79,7 @@ class ReferenceNode(Shell):
         horizon = round(self._settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
-        self._writer = wire.TrajectoryWriter(config.joint_names, self._piece, self._period)
+        self._writer = TrajectoryWriter(config.joint_names, self._piece, self._period)
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
         self._simulated = False
         self._mine = frozenset(config.joint_names)
@@ -85,11 +92,11 @@ class ReferenceNode(Shell):
         self._next = self._pieces = 0
         self._subscribers = 0
         self._clock_inbox = Inbox(
-            self, Clock, CLOCK, wire.read_clock, self._on_clock, qos(), trusting=True,
+            self, Clock, CLOCK, read_clock, self._on_clock, qos(), trusting=True,
             plausible=self._is_next, lapse=PATIENCE)
-        self._states: Inbox[wire.State] | None = None
+        self._states: Inbox[State] | None = None
         self._route_inbox = Inbox(
-            self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', wire.TrajectoryReader().read,
+            self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
             self._on_route, qos(10))
         self.inboxes = [self._clock_inbox, self._route_inbox]
         self._description = Description(
@@ -154,7 +161,7 @@ class ReferenceNode(Shell):
         begun = self._start is not None and self._motion is not None
         if self._states is None and not begun:
             self._states = Inbox(
-                self, JointState, JOINT_STATES, wire.StateReader().read, self._on_state, qos(10),
+                self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
                 lambda state: not self._mine.isdisjoint(state.names))
         elif self._states is not None and begun:
             self._states.subscription.destroy()
@@ -188,7 +195,7 @@ class ReferenceNode(Shell):
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
             raise Refused('real_time', 'the motion follows real time since its start')
-        if now > wire.LATEST:
+        if now > LATEST:
             raise Refused('stamp', f'no time is as late as {seconds(now):.9f} s')
         if self._simulated and now == self._now:
             # Time stands still, maybe because what was published has not been taken.
@@ -205,7 +212,7 @@ class ReferenceNode(Shell):
                 self._motion = None
         self._now = now
 
-    def _on_state(self, state: wire.State, _arrival: int) -> None:
+    def _on_state(self, state: State, _arrival: int) -> None:
         t = state.t
         if self.count_publishers(CLOCK) == 0:
             if not self._publisher.get_subscription_count() or not self.heard(
@@ -219,7 +226,7 @@ class ReferenceNode(Shell):
         if self._motion is None and not self._description.problem:
             self._begin_at(state, t)
 
-    def _begin_at(self, state: wire.State, t: int) -> None:
+    def _begin_at(self, state: State, t: int) -> None:
         """Begin the motion where the robot is, unless that is beyond the limits."""
         now = time.monotonic_ns()
         if now < self._retry:
@@ -244,7 +251,7 @@ class ReferenceNode(Shell):
         lead = t - now
         if abs(lead - self._lead) < _IN_STEP:
             return True
-        if self._start is None and 0 <= t <= wire.LATEST:
+        if self._start is None and 0 <= t <= LATEST:
             other, since = self._other
             if abs(lead - other) >= _IN_STEP:
                 self._other = lead, now
@@ -253,7 +260,7 @@ class ReferenceNode(Shell):
                 return True
         return False
 
-    def _on_route(self, piece: wire.Piece, _arrival: int) -> None:
+    def _on_route(self, piece: TrajectoryChunk, _arrival: int) -> None:
         """Go through waypoints, after what has been published already."""
         if self._now is None or self._motion is None:
             raise Refused('early', 'the motion has not begun')

@@ -24,10 +24,10 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ctc_chattering import wire
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.graph import CLOCK, COMMANDS, DIAGNOSTICS, JOINT_STATES, REFERENCE, TOPICS
 from ctc_chattering.nodes.runtime import Executor, qos, Shell
+from ctc_chattering.ros.messages import message_type, nanoseconds_of, stamp
 from ctc_chattering.soak import FLAVOURS, PROCESSES, Report, ROUTE
 
 #: By which the messages of a saboteur are known in a bag.
@@ -61,7 +61,7 @@ class SaboteurNode(Shell):
     def _on_report(self, data: bytes) -> None:
         try:
             message = deserialize_message(data, DiagnosticArray)
-            t = wire.nanoseconds_of(message.header.stamp)
+            t = nanoseconds_of(message.header.stamp)
             for status in message.status:
                 name = status.name.lstrip('/')
                 if name in PROCESSES and status.hardware_id == status.name:
@@ -85,7 +85,7 @@ class SaboteurNode(Shell):
 
     def intrude(self, topic: str) -> Publisher:
         """Return one more publisher on a topic."""
-        return self.create_publisher(wire.message_type(TOPICS[topic].kind), topic, qos(100))
+        return self.create_publisher(message_type(TOPICS[topic].kind), topic, qos(100))
 
 
 class Saboteur:
@@ -176,7 +176,7 @@ def _state(rng: random.Random, now: int, names: Sequence[str]) -> JointState:
     n = len(names)
     message = JointState(name=list(names), position=_row(rng, n), velocity=_row(rng, n),
                          effort=_row(rng, n))
-    message.header.stamp = wire.stamp(now)
+    message.header.stamp = stamp(now)
     message.header.frame_id = FRAME
     return message
 
@@ -193,18 +193,18 @@ def _piece(rng: random.Random, now: int, names: Sequence[str]) -> JointTrajector
         JointTrajectoryPoint(
             positions=_row(rng, n), velocities=_row(rng, n), accelerations=_row(rng, n),
             time_from_start=Duration(nanosec=k * _MS)) for k in range(10)])
-    message.header.stamp = wire.stamp(now)
+    message.header.stamp = stamp(now)
     message.header.frame_id = FRAME
     return message
 
 
 def _clock(_rng: random.Random, now: int, _names: Sequence[str]) -> Clock:
-    return Clock(clock=wire.stamp(now))
+    return Clock(clock=stamp(now))
 
 
 def _report(_rng: random.Random, now: int, _names: Sequence[str]) -> DiagnosticArray:
     message = DiagnosticArray()
-    message.header.stamp = wire.stamp(now)
+    message.header.stamp = stamp(now)
     return message
 
 
@@ -216,7 +216,7 @@ _MAKERS: Mapping[str, Callable[..., Any]] = {
 def _wild(rng: random.Random) -> Any:
     """Return a stamp that is not now."""
     now = time.time_ns()
-    return wire.stamp(rng.choice((
+    return stamp(rng.choice((
         0, 1, (2 ** 31 - 1) * NANOSECONDS, -(2 ** 31) * NANOSECONDS, now - 3600 * NANOSECONDS,
         now + 3600 * NANOSECONDS, now + rng.randrange(NANOSECONDS),
         rng.randrange(2 ** 31) * NANOSECONDS)))
