@@ -93,7 +93,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
                 supervisor.stop([children['recorder']], patience=20.0)
     for child in children.values():
         if child.status:
-            raise CtcError(child.obituary())
+            raise CtcError(child.exit_report())
 
 
 def _watch(children: Mapping[str, supervisor.Child], observer: Any, caught: Sequence[int],
@@ -106,7 +106,7 @@ def _watch(children: Mapping[str, supervisor.Child], observer: Any, caught: Sequ
             if child.status is not None:
                 if name == 'plant' and child.status == 0 and ends:
                     return
-                raise CtcError(child.obituary())
+                raise CtcError(child.exit_report())
         time = observer.look()
         if progress is not None:
             progress(time)

@@ -161,8 +161,8 @@ class _Graph:
             if child.status is not None:
                 self._died[name] += 1
                 if len(self._deaths) < _MANY:
-                    self._deaths.append(f'{" ".join(child.obituary().split())}')
-                self._note(f'DIED: {child.obituary()}')
+                    self._deaths.append(f'{" ".join(child.exit_report().split())}')
+                self._note(f'DIED: {child.exit_report()}')
                 if name in ('plant', 'recorder'):
                     t = time.time_ns()
                     self.outages.append(Outage(t - NANOSECONDS, t + _REVIVAL))
@@ -395,7 +395,7 @@ class _Graph:
         supervisor.stop([x for name, x in self._children.items() if name == 'recorder'], 20.0)
         for child in self._children.values():
             if child.status:
-                self._deaths.append(f'at the end, {" ".join(child.obituary().split())}')
+                self._deaths.append(f'at the end, {" ".join(child.exit_report().split())}')
 
     def document(self) -> dict[str, Any]:
         """Return all numbers."""

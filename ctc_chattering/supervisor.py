@@ -1,4 +1,4 @@
-"""Processes that live and die together."""
+"""Child processes: starting, watching and stopping them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ import sys
 import threading
 import time
 
-#: Lines of a process's output that are kept for the report of its death.
+#: Lines of a process's output that are kept for its exit report.
 _TAIL = 20
 _PR_SET_PDEATHSIG = 1
+#: glibc returns freed memory from this size on [bytes], and does not raise the size after a burst.
+_TRIM_THRESHOLD = str(1 << 17)
 
 
 def node_command(name: str, *arguments: str) -> list[str]:
@@ -59,7 +61,7 @@ class Child:
         self.process = subprocess.Popen(
             argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             text=True, errors='replace', start_new_session=True,
-            env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+            env={'MALLOC_TRIM_THRESHOLD_': _TRIM_THRESHOLD, **os.environ, 'PYTHONUNBUFFERED': '1'})
         if processors and hasattr(os, 'sched_setaffinity'):
             os.sched_setaffinity(self.process.pid, processors)
         self._reader = threading.Thread(target=self._read, args=(show,), daemon=True)
@@ -76,7 +78,7 @@ class Child:
         """Exit status, negative for a signal; None while it runs."""
         return self.process.poll()
 
-    def obituary(self) -> str:
+    def exit_report(self) -> str:
         """Return how it ended, with its last output."""
         self._reader.join(1.0)
         status = self.status
@@ -84,7 +86,7 @@ class Child:
         if status is not None and status < 0:
             how = f'signal {signal.Signals(-status).name}'
         last = '\n'.join(f'    {line}' for line in self.tail) or '    (it printed nothing)'
-        return f'{self.name} died with {how}; its last output:\n{last}'
+        return f'{self.name} ended with {how}; its last output:\n{last}'
 
     def signal(self, number: int) -> None:
         """Send a signal if it still runs."""

@@ -59,7 +59,7 @@ def end(children: Sequence[supervisor.Child], *numbers: int) -> None:
     wait_for(ended, 'the end')
     assert all(x < SOON for x in took.values()), took
     for child in children:
-        assert child.status == 0, child.obituary()
+        assert child.status == 0, child.exit_report()
 
 
 def nothing_raised(it: Probe) -> None:

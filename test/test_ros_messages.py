@@ -153,7 +153,7 @@ def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing
             return child.status is not None
 
         it.until(ended, 'the end')
-        child.obituary()
+        child.exit_report()
         assert child.status == 1
         lines = [line for line in it.lines if not any(word in line for word in (
             'waiting for', 'waits for', 'scheduling', 'SCHED_FIFO'))]

@@ -237,7 +237,7 @@ def test_a_wrong_start_is_refused_in_one_line(
     with probe() as it:
         child = it.start(name, *arguments)
         it.until(lambda: child.status is not None, 'the end')
-        child.obituary()
+        child.exit_report()
         assert child.status == 1
         assert len(it.lines) == 1
         assert it.lines[0].startswith(f'[{name}] {name}: {message}')
@@ -250,7 +250,7 @@ def test_an_unknown_parameter_in_the_file_is_refused(name: str, tmp_path: Path) 
     with probe() as it:
         child = it.start(name, '--params-file', str(file))
         it.until(lambda: child.status is not None, 'the end')
-        child.obituary()
+        child.exit_report()
         assert child.status == 1
         assert len(it.lines) == 1
         assert f'{name} has no parameter gravitty' in it.lines[0]

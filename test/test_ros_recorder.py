@@ -137,7 +137,7 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
         waited = round(1e9 * watches[bag].waited())
         end = time.time_ns()
         child.signal(signal.SIGKILL)
-        killed.append(Killed(bag, end, 'were dropped' in child.obituary(), waited))
+        killed.append(Killed(bag, end, 'were dropped' in child.exit_report(), waited))
     return killed
 
 

@@ -212,7 +212,7 @@ def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
         children += [(it.start(node, *arguments), words) for node, arguments, words in missing]
         for child, words in children:
             it.until(lambda: child.status is not None, f'the end: {words}')
-            child.obituary()
+            child.exit_report()
             assert (child.status, len(child.tail)) == (1, 1), child.tail
             assert child.tail[0].startswith(f'{child.name}: ')
             assert words in child.tail[0]

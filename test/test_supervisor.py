@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 import os
 from pathlib import Path
+import platform
 import signal
 import subprocess
 import sys
@@ -62,34 +63,34 @@ def gone(pid: int) -> bool:
     return False
 
 
-def test_output_and_obituary(start: Start, lines: list[str]) -> None:
-    """Check both streams, in order, and that the obituary has status and the last lines."""
+def test_output_and_exit_report(start: Start, lines: list[str]) -> None:
+    """Check both streams, in order, and that the report has status and the last lines."""
     child = start('import sys\nfor i in range(50): print("line", i)\n'
                   'sys.stderr.write("oops \\udcff\\n"); sys.stdout.buffer.write(b"\\xff\\n")\n'
                   'sys.exit(3)')
     child.process.wait(DEADLINE)
-    text = child.obituary()
+    text = child.exit_report()
     assert child.status == 3
     assert lines[:50] == [f'[kid] line {i}' for i in range(50)]
     assert len(lines) == 52
-    assert text.startswith('kid died with status 3;')
+    assert text.startswith('kid ended with status 3;')
     assert 'line 49' in text
     assert 'line 10' not in text
     assert 'oops' in text
 
 
-def test_obituary_names_the_signal(start: Start) -> None:
+def test_exit_report_names_the_signal(start: Start) -> None:
     child = start('import os, signal\nprint("x")\nos.kill(os.getpid(), signal.SIGSEGV)')
     child.process.wait(DEADLINE)
     assert child.status == -signal.SIGSEGV
-    assert 'signal SIGSEGV' in child.obituary()
+    assert 'signal SIGSEGV' in child.exit_report()
 
 
-def test_obituary_of_the_silent() -> None:
+def test_exit_report_of_the_silent() -> None:
     child = Child('kid', [sys.executable, '-c', 'raise SystemExit(7)'], lambda _: None)
     child.process.wait(DEADLINE)
-    assert child.obituary().startswith('kid died with status 7;')
-    assert 'it printed nothing' in child.obituary()
+    assert child.exit_report().startswith('kid ended with status 7;')
+    assert 'it printed nothing' in child.exit_report()
 
 
 @pytest.mark.parametrize(('before', 'number'), [
@@ -113,7 +114,7 @@ def test_stop_lets_a_child_finish(start: Start, lines: list[str]) -> None:
                   'except KeyboardInterrupt:\n  time.sleep(0.3); print("closed")')
     stop([child], patience=DEADLINE)
     assert child.status == 0
-    assert 'closed' in child.obituary()
+    assert 'closed' in child.exit_report()
     assert lines[-1] == '[kid] closed'
 
 
@@ -155,3 +156,28 @@ def test_child_is_no_target_of_the_terminal(start: Start) -> None:
     assert os.getpgid(child.process.pid) != os.getpgid(0)
     stop([child], patience=DEADLINE)
     assert child.status != 0
+
+
+MEMORY = """
+from pathlib import Path
+import resource
+
+def resident():
+    return int(Path('/proc/self/statm').read_text().split()[1]) * resource.getpagesize()
+
+bytearray(1 << 24)
+before = resident()
+blocks = [bytearray(1 << 20) for _ in range(16)]
+blocks.clear()
+print(resident() - before)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='a setting of glibc')
+def test_a_child_returns_freed_memory(start: Start, lines: list[str]) -> None:
+    """Check blocks that glibc keeps otherwise."""
+    start(MEMORY)
+    assert int(lines[0].removeprefix('[kid] ')) < 1 << 20
+    kept = subprocess.check_output([sys.executable, '-c', MEMORY], env={
+        name: value for name, value in os.environ.items() if name != 'MALLOC_TRIM_THRESHOLD_'})
+    assert int(kept) > 1 << 23

@@ -25,7 +25,6 @@ from ctc_chattering.core.pace import Pace
 from ctc_chattering.deadline import end_after
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.graph import DIAGNOSTICS, TOPICS
-from ctc_chattering.memory import give_back
 from ctc_chattering.middleware import use_profile
 from ctc_chattering.nodes.inbox import Inbox
 from ctc_chattering.nodes.matching import compatible
@@ -288,7 +287,6 @@ def run(make_node: Callable[[], Shell], name: str,
     try:
         check_security()
         use_profile()
-        give_back()
         rclpy.init(args=[name, *arguments], signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         node.stop = stop
