@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-load slow lint benchmark latency clean
+.PHONY: demo test test-load slow lint benchmark latency soak clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -38,12 +38,18 @@ lint: $(READY)
 	$(BIN)/pydocstyle --config=setup.cfg ctc_chattering
 	$(BIN)/mypy ctc_chattering test
 
+# Lockstep over ROS beside a bare ping-pong; a control step; a simulation.
 benchmark: $(READY)
-	$(BIN)/ctc benchmark
+	$(BIN)/python test/benchmark/benchmark.py
 
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)
 	$(BIN)/python test/benchmark/latency.py
+
+# Random faults on the whole graph in real time; see docs/soak.md. More arguments: ARGS.
+MINUTES ?= 20
+soak: $(READY)
+	PYTHONPATH=test $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml

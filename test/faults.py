@@ -31,6 +31,8 @@ class Report(NamedTuple):
     level: bytes
     message: str
     values: dict[str, str]
+    #: When, on the node's clock [ns].
+    stamp: int = 0
 
     def count(self, key: str) -> int:
         """Return a count; 0 if it is not there."""
@@ -52,9 +54,11 @@ class Diagnostics:
         it.node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_message, 100)
 
     def _on_message(self, message: DiagnosticArray) -> None:
+        stamp = message.header.stamp
         for status in message.status:
             self.latest[status.name.removeprefix('/')] = Report(
-                status.level, status.message, {x.key: x.value for x in status.values})
+                status.level, status.message, {x.key: x.value for x in status.values},
+                stamp.sec * 10 ** 9 + stamp.nanosec)
 
     def until(self, node: str, done: Callable[[Report], Any], what: str) -> Report:
         """Wait for a report of a node that comes from now on and of which `done` is true."""

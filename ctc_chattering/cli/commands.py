@@ -17,7 +17,7 @@ from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.export import write_csv, write_npz
 from ctc_chattering.output import prepare
-from ctc_chattering.result import finite, Result, simulated, write_metrics, write_text
+from ctc_chattering.result import Result, simulated, write_metrics, write_text
 from ctc_chattering.run_names import names
 from ctc_chattering.settings import parameter_table
 
@@ -188,30 +188,6 @@ def compare(options: argparse.Namespace) -> int:
     return 0
 
 
-def soak(options: argparse.Namespace) -> int:
-    """Run `ctc soak`."""
-    import json
-    import random
-
-    from ctc_chattering.soak import complaints, to_markdown
-    from ctc_chattering.soak_run import perform
-
-    if not 0.0 < options.minutes < float('inf'):
-        raise ParameterError('--minutes', options.minutes, 'a finite number > 0')
-    seed = random.randrange(1 << 31) if options.seed is None else options.seed
-    out = prepare(options.out, (_BAGS, 'soak.md', 'soak.json', 'soak.log'), options.overwrite)
-    duration = 60.0 * options.minutes
-    with Progress(f'soak, seed {seed}', duration) as progress:
-        document = perform(duration, seed, out, options.control_period, progress)
-    text = to_markdown(document)
-    found = complaints(document)
-    write_text(out / 'soak.json', json.dumps(
-        finite({**document, 'complaints': found}), indent=2, ensure_ascii=False) + '\n')
-    write_text(out / 'soak.md', text)
-    print(text, end='', flush=True)
-    return 1 if found else 0
-
-
 def replay(options: argparse.Namespace) -> int:
     """Run `ctc replay`."""
     if not 0.0 < options.rate < float('inf'):
@@ -286,14 +262,6 @@ def parameters(_options: argparse.Namespace) -> int:
     """Run `ctc parameters`."""
     print(parameter_table())
     return 0
-
-
-def benchmark(options: argparse.Namespace) -> int:
-    """Run `ctc benchmark`."""
-    from ctc_chattering.benchmark import measure
-    if options.rounds < 1:
-        raise ParameterError('--rounds', options.rounds, 'an integer >= 1')
-    return measure(options.rounds)
 
 
 def _print_table(results: Sequence[Result]) -> None:

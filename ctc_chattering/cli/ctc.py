@@ -1,4 +1,4 @@
-"""`ctc`: simulate, reproduce the paper, plot and replay bags, measure."""
+"""`ctc`: simulate, reproduce the paper, plot and replay bags, compare, check models."""
 
 from __future__ import annotations
 
@@ -81,20 +81,6 @@ def make_parser() -> argparse.ArgumentParser:
                          help='run the nodes and judge the bags, not the simulation')
     _add_output(compare, None)
 
-    soak = commands.add_parser(
-        'soak', help='do everything to a running graph that should not be done to it',
-        description='Run the graph in real time and inject faults: killed and stopped processes, '
-                    'malformed messages, second publishers, parameters, ~/enable, ~/reset. Print '
-                    'how it recovered; status 1 if it did not, a process died or its memory '
-                    'grew, or messages are missing. Ctrl-C ends it early. The bags take about '
-                    '10 MB per minute.')
-    soak.add_argument('--minutes', type=float, required=True, metavar='N', help='duration')
-    soak.add_argument('--seed', type=int, metavar='S',
-                      help='the same seed, the same faults; any by default')
-    soak.add_argument('--control-period', type=float, metavar='S',
-                      help='for slow machines; 0.001 by default [s]')
-    _add_output(soak, 'soak')
-
     repair = commands.add_parser(
         'repair', help='make a whole bag of one that was cut off or has wrong bytes',
         description='Rewrite a bag that was not closed, or is damaged, so that every tool reads '
@@ -126,13 +112,6 @@ def make_parser() -> argparse.ArgumentParser:
     commands.add_parser(
         'parameters', help='print all parameters of all nodes',
         description='Print all parameters of all nodes as a Markdown table.')
-
-    benchmark = commands.add_parser(
-        'benchmark', help='measure the loop over ROS against a bare ping-pong',
-        description='Measure lockstep over ROS, recording included, against a bare rclpy '
-                    'ping-pong with the same executor, and the simulation; print the ratios.')
-    benchmark.add_argument('--rounds', type=int, default=3, metavar='N',
-                           help='repetitions of everything, 3 by default; medians are printed')
     return parser
 
 

@@ -1,16 +1,15 @@
-"""What is found in the bags of a soak test."""
+"""Gaps in the bags of a soak test."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from bags import state
 import pytest
 
 from ctc_chattering.core.grid import NANOSECONDS as S
 from ctc_chattering.recording import offered_qos, Recording
-from ctc_chattering.ros.serialization import StateWriter
-from ctc_chattering.soak import Outage
-from ctc_chattering.soak_bags import examine
+from soak.measurements import examine, Outage
 
 NAMES = ('joint1', 'joint2')
 MS = S // 1000
@@ -18,11 +17,10 @@ MS = S // 1000
 
 def record(path: Path, stamps: range, until: int) -> Path:
     """Write states, and something else each half second until some time."""
-    writer, row = StateWriter(NAMES), (0.0, 0.0)
     text = b'\0\1\0\0\1\0\0\0\0'
-    rows = [(t, 'joint_states', 'sensor_msgs/msg/JointState', writer.write(t, row, row, row))
+    rows = [(t, 'joint_states', 'sensor_msgs/msg/JointState', state(NAMES, [[0.0, 0.0]] * 3, divmod(t, S)))
             for t in stamps]
-    rows += [(t, 'news', 'std_msgs/msg/String', text) for t in range(0, until, S // 2)]
+    rows += [(t, 'text', 'std_msgs/msg/String', text) for t in range(0, until, S // 2)]
     recording = Recording(path)
     for t, topic, kind, data in sorted(rows):
         recording.write(f'/{topic}', kind, t, bytes(data), [offered_qos(10, False)])
@@ -35,9 +33,22 @@ def record(path: Path, stamps: range, until: int) -> Path:
     (9 * S, [Outage(20 * S, 21 * S)], 1, 1)])
 def test_states_that_end_before_the_bag_are_a_gap(
         until: int, outages: list[Outage], gaps: int, unexplained: int, tmp_path: Path) -> None:
-    found = examine([record(tmp_path / 'bag', range(0, S, MS), until)], NAMES, outages)
+    found = examine([record(tmp_path / 'bag', range(0, S, MS), until)], outages)
     assert (found['states'], found['gaps'], found['unexplained_gaps']) == (1000, gaps, unexplained)
     assert found['messages'] == 1000 + until // (S // 2)
+
+
+def test_states_of_others_are_left_out(tmp_path: Path) -> None:
+    """Check states that name a frame, and stamps far from the time of the recording."""
+    rows = [[0.1, 0.2]] * 3
+    recording = Recording(tmp_path / 'bag')
+    for k in range(1000):
+        for t, frame in ((k * MS, ''), (k * MS - S, 'intruder'), (k * MS + 3600 * S, '')):
+            recording.write('/joint_states', 'sensor_msgs/msg/JointState', k * MS,
+                            state(NAMES, rows, divmod(t, S), frame), [offered_qos(10, False)])
+    recording.close()
+    found = examine([tmp_path / 'bag'], [])
+    assert (found['messages'], found['states'], found['gaps']) == (3000, 1000, 0)
 
 
 def test_every_bag_is_opened_and_what_is_none_is_named(tmp_path: Path) -> None:
@@ -46,6 +57,6 @@ def test_every_bag_is_opened_and_what_is_none_is_named(tmp_path: Path) -> None:
     (cut / 'metadata.yaml').unlink()
     (cut / 'b_0.mcap').write_bytes((cut / 'b_0.mcap').read_bytes()[:-300])
     (tmp_path / 'c').mkdir()
-    found = examine([whole, cut, tmp_path / 'c'], NAMES, [])
-    assert (found['count'], found['salvaged'], found['states']) == (3, 1, 2000)
+    found = examine([whole, cut, tmp_path / 'c'], [])
+    assert (found['count'], found['states']) == (3, 2000)
     assert len(found['unreadable']) == 1

@@ -1,4 +1,4 @@
-"""`ctc soak` on a real graph, with as little of it as shows that it works."""
+"""A short soak test of a real graph."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from typing import Any
 import pytest
 from ros import descendants, PATIENCE, wait_for
 
-from ctc_chattering import soak
 from ctc_chattering.salvage import open_bag
+from soak import plan
 
 pytestmark = pytest.mark.ros
-ROOT = Path(__file__).resolve().parent.parent
+TEST = Path(__file__).resolve().parent.parent
 #: Slow enough for two processors that others use as well.
 PERIOD = 0.005
 
 
 def start(out: Path, minutes: float, seed: int = 1) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'soak', f'--minutes={minutes}',
-         f'--seed={seed}', f'--control-period={PERIOD}', '--out', str(out)], cwd=ROOT, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)})
+        [sys.executable, '-m', 'soak', f'--minutes={minutes}', f'--seed={seed}',
+         f'--control-period={PERIOD}', '--out', str(out)], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, env={**os.environ, 'PYTHONPATH': f'{TEST}:{TEST.parent}'})
 
 
 def ended(process: subprocess.Popen[str], out: Path) -> dict[str, Any]:
@@ -46,7 +45,7 @@ def ended(process: subprocess.Popen[str], out: Path) -> dict[str, Any]:
         open_bag(bag).close()
     for name in ('plant', 'controller'):
         assert document['processes'][name]['samples'] > 0.5 * document['duration_s'] / PERIOD
-    assert all(p['memory_end_kb'] > 1e4 for p in document['processes'].values())
+    assert all(p['memory_kb'][-1] > 1e4 for p in document['processes'].values())
     return document
 
 
@@ -61,7 +60,7 @@ def test_ctrl_c_ends_it_early_with_the_table_and_leaves_no_process(tmp_path: Pat
     process.send_signal(signal.SIGINT)
     document = ended(process, out)
     assert 0.0 < document['duration_s'] < 60.0
-    assert sum(x['recovered'] for x in document['faults'].values()) >= 1
+    assert document['faults']
     assert not [pid for pid in started if Path(f'/proc/{pid}').exists()]
 
 
@@ -71,9 +70,8 @@ def test_a_short_soak_is_passed(tmp_path: Path) -> None:
     process = start(tmp_path / 'out', 0.4, seed=5)
     document = ended(process, tmp_path / 'out')
     assert time.monotonic() - begin < 60.0
-    faults = document['faults']
-    assert sum(x['injected'] for x in faults.values()) >= 4
-    assert any(kind.startswith(soak.KILL) for kind in faults)
+    kinds = [x['kind'] for x in document['faults']]
+    assert len(kinds) >= 4 and plan.KILL in kinds
     again = start(tmp_path / 'out', 0.4)
     _, stderr = again.communicate(timeout=PATIENCE)
     assert again.returncode == 1 and 'exists already' in stderr

@@ -1,0 +1,1 @@
+"""Soak test: random faults on the whole graph in real time; ``make soak`` runs it."""

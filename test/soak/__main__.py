@@ -1,0 +1,54 @@
+"""Command line of the soak test; see ``make soak``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import random
+import sys
+
+from ctc_chattering import signals
+from ctc_chattering.cli.options import guarded
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.output import prepare
+from ctc_chattering.result import finite, write_text
+from soak.report import complaints, to_markdown
+from soak.run import run
+
+
+def main() -> int:
+    """Run the soak test; return 1 if it fails."""
+    parser = argparse.ArgumentParser(
+        prog='soak', description='Run the graph in real time and inject faults: killed and '
+        'stopped processes, malformed messages, second publishers, parameters, ~/enable, ~/reset. '
+        'Print how it recovered; status 1 if it did not, a process crashed or its memory grew, '
+        'or messages are missing. Ctrl-C ends it early. The bags take about 10 MB per minute.')
+    parser.add_argument('--minutes', type=float, required=True, metavar='N', help='duration')
+    parser.add_argument('--seed', type=int, default=random.randrange(1 << 31), metavar='S',
+                        help='the same seed gives the same faults; random by default')
+    parser.add_argument('--control-period', type=float, metavar='S',
+                        help='for slow machines; 0.001 by default [s]')
+    parser.add_argument('--out', type=Path, default=Path('soak'), metavar='DIR',
+                        help='directory to write into, soak by default')
+    parser.add_argument('--overwrite', action='store_true', help='replace an earlier run')
+    return guarded('soak', lambda: _run(parser.parse_args()))
+
+
+def _run(options: argparse.Namespace) -> int:
+    if not 0.0 < options.minutes < float('inf'):
+        raise ParameterError('--minutes', options.minutes, 'a finite number > 0')
+    out = prepare(options.out, ('bags', 'soak.md', 'soak.json', 'soak.log'), options.overwrite)
+    document = run(60.0 * options.minutes, options.seed, out, options.control_period,
+                   signals.collect())
+    found = complaints(document)
+    write_text(out / 'soak.json', json.dumps(
+        finite({**document, 'complaints': found}), indent=2, ensure_ascii=False) + '\n')
+    text = to_markdown(document)
+    write_text(out / 'soak.md', text)
+    print(text, end='', flush=True)
+    return 1 if found else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
