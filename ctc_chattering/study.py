@@ -1,8 +1,8 @@
 """
-What every switching is worth: the bars it must meet, and sweeps over what a real loop has.
+Comparison of the switchings over sample period, gain and the imperfections of a real loop.
 
-The cases are data; a run of one of them is a pure function of the case and the switching, so that
-the numbers depend neither on the number of processes nor on their order. `study_plots` draws them.
+A case is data; a run of it is a pure function of the case and the switching, so that the numbers
+depend neither on the number of processes nor on their order. `study_plots` draws them.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Setup
 from ctc_chattering.share import config_directory
 
-#: The switching that the bars are for.
-JUDGED = 'implicit_observer'
-#: Group of the cases that have bars, and what the others are called in titles.
-BARS = 'The bars'
+#: The switching that is compared with the best of each case.
+PROPOSED = 'implicit_observer'
+#: Groups of cases.
+BASIC = 'Basic cases'
 PERIOD, GAIN = 'Sample period', 'Gain'
 NOISE, SHORT_NOISE = 'Velocity noise', 'Velocity noise, h = 0.5 ms'
 #: What the tables show: attribute, heading, format.
 QUANTITIES = (('error', ('RMS e', 'rad'), '.2e'),
               ('variation', ('torque variation', 'N·m/s'), '.0f'))
-#: From this factor above the best on, a run is listed among the losses.
-LOSS = 1.1
-#: Above this RMS error of joint 2, no switching is said to help [rad].
-_HOPELESS = 1e-3
+#: A result that exceeds the best by this factor is listed.
+FACTOR = 1.1
+#: Cases in which the RMS error of joint 2 exceeds this with every switching are listed [rad].
+LARGE = 1e-3
 _KA = 12.0
 Pair = tuple[float, float]
 
@@ -59,9 +59,6 @@ class Case:
         Values by node and parameter above those of the file, as `params.load` takes them.
     file : str
         Parameter file in `config/`, without its ending.
-    bar : (float, float), optional
-        The largest RMS e2 [rad] and torque variation of joint 2 [N·m/s] that `JUDGED` may have;
-        a variation of inf stands for less than that of ``sign``.
     x : float, optional
         Abscissa in a figure over the group.
 
@@ -71,7 +68,6 @@ class Case:
     group: str
     overrides: Mapping[str, Mapping[str, Any]]
     file: str = 'friction'
-    bar: Pair | None = None
     x: float | None = None
 
     def setup(self) -> Setup:
@@ -106,10 +102,10 @@ class Outcome:
 
 def _case(group: str, name: str, x: float | None = None, *, h: float = 1e-3, ka: float = _KA,
           plant: Mapping[str, Any] | None = None, controller: Mapping[str, Any] | None = None,
-          **rest: Any) -> Case:
+          file: str = 'friction') -> Case:
     return Case(name, group, {
         '/**': {'control_period': h}, 'plant': {'duration': 10.0, **(plant or {})},
-        'controller': {'law': 'chattering', 'ka': [ka, ka], **(controller or {})}}, x=x, **rest)
+        'controller': {'law': 'chattering', 'ka': [ka, ka], **(controller or {})}}, file, x)
 
 
 def _scaled(factor: float) -> dict[str, float]:
@@ -121,16 +117,14 @@ def _cases() -> Iterator[Case]:
         return [x, x]
 
     delay = {'input_delay': 1}
-    yield _case(BARS, 'clean', bar=(2e-5, 170.0))
-    yield _case(BARS, '200 Hz', h=5e-3, bar=(2.5e-4, 180.0))
-    yield _case(BARS, 'ka = 20', ka=20.0, bar=(2e-5, 190.0))
-    yield _case(BARS, 'velocity noise 5e-3 rad/s', plant={'velocity_noise': both(5e-3)},
-                bar=(1.8e-4, math.inf))
-    yield _case(BARS, 'model × 0.9', controller=_scaled(0.9), bar=(7e-5, 170.0))
-    yield _case(BARS, 'delay of 1 sample, predicted', plant=delay, controller=delay,
-                bar=(5e-5, 300.0))
-    yield _case(BARS, 'delay of 1 sample, not predicted', plant=delay)
-    yield _case(BARS, 'disturbance', file='disturbance', bar=(2e-5, 175.0))
+    yield _case(BASIC, 'clean')
+    yield _case(BASIC, '200 Hz', h=5e-3)
+    yield _case(BASIC, 'ka = 20', ka=20.0)
+    yield _case(BASIC, 'velocity noise 5e-3 rad/s', plant={'velocity_noise': both(5e-3)})
+    yield _case(BASIC, 'model × 0.9', controller=_scaled(0.9))
+    yield _case(BASIC, 'delay of 1 sample, predicted', plant=delay, controller=delay)
+    yield _case(BASIC, 'delay of 1 sample, not predicted', plant=delay)
+    yield _case(BASIC, 'disturbance', file='disturbance')
     for x in (0.5, 1.0, 2.0, 5.0, 10.0):
         yield _case(PERIOD, f'h = {x:g} ms', x, h=1e-3 * x)
     for x in (10.0, 12.0, 15.0, 20.0, 30.0, 40.0):
@@ -165,7 +159,7 @@ def _cases() -> Iterator[Case]:
         yield _case('Model of the controller', f'× {x:g}', x, controller=_scaled(x))
 
 
-#: Every case, the bars first.
+#: Every case.
 CASES = tuple(_cases())
 
 
@@ -239,18 +233,6 @@ def rows(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
         outcomes, lambda outcome: (outcome.case.group, outcome.case.name))]
 
 
-def reached(row: Sequence[Outcome]) -> tuple[bool, bool] | None:
-    """Return whether `JUDGED` meets the bars on RMS e2 and torque variation; None without."""
-    by_name = {outcome.switching: outcome for outcome in row}
-    bar = row[0].case.bar
-    if bar is None or not {JUDGED, 'sign'} <= set(by_name):
-        return None
-    variation = _score(by_name[JUDGED], 'variation')
-    return (_score(by_name[JUDGED], 'error') <= bar[0],
-            variation <= bar[1] if math.isfinite(bar[1])
-            else variation < _score(by_name['sign'], 'variation'))
-
-
 def to_csv(outcomes: Sequence[Outcome]) -> str:
     """Return one line per run, with a header; numbers in full, empty where there is none."""
     text = io.StringIO()
@@ -258,24 +240,19 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
     writer.writerow((
         'group', 'case', 'x', 'switching', 'control_period_s', 'ka_1_nm', 'ka_2_nm',
         'rms_error_1_rad', 'rms_error_2_rad', 'torque_variation_1_nm_per_s',
-        'torque_variation_2_nm_per_s', 'failure', 'bar_rms_error_2_rad',
-        'bar_torque_variation_2_nm_per_s', 'bar_error_met', 'bar_variation_met', 'file',
-        'overrides'))
-    for row in rows(outcomes):
-        for o in row:
-            bar, met = (o.case.bar, reached(row)) if o.switching == JUDGED else (None, None)
-            writer.writerow((
-                o.case.group, o.case.name, o.case.x, o.switching, o.control_period, *o.ka,
-                *(o.error or ('', '')), *(o.variation or ('', '')), o.failure,
-                *(bar or ('', '')), *(met or ('', '')), o.case.file,
-                json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True)))
+        'torque_variation_2_nm_per_s', 'failure', 'file', 'overrides'))
+    for o in outcomes:
+        writer.writerow((
+            o.case.group, o.case.name, o.case.x, o.switching, o.control_period, *o.ka,
+            *(o.error or ('', '')), *(o.variation or ('', '')), o.failure, o.case.file,
+            json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True)))
     return text.getvalue()
 
 
 def to_markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return the tables, the bars first, and what the numbers say against each variant."""
+    """Return a table for each group of cases, and the ranking of the switchings."""
     lines = ['# Study of the switchings', '',
-             'Made by `ctc study`. True errors and the torque sent, joints 1 / 2, over the second '
+             'Output of `ctc study`. True errors and torques sent, joints 1 / 2, over the second '
              f'half of each run; h = 1 ms and ka = {_KA:g} N·m unless the row says otherwise; '
              'every other parameter has its default. Bold: the best of a row.']
     groups: dict[str, list[list[Outcome]]] = {}
@@ -283,33 +260,24 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
         groups.setdefault(row[0].case.group, []).append(row)
     for group, members in groups.items():
         heads = ['case', 'quantity', *(o.switching for o in members[0])]
-        bars = any(row[0].case.bar for row in members)
-        heads += [f'{JUDGED} must reach (joint 2)', 'reached'] if bars else []
         lines += ['', f'## {group}', '', *_table(heads, (
-            cells for row in members for cells in _lines(row, bars)))]
-    return '\n'.join([*lines, *_losses(rows(outcomes)), ''])
+            cells for row in members for cells in _lines(row)))]
+    return '\n'.join([*lines, *_ranking(rows(outcomes)), ''])
 
 
 def _table(heads: Sequence[str], body: Iterable[Sequence[str]]) -> list[str]:
     return [f'| {" | ".join(cells)} |' for cells in (heads, ['---'] * len(heads), *body)]
 
 
-def _lines(row: Sequence[Outcome], bars: bool) -> Iterator[list[str]]:
+def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
     """Yield a line of cells for each quantity of one case."""
-    case, met = row[0].case, reached(row)
     for k, (key, heading, form) in enumerate(QUANTITIES):
         texts = [[format(x, form) for x in getattr(o, key) or ()] for o in row]
         columns = list(zip(*filter(None, texts)))
         best = [min(column, key=float) if len(set(column)) > 1 else '' for column in columns]
         cells = [' / '.join(f'**{x}**' if x == y else x for x, y in zip(text, best)) or 'diverged'
                  for text in texts]
-        verdict = ['', '']
-        if case.bar:
-            limit = case.bar[k]
-            verdict = [f'≤ {limit:{form}}' if math.isfinite(limit) else 'less than sign',
-                       '' if met is None else 'yes' if met[k] else '**no**']
-        yield ['' if k else case.name, f'{heading[0]} [{heading[1]}]', *cells,
-               *(verdict if bars else ())]
+        yield ['' if k else row[0].case.name, f'{heading[0]} [{heading[1]}]', *cells]
 
 
 def _score(outcome: Outcome, key: str, joint: int = 1) -> float:
@@ -318,31 +286,33 @@ def _score(outcome: Outcome, key: str, joint: int = 1) -> float:
     return float(value[joint]) if value else math.inf
 
 
-def _losses(table: Sequence[Sequence[Outcome]]) -> Iterator[str]:
-    """Yield the section on where each variant loses, computed from the numbers."""
+def _ranking(table: Sequence[Sequence[Outcome]]) -> Iterator[str]:
+    """Yield the section on how often each switching is best and worst, and by how much."""
     failed = Counter(o.switching for row in table for o in row if o.failure)
     counts = {o.switching: [0, 0, 0, 0, failed[o.switching]] for o in table[0]}
-    lost = []
+    worse = []
     for row in table:
         for (k, (key, heading, form)), joint in itertools.product(enumerate(QUANTITIES), (0, 1)):
             ranked = sorted(row, key=lambda o: _score(o, key, joint))
             counts[ranked[0].switching][k] += 1
             counts[ranked[-1].switching][k + 2] += 1
             best = _score(ranked[0], key, joint)
-            lost += [[_title(row), f'{heading[0]}, joint {joint + 1}', f'{score:{form}}',
-                      ranked[0].switching, f'{best:{form}}', f'{score / best:.1f}'] for o in row
-                     if o.switching == JUDGED and (score := _score(o, key, joint)) > LOSS * best]
-    yield from ('', '## Where a variant loses', '',
-                f'Of {2 * len(table)} comparisons, {len(table)} cases with two joints each:', '')
+            worse += [[_title(row), f'{heading[0]}, joint {joint + 1}', f'{score:{form}}',
+                       ranked[0].switching, f'{best:{form}}', f'{score / best:.1f}'] for o in row
+                      if o.switching == PROPOSED
+                      and (score := _score(o, key, joint)) > FACTOR * best]
+    yield from ('', '## Ranking', '',
+                f'{2 * len(table)} comparisons: {len(table)} cases with two joints each.', '')
     yield from _table(
         ['switching', 'smallest RMS e', 'smallest torque variation', 'largest RMS e',
          'largest torque variation', 'runs that diverged'],
         ([name, *map(str, numbers)] for name, numbers in counts.items()))
-    yield from ('', f'`{JUDGED}` is more than {LOSS:g} times the best in {len(lost)} places:', '')
-    yield from _table(['case', 'quantity', 'value', 'best', 'its value', 'factor'], lost)
-    hopeless = [_title(row) for row in table if min(_score(o, 'error') for o in row) > _HOPELESS]
-    yield from ('', f'No switching comes below {_HOPELESS:g} rad RMS e2 here: '
-                + ('; '.join(hopeless) or 'nowhere') + '.')
+    yield from ('', f'`{PROPOSED}` exceeds the best by a factor of more than {FACTOR:g} in '
+                f'{len(worse)} comparisons:', '')
+    yield from _table(['case', 'quantity', 'value', 'best', 'its value', 'factor'], worse)
+    large = [_title(row) for row in table if min(_score(o, 'error') for o in row) > LARGE]
+    yield from ('', f'The RMS error of joint 2 exceeds {LARGE:g} rad with every switching in: '
+                + ('; '.join(large) or 'none') + '.')
 
 
 def _title(row: Sequence[Outcome]) -> str:

@@ -1,4 +1,4 @@
-"""Figures of a study: what each switching does against sample period, gain and imperfections."""
+"""Figures of a study: the switchings over sample period, gain and imperfections."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.core.terms import terms
 from ctc_chattering.errors import CtcError
 from ctc_chattering.figure_style import DOTS, drawing, label, panel, STEPS
-from ctc_chattering.study import BARS, Case, GAIN, NOISE, Outcome, PERIOD, rows, SHORT_NOISE
+from ctc_chattering.study import BASIC, Case, GAIN, NOISE, Outcome, PERIOD, rows, SHORT_NOISE
 
 #: Colour, marker and dashes of each switching (after Okabe and Ito), told apart without colour.
 STYLES: dict[str, tuple[str, str, Any]] = {
@@ -87,7 +87,7 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
     return figure
 
 
-def rattling(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
+def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     """Draw v and the chattering term of joint 2 over `SLICE`, one column per switching."""
     setup = case.setup()
     ka = setup.controller.ka[1]
@@ -104,10 +104,10 @@ def rattling(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
         part = (run.t >= SLICE[0] - 1e-9) & (run.t <= SLICE[1] + 1e-9)
         t, v = run.t[part], run.v[part, 1]
         term = terms(run, [(0.0, controller)]).chattering[part, 1]
-        colour, travelled = STYLES[switching][0], float(np.abs(np.diff(term)).sum())
+        colour, variation = STYLES[switching][0], float(np.abs(np.diff(term)).sum())
         for line, (name, unit, y, caption) in enumerate((
                 ('v₂', 'rad/s', v, f'largest |v₂|: {np.abs(v).max():.1e} rad/s'),
-                ('term₂', 'N·m', term, f'travels {travelled / (t[-1] - t[0]):.0f} N·m/s'))):
+                ('term₂', 'N·m', term, f'variation {variation / (t[-1] - t[0]):.0f} N·m/s'))):
             ax = panel(figure, grid[line, column], '', '' if column else f'{name} [{unit}]', t)
             if not line:
                 ax.set_title(switching, loc='left', fontsize=10.5, color=colour, weight='bold')
@@ -160,29 +160,29 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[tup
 
 def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     groups = list(dict.fromkeys(o.case.group for o in outcomes))
-    clean = [o.case for o in outcomes if o.case.group == BARS][:1]
+    clean = [o.case for o in outcomes if o.case.group == BASIC][:1]
     if clean:
-        yield 'rattling', rattling(clean[0]), (
-            'What rattling is, and that it is gone: v and the chattering term of joint 2 while '
-            'its friction changes sign. The axes of a row are the same.')
-        yield 'bars', overview([o for o in outcomes if o.case.group == BARS],
-                               'The cases that have bars'), 'The cases that have bars.'
+        yield 'chattering', chattering(clean[0]), (
+            'v and the chattering term of joint 2 while its friction changes sign. The axes of a '
+            'row are the same.')
+        yield 'basic', overview([o for o in outcomes if o.case.group == BASIC],
+                                f'{BASIC}, joint 2'), f'{BASIC}, joint 2.'
     for name, wanted, title, xlabel in (
-            ('sample_period', (PERIOD,), 'Against the sample period', 'sample period h [ms]'),
-            ('gain', (GAIN,), 'Against the gain, h = 1 ms', 'gain ka [N·m]'),
-            ('velocity_noise', (NOISE, SHORT_NOISE), 'Against noise on the velocity',
+            ('sample_period', (PERIOD,), 'Sample period', 'sample period h [ms]'),
+            ('gain', (GAIN,), 'Gain, h = 1 ms', 'gain ka [N·m]'),
+            ('velocity_noise', (NOISE, SHORT_NOISE), 'Velocity noise',
              'standard deviation σ [rad/s]')):
         present = [group for group in wanted if group in groups]
         if present:
             yield name, sweep(outcomes, present, title, xlabel), f'{title}.'
-    rest = [o for o in outcomes if o.case.group not in (BARS, PERIOD, GAIN)]
+    rest = [o for o in outcomes if o.case.group not in (BASIC, PERIOD, GAIN)]
     if rest:
-        yield 'imperfections', overview(rest, 'Each imperfection alone'), (
-            'Each imperfection alone at several strengths, joint 2.')
+        yield 'imperfections', overview(rest, 'One imperfection at a time, joint 2'), (
+            'One imperfection at a time, joint 2.')
 
 
 def _label(case: Case) -> str:
-    return case.name if case.group == BARS else f'{case.group}: {case.name}'
+    return case.name if case.group == BASIC else f'{case.group}: {case.name}'
 
 
 def _legend(figure: Figure, switchings: set[str]) -> None:

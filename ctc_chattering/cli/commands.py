@@ -131,7 +131,7 @@ def study(options: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from ctc_chattering.study import CASES, perform, reached, rows, to_csv, to_markdown
+    from ctc_chattering.study import CASES, perform, to_csv, to_markdown
     from ctc_chattering.study_plots import save_study_figures
 
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs
@@ -147,10 +147,6 @@ def study(options: argparse.Namespace) -> int:
     figures = save_study_figures(outcomes, out / _FIGURES)
     images = ''.join(f'\n![{text}]({path.relative_to(out)})\n' for path, text in figures)
     write_text(out / 'study.md', f'{to_markdown(outcomes)}\n## Figures\n{images}')
-    for row in rows(outcomes):
-        met = reached(row)
-        if met is not None:
-            print(f'{"reached" if all(met) else "MISSED ":8} {row[0].case.name}')
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s: '
           f'open {out / "study.md"}')

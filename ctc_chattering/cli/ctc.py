@@ -61,10 +61,9 @@ def make_parser() -> argparse.ArgumentParser:
                         help='wait so long for subscribers first, 1 by default [s]')
 
     study = commands.add_parser(
-        'study', help='compare the switchings: bars, sweeps, imperfections',
-        description='Simulate every switching on the cases that have bars, against sample period '
-                    'and gain, and under each imperfection; write study.md, study.csv and '
-                    'figures.')
+        'study', help='compare the switchings over sample period, gain and imperfections',
+        description='Simulate every switching over sample periods, gains and imperfections of the '
+                    'loop; write study.md, study.csv and figures.')
     _add_output(study, 'study')
     study.add_argument('--jobs', type=int, metavar='N',
                        help='processes, as many as there are processors by default')
@@ -78,7 +77,7 @@ def make_parser() -> argparse.ArgumentParser:
     compare.add_argument('--backend', action='append', metavar='X',
                          help="plant in place of the file's: builtin | mujoco; may be repeated")
     compare.add_argument('--ros', action='store_true',
-                         help='run the nodes and judge the bags, not the simulation')
+                         help='run the nodes and evaluate the bags, not the simulation')
     _add_output(compare, None)
 
     repair = commands.add_parser(

@@ -74,9 +74,9 @@ def step_time(path: Path) -> float:
     It is that of the fastest of many batches: what else the machine does makes them slower.
     """
     setup = params.load(path)
-    model = model_of(setup.controller, setup.descriptions['controller'])
+    model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     robot = Plant(setup.plant.changed({'duration': 0.0}),
-                  model_of(setup.plant, setup.descriptions['plant']))
+                  model_of(setup.plant, setup.descriptions.get('plant', '')))
     motion = make_motion(setup.reference, None, dict(zip(
         setup.plant.joint_names, zip(*robot.measured))))
     controller, samples = Controller(setup.controller, model), []
