@@ -37,7 +37,6 @@ ELSEWHERE = {
     'ros2 run robot_state_publisher': 'robot_state_publisher',
     'ros2 run controller_manager': 'ros2_control',
     'ros2 run mujoco_ros2_control': 'mujoco_ros2_control',
-    'ctc soak --minutes 20': 'twenty minutes; test_ros_soak.py runs a short one',
     'ros2 run ctc_chattering controller --ros-args --enclave': 'a keystore',
     'ros2 run ctc_chattering plant --ros-args --enclave': 'a keystore'}
 #: What takes long here.

@@ -105,8 +105,9 @@ def test_the_experiments_of_the_readme() -> None:
                 found[key], rel=TOLERANCE)
 
 
-def test_the_switchings_of_the_readme_are_those_of_the_study() -> None:
-    rows = {row[0]: row[1:3] for row in table(README, '| `switching` | RMS')}
+def test_the_recommended_switchings_are_those_of_the_study() -> None:
+    theory = (DOCS / 'theory.md').read_text(encoding='utf-8')
+    rows = {row[0]: row[1:3] for row in table(theory, '| `switching` | RMS')}
     assert list(rows) == list(SWITCHINGS)
     for row in (row for row in ROWS if (row.case.group, row.case.name) == (study.BASIC, 'clean')):
         assert row.error and row.variation
