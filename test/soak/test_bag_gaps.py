@@ -18,8 +18,8 @@ MS = S // 1000
 def record(path: Path, stamps: range, until: int) -> Path:
     """Write states, and something else each half second until some time."""
     text = b'\0\1\0\0\1\0\0\0\0'
-    rows = [(t, 'joint_states', 'sensor_msgs/msg/JointState', state(NAMES, [[0.0, 0.0]] * 3, divmod(t, S)))
-            for t in stamps]
+    rows = [(t, 'joint_states', 'sensor_msgs/msg/JointState',
+             state(NAMES, [[0.0, 0.0]] * 3, divmod(t, S))) for t in stamps]
     rows += [(t, 'text', 'std_msgs/msg/String', text) for t in range(0, until, S // 2)]
     recording = Recording(path)
     for t, topic, kind, data in sorted(rows):
