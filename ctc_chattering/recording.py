@@ -2,149 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from io import BytesIO
+import dataclasses
 import os
 from pathlib import Path
-import struct
-import tempfile
-from typing import Any
-import zlib
+from typing import Any, NamedTuple
 
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.rosbag2.errors import WriterError
-from rosbags.rosbag2.storage_mcap import Channel, McapWriter, write_channel, write_string
+from mcap.writer import CompressionType, Writer
 from rosbags.typesys import get_typestore, Stores
+import yaml
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.index_checksum import write_index_checksum
 
 #: Size at which a chunk is written [bytes]: compressing takes some times as much memory.
 _CHUNK = 1 << 18
-_FOREVER = QosTime(9223372036, 854775807)
+#: Flushes after which a new file is begun. A flush ends a chunk, and the index of a file, about
+#: 1 kB for each chunk, is in memory until the file ends.
+_FLUSHES = 2000
+#: The time at which a bag without messages begins [ns].
+_NEVER = 2 ** 63 - 1
 
 
-def offered_qos(depth: int, latched: bool) -> Qos:
-    """Return the profile of a reliable publisher as a bag stores it."""
-    return Qos(
-        QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+def offered_qos(depth: int, latched: bool) -> str:
+    """Return the profile of a reliable publisher as a bag stores it, in YAML."""
+    unlimited = {'sec': 9223372036, 'nsec': 854775807}
+    return _dump([{
+        'history': 'keep_last', 'depth': depth, 'reliability': 'reliable',
+        'durability': 'transient_local' if latched else 'volatile', 'deadline': {**unlimited},
+        'lifespan': {**unlimited}, 'liveliness': 'automatic',
+        'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
 
 
-class _Spool:
-    """
-    The index of each chunk, which the writer needs again at the end only.
-
-    It takes the place of the writer's list, and keeps them in a file without a name: many flushes
-    make many chunks, and a recording may last for days.
-    """
-
-    _LENGTH = struct.Struct('<I')
-
-    def __init__(self, folder: Path) -> None:
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
-        self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
-
-    def append(self, record: BytesIO) -> None:
-        data = record.getbuffer()
-        self._file.write(self._LENGTH.pack(len(data)))
-        self._file.write(data)
-        self._count += 1
-
-    def close(self) -> None:
-        self._file.close()
-
-    def __iter__(self) -> Iterator[BytesIO]:
-        self._file.seek(0)
-        for _ in range(self._count):
-            record = BytesIO()
-            (length,) = self._LENGTH.unpack(self._file.read(self._LENGTH.size))
-            record.write(self._file.read(length))
-            yield record
+def _dump(value: Any) -> str:
+    """Return YAML with sorted keys: of metadata that are cut off, the version is missing."""
+    return str(yaml.safe_dump(value))
 
 
-class _Storage(McapWriter):
-    """
-    The MCAP file as the recorder of ROS names it, with the hash of each type.
+class TopicType(NamedTuple):
+    """The type of a topic's messages with its definition, and the channel's metadata."""
 
-    `chunks` is a list in rosbags, of which it uses what `_Spool` has.
-    """
-
-    #: A record of a message: opcode, length, channel, number, log time, time of publication.
-    _MESSAGE = struct.Struct('<BQHIQQ')
-    #: What precedes the checksum in a record of a chunk: opcode, length, times, size.
-    _BEFORE_CRC = struct.Struct('<BQQQQ')
-
-    def __init__(self, path: Path, compression: CompressionMode) -> None:
-        super().__init__(path, compression)
-        self.path = self.path.rename(path / f'{path.name}_0.mcap')
-        self.chunks: Any = _Spool(path)
-
-    def add_connection(self, connection: Connection, offered_qos_profiles: str) -> None:
-        """Add a topic."""
-        metadata = BytesIO()
-        for text in ('offered_qos_profiles', offered_qos_profiles,
-                     'topic_type_hash', connection.digest):
-            write_string(metadata, text)
-        self.channels.append(Channel(
-            connection.id, connection.msgtype, connection.topic, 'cdr', metadata.getvalue()))
-        self.channel_stats[connection.id] = 0
-        write_channel(self.chunk.bio, self.channels[-1], self.schemas)
-
-    def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
-        """Add a message; the same bytes as rosbags writes, in a quarter of the time."""
-        chunk, channel = self.chunk, connection.id
-        head = self._MESSAGE.pack(5, 22 + len(data), channel, 0, timestamp, timestamp)
-        chunk.message_start_time = min(timestamp, chunk.message_start_time)
-        chunk.message_end_time = max(timestamp, chunk.message_end_time)
-        chunk.msgs[channel].append((timestamp, chunk.bio.tell()))
-        chunk.bio.write(head)
-        chunk.bio.write(data)
-        self.channel_stats[channel] += 1
-        if chunk.bio.tell() > _CHUNK:
-            self.close_chunk()
-
-    def close_chunk(self) -> None:
-        """Write the messages since the last chunk, with the checksum that rosbags leaves at 0."""
-        self.message_start_time = min(self.chunk.message_start_time, self.message_start_time)
-        self.message_end_time = max(self.chunk.message_end_time, self.message_end_time)
-        start, checksum = self.bio.tell(), zlib.crc32(self.chunk.bio.getbuffer())
-        super().close_chunk()
-        self.bio.seek(start + self._BEFORE_CRC.size)
-        self.bio.write(struct.pack('<I', checksum))
-        self.bio.seek(0, os.SEEK_END)
-
-    def close(self, version: int, metadata: str) -> None:
-        """Write index and metadata."""
-        super().close(version, metadata)
-        write_index_checksum(self.path)
-
-    def abort(self) -> None:
-        """Close without index."""
-        for file in (self.bio, self.chunks):
-            with suppress(OSError):
-                file.close()
+    kind: str
+    encoding: str
+    definition: bytes
+    metadata: dict[str, str]
 
 
-class _Writer(Writer):
-    """Writes `_Storage`."""
+@dataclasses.dataclass
+class _Span:
+    """Number of messages, and the first and last log time [ns]."""
 
-    STORAGE_PLUGINS: Mapping[StoragePlugin, Any] = {StoragePlugin.MCAP: _Storage}
+    count: int = 0
+    begin: int = _NEVER
+    end: int = 0
+
+    def entry(self) -> dict[str, Any]:
+        """Return the span as the metadata of a bag have it."""
+        return {'message_count': self.count,
+                'starting_time': {'nanoseconds_since_epoch': self.begin},
+                'duration': {'nanoseconds': max(0, self.end - self.begin)}}
 
 
 class _Sync:
@@ -155,13 +71,13 @@ class _Sync:
         self._last: Future[None] | None = None
 
     def begin(self, file: int) -> None:
-        """Go on, if the last time has ended; raise what came of that."""
+        """Begin, unless the last call is still at work; raise what came of that one."""
         if self._last is None or self._last.done():
             self.end()
             self._last = self._pool.submit(os.fsync, file)
 
     def end(self) -> None:
-        """Wait for the last time, and raise what came of it."""
+        """Wait for the last call, and raise what came of it."""
         last, self._last = self._last, None
         if last is not None:
             last.result()
@@ -171,8 +87,8 @@ class Recording:
     """
     A bag being written.
 
-    When the disk takes no more, `write`, `flush` or `close` raises an `OSError`, once; the bag is
-    closed then, with what was written before, and later calls do nothing.
+    When the disk is full, `write`, `flush` or `close` raises an `OSError`, once; the bag is closed
+    then, with what was written before, and later calls do nothing.
 
     Parameters
     ----------
@@ -182,7 +98,7 @@ class Recording:
     Attributes
     ----------
     file : Path
-        Where the messages go.
+        The file that is being written.
     counts : dict
         Number of messages by topic.
 
@@ -195,24 +111,22 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
-        self._connections: dict[str, Any] = {}
-        self._open = True
+        self._types: dict[str, TopicType] = {}
+        self._custom: dict[str, str] = {}
+        self._spans: dict[str, _Span] = {}
         self.counts: dict[str, int] = {}
         self.path = path
+        self._sync = _Sync()
+        self._open = True
         try:
-            self._writer = _Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            self._writer.open()
-        except WriterError:
+            path.mkdir(parents=True)
+            self._begin_file()
+        except FileExistsError:
             raise CtcError(f'{path}: exists already, not overwritten') from None
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
-        storage: Any = self._writer.storage  # It does not say what types it has.
-        self._storage: _Storage = storage
-        self.file = storage.path
-        self._sync = _Sync()
 
-    def write(self, topic: str, kind: str, t: int, data: bytes, qos: Sequence[Qos]) -> None:
+    def write(self, topic: str, kind: str, t: int, data: bytes, qos: str) -> None:
         """
         Add a message.
 
@@ -224,27 +138,43 @@ class Recording:
             Log time [ns].
         data : bytes
             Serialized message.
-        qos : sequence of Qos
+        qos : str
             What the publishers offer; used for the first message of a topic.
 
         """
+        if topic not in self._types:
+            definition, _ = self._typestore.generate_msgdef(kind, ros_version=2)
+            self.add_topic(topic, TopicType(kind, 'ros2msg', definition.encode(), {
+                'offered_qos_profiles': qos,
+                'topic_type_hash': self._typestore.hash_rihs01(kind)}))
+        self.add_message(topic, t, data)
+
+    def add_topic(self, topic: str, kind: TopicType) -> None:
+        """Say what the messages of a topic are."""
+        self._types[topic] = kind
+        self.counts[topic] = 0
+
+    def add_message(self, topic: str, t: int, data: bytes) -> None:
+        """Add a message of a topic that `add_topic` was called for, with log time `t` [ns]."""
         if not self._open:
             return
-        connection = self._connections.get(topic)
-        if connection is None:
-            connection = self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=self._typestore, offered_qos_profiles=list(qos))
-            self.counts[topic] = 0
         try:
-            self._writer.write(connection, t, data)
+            if self._flushes >= _FLUSHES:
+                self._end_file()
+                self._begin_file()
+            channel = self._channels.get(topic) or self._add_channel(topic)
+            self._writer.add_message(channel, t, data, t)
         except OSError:
             self.abandon()
             raise
+        span = self._span
+        span.count += 1
+        span.begin, span.end = min(t, span.begin), max(t, span.end)
         self.counts[topic] += 1
 
     def note(self, key: str, value: str) -> None:
         """Have the bag's metadata say something about the recording."""
-        self._writer.set_custom_data(key, value)
+        self._custom[key] = value
 
     def flush(self) -> None:
         """
@@ -256,10 +186,9 @@ class Recording:
         if not self._open:
             return
         try:
-            if self._storage.chunk.bio.tell():
-                self._storage.close_chunk()
-            self._storage.bio.flush()
-            self._sync.begin(self._storage.bio.fileno())
+            self._writer.flush()
+            self._sync.begin(self._stream.fileno())
+            self._flushes += 1
         except OSError:
             self.abandon()
             raise
@@ -269,19 +198,71 @@ class Recording:
         self._open = False
         with suppress(OSError):
             self._sync.end()
-        self._storage.abort()
-        with suppress(OSError):  # As much of it as there was room for.
-            (self.path / 'metadata.yaml.tmp').unlink(missing_ok=True)
+        for action in (self._stream.close, (self.path / 'metadata.yaml.tmp').unlink):
+            with suppress(OSError):
+                action()
 
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""
         if not self._open:
             return
         try:
-            self._sync.end()
-            self._writer.close()
+            self._end_file()
+            file = self.path / 'metadata.yaml.tmp'
+            file.write_dump(_dump({'rosbag2_bagfile_information': self._information()}), 'utf8')
+            file.replace(self.path / 'metadata.yaml')
         except OSError:
             self.abandon()
             raise
         self._open = False
-        self._storage.chunks.close()
+
+    def _begin_file(self) -> None:
+        """Begin a file, named as the recorder of ROS names it."""
+        self.file = self.path / f'{self.path.name}_{len(self._spans)}.mcap'
+        self._span = self._spans[self.file.name] = _Span()
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._flushes = 0
+        self._stream = self.file.open('xb')
+        self._writer: Any = Writer(self._stream, _CHUNK, CompressionType.ZSTD)
+        self._writer.start('ros2')
+
+    def _end_file(self) -> None:
+        """Write the index of a file."""
+        self._writer.add_metadata(
+            'rosbag2', {'serialized_metadata': _dump(self._information())})
+        self._writer.finish()
+        self._sync.end()
+        self._stream.close()
+
+    def _add_channel(self, topic: str) -> int:
+        """Describe a topic in the file; return its number."""
+        kind = self._types[topic]
+        schema = self._schemas.get(kind.kind)
+        if schema is None:
+            schema = self._schemas[kind.kind] = self._writer.register_schema(
+                kind.kind, kind.encoding, kind.definition)
+        channel: int = self._writer.register_channel(topic, 'cdr', schema, kind.metadata)
+        self._channels[topic] = channel
+        return channel
+
+    def _information(self) -> dict[str, Any]:
+        """Return the metadata of the bag as the recorder of ROS writes them."""
+        spans = self._spans.values()
+        total = _Span(sum(x.count for x in spans), min(x.begin for x in spans),
+                      max(x.end for x in spans))
+        return {
+            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **total.entry(),
+            'relative_file_paths': list(self._spans),
+            'files': [{'path': name, **span.entry()} for name, span in self._spans.items()],
+            'topics_with_message_count': [
+                {'topic_metadata': _topic_metadata(topic, self._types[topic]),
+                 'message_count': count} for topic, count in self.counts.items()],
+            'compression_format': '', 'compression_mode': '', 'custom_data': self._custom or None}
+
+
+def _topic_metadata(topic: str, kind: TopicType) -> dict[str, Any]:
+    profiles = yaml.safe_load(kind.metadata.get('offered_qos_profiles', '')) or []
+    return {'name': topic, 'type': kind.kind, 'serialization_format': 'cdr',
+            'offered_qos_profiles': profiles,
+            'type_description_hash': kind.metadata.get('topic_type_hash', '')}

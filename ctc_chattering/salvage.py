@@ -2,57 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing
 import dataclasses
-import functools
 from pathlib import Path
 import shutil
 import sys
 import tempfile
-from typing import NamedTuple
+from typing import Any
 import weakref
 
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import breakup_chunk, StreamReader
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Qos
-from rosbags.rosbag2 import storage_mcap
-from rosbags.rosbag2.metadata import parse_qos
+from rosbags.interfaces import (
+    Connection,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+)
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
+import yaml
 
 from ctc_chattering.core.grid import seconds
 from ctc_chattering.errors import CtcError
 from ctc_chattering.index_checksum import check_index
-from ctc_chattering.recording import Recording
+from ctc_chattering.recording import Recording, TopicType
 
-#: How rosbags finds the definition of a type.
-_get_msgdef = storage_mcap.get_msgdef
-
-
-def _definition(schema: storage_mcap.Schema | None) -> MessageDefinition:
-    """Return the definition of a message; none of a service's event, which rosbags cannot read."""
-    if schema is not None and '/srv/' in schema.name:
-        return MessageDefinition(MessageDefinitionFormat.NONE, '')
-    return _get_msgdef(schema)
-
-
-# Otherwise it refuses the whole bag; `ros2 bag record -a` has such events in it.
-storage_mcap.get_msgdef = _definition
-
-
-class Entry(NamedTuple):
-    """A message as it stands in the file."""
-
-    topic: str
-    kind: str
-    t: int
-    data: bytes
-    qos: str
+#: Latest time that a bag can have [ns].
+_LATEST = 2 ** 63 - 1
+#: Policies of QoS that recorders before Jazzy write as numbers.
+_POLICIES = {'history': QosHistory, 'reliability': QosReliability, 'durability': QosDurability,
+             'liveliness': QosLiveliness}
 
 
 @dataclasses.dataclass
-class Salvage:
+class Recovery:
     """
     What was found in a damaged bag.
 
@@ -74,7 +60,7 @@ class Salvage:
     lost: int = 0
 
     def __str__(self) -> str:
-        """Return the finding on one line."""
+        """Return a summary on one line."""
         span = seconds(self.end - self.begin)
         return (f'{self.messages} messages over {span:.3f} s recovered, '
                 f'{self.lost} bytes unreadable')
@@ -85,33 +71,56 @@ def is_damaged(bag: Path) -> bool:
     return bag.is_dir() and not (bag / 'metadata.yaml').exists() and any(bag.glob('*.mcap'))
 
 
-class BagReader(AnyReader):
+class BagReader:
     """
-    Reads a bag at `path`, which stands in errors, from the directory `place`.
+    An open bag; close it after use.
+
+    Parameters
+    ----------
+    path : Path
+        What errors say.
+    place : Path
+        Directory or file to read.
 
     Attributes
     ----------
-    path : Path
-        Where the bag is for the user.
+    connections : list of Connection
+        Topics with type, number of messages and QoS.
+    start_time, end_time : int
+        Log time of the first message, and the first after the last one [ns].
+    message_count : int
 
     """
 
     def __init__(self, path: Path, place: Path) -> None:
-        super().__init__([place], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-        self.path = path
+        self._path = path
+        self._reader = Reader(place)
+        self._reader.open()
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self.connections = self._reader.connections
+        self.start_time, self.end_time = self._reader.start_time, self._reader.end_time
+        self.message_count = self._reader.message_count
 
-    def messages(self, connections: Collection[Connection] = (), start: int | None = None,
-                 stop: int | None = None) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield messages; raise `CtcError` where the bag is damaged."""
+    def messages(self, connections: Collection[Connection] = ()
+                 ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield connection, log time [ns] and data; raise `CtcError` where the bag is damaged."""
         try:
-            yield from super().messages(connections, start, stop)
-        except Exception as error:  # Whatever a reader makes of bytes that are no chunk.
-            raise _damaged(self.path, error) from None
+            yield from self._reader.messages(connections)
+        except Exception as error:  # Readers and decompressors raise what they like.
+            raise _damaged(self._path, error) from None
+
+    def deserialize(self, data: bytes, kind: str) -> Any:
+        """Return a message of one of the types that ROS 2 Jazzy brings along."""
+        return self._typestore.deserialize_cdr(data, kind)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
 
 
 def open_bag(path: Path) -> BagReader:
     """
-    Return an open reader of the bag at `path`; close it after use.
+    Return an open reader of the bag at `path`.
 
     Raises
     ------
@@ -123,19 +132,15 @@ def open_bag(path: Path) -> BagReader:
         raise CtcError(f'{path}: no such bag')
     scratch = None
     place = path
-    if path.is_dir() and (path.suffix == '.bag' or is_damaged(path)):
+    if is_damaged(path):
         scratch = tempfile.TemporaryDirectory()
         place = Path(scratch.name) / 'bag'
-        if is_damaged(path):
-            print(f'{path}: not closed properly: {rewrite(path, place)}', file=sys.stderr)
-        else:  # AnyReader takes what is called .bag for a bag of ROS 1.
-            place.symlink_to(path.resolve())
+        print(f'{path}: not closed properly: {recover(path, place)}', file=sys.stderr)
     try:
         for file in place.glob('*.mcap'):
             check_index(file)
         reader = BagReader(path, place)
-        reader.open()
-    except Exception as error:
+    except Exception as error:  # Readers of YAML and MCAP raise what they like.
         if any(place.glob('*.mcap')):
             raise _damaged(path, error) from None
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
@@ -161,7 +166,7 @@ def is_whole(bag: Path) -> bool:
         return False
 
 
-def rewrite(bag: Path, target: Path) -> Salvage:
+def recover(bag: Path, target: Path) -> Recovery:
     """
     Write all that can be read of a damaged bag as a new bag.
 
@@ -178,20 +183,20 @@ def rewrite(bag: Path, target: Path) -> Salvage:
         If there is no message left, or the new bag cannot be written.
 
     """
-    found = Salvage()
+    found = Recovery()
     recording = Recording(target)
     try:
-        for file in sorted(bag.glob('*.mcap')):
-            for entry in _entries(file, found):
-                try:
-                    recording.write(entry.topic, entry.kind, entry.t, entry.data, _qos(entry.qos))
-                except OSError:
-                    raise
-                except Exception:  # Of a type that there is not, at a time that no clock shows, …
-                    found.lost += len(entry.data)
+        for file in sorted(bag.glob('*.mcap'), key=lambda x: (len(x.name), x.name)):
+            for topic, kind, message in _messages(file, found):
+                if message.log_time > _LATEST:
+                    found.lost += len(message.data)
                     continue
-                found.begin = min(found.begin, entry.t) if found.messages else entry.t
-                found.end = max(found.end, entry.t)
+                if topic not in recording.counts:
+                    recording.add_topic(topic, kind)
+                recording.add_message(topic, message.log_time, message.data)
+                found.begin = min(found.begin, message.log_time) if found.messages else (
+                    message.log_time)
+                found.end = max(found.end, message.log_time)
                 found.messages += 1
         recording.close()
     except OSError as error:
@@ -201,13 +206,13 @@ def rewrite(bag: Path, target: Path) -> Salvage:
     return found
 
 
-def repair(bag: Path) -> tuple[Salvage, Path] | None:
+def repair(bag: Path) -> tuple[Recovery, Path] | None:
     """
     Put a whole bag in the place of a damaged one, which is kept beside it.
 
     Returns
     -------
-    (Salvage, Path) or None
+    (Recovery, Path) or None
         What was recovered, and where the damaged bag is now; None if the bag is not damaged.
 
     Raises
@@ -227,32 +232,33 @@ def repair(bag: Path) -> tuple[Salvage, Path] | None:
         raise CtcError(f'{aside}: exists already, not overwritten')
     with tempfile.TemporaryDirectory(dir=bag.resolve().parent) as scratch:
         whole = Path(scratch) / bag.resolve().name
-        found = rewrite(bag, whole)
+        found = recover(bag, whole)
         bag.rename(aside)
         shutil.move(whole, bag)
     return found, aside
 
 
-def _entries(file: Path, found: Salvage) -> Iterator[Entry]:
+def _messages(file: Path, found: Recovery) -> Iterator[tuple[str, TopicType, Message]]:
     """Yield the messages of one file, without chunks that are damaged, up to where it is cut."""
     schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
+    topics: dict[int, tuple[str, TopicType]] = {}
     for record in _records(file, found):
         if isinstance(record, Schema):
             schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
+        elif isinstance(record, Channel) and record.schema_id in schemas:
+            schema = schemas[record.schema_id]
+            profiles = _named_policies(record.metadata.get('offered_qos_profiles', ''))
+            topics[record.id] = record.topic, TopicType(
+                schema.name, schema.encoding, schema.data,
+                {**record.metadata, 'offered_qos_profiles': profiles})
         elif isinstance(record, Message):
-            channel = channels.get(record.channel_id)
-            schema = schemas.get(channel.schema_id) if channel else None
-            if channel is None or schema is None:
+            if record.channel_id in topics:
+                yield *topics[record.channel_id], record
+            else:
                 found.lost += len(record.data)
-                continue
-            yield Entry(channel.topic, schema.name, record.log_time, bytes(record.data),
-                        str(channel.metadata.get('offered_qos_profiles', '')))
 
 
-def _records(file: Path, found: Salvage) -> Iterator[McapRecord]:
+def _records(file: Path, found: Recovery) -> Iterator[McapRecord]:
     """Yield what stands in one file, in chunks or outside."""
     size = file.stat().st_size
     with file.open('rb') as stream:
@@ -278,10 +284,14 @@ def _records(file: Path, found: Salvage) -> Iterator[McapRecord]:
             yield from inside
 
 
-@functools.cache
-def _qos(text: str) -> tuple[Qos, ...]:
-    """Return what publishers offered; nothing if it cannot be read."""
+def _named_policies(text: str) -> str:
+    """Return QoS profiles with the names of their policies; nothing if they cannot be read."""
     try:
-        return tuple(parse_qos(text))
-    except Exception:  # A parser of YAML, on bytes that are none.
-        return ()
+        profiles = yaml.safe_load(text) or []
+        for profile in profiles:
+            for key, kind in _POLICIES.items():
+                if isinstance(profile[key], int):
+                    profile[key] = kind(profile[key]).name.lower()
+    except (yaml.YAMLError, LookupError, TypeError, ValueError):
+        return ''
+    return str(yaml.safe_dump(profiles))

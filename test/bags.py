@@ -195,7 +195,7 @@ def write_bag(path: Path, found: Iterable[Entry], namespace: str = '') -> dict[s
     for topic, kind, t, message in found:
         data = message if isinstance(message, bytes) else serialized(message)
         latched = topic.endswith('/parameters')
-        recording.write(namespace + topic, kind, t, data, [offered_qos(100, latched)])
+        recording.write(namespace + topic, kind, t, data, offered_qos(100, latched))
     recording.close()
     return recording.counts
 

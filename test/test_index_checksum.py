@@ -10,7 +10,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 import pytest
 
-from ctc_chattering.index_checksum import check_index, write_index_checksum
+from ctc_chattering.index_checksum import check_index
 
 
 @pytest.fixture
@@ -42,8 +42,6 @@ def test_it_is_the_one_of_the_library(file: Path) -> None:
     file.write_bytes(data[:-12] + bytes(4) + data[-8:])
     assert footer(file).summary_crc == 0
     check_index(file)
-    write_index_checksum(file)
-    assert file.read_bytes() == data
 
 
 def test_a_wrong_byte_anywhere_in_the_index_is_found(file: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 from collections import Counter
+from contextlib import closing
 import errno
 import importlib
 import json
@@ -27,7 +29,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import TOPICS
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
-from ctc_chattering.salvage import rewrite
+from ctc_chattering.salvage import open_bag, recover
 
 SETUP = params.load(None, {'plant': {'duration': 0.2}, 'bringup': {
     'events': ['0.1 controller law compensation']}})
@@ -127,7 +129,7 @@ def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
     """Check for every topic of the graph what `ros2 bag convert` goes by, and `metadata.yaml`."""
     recording = Recording(tmp_path / 'bag')
     for topic in TOPICS.values():
-        recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), [])
+        recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), '')
     recording.close()
     with recording.file.open('rb') as stream:
         summary = make_reader(stream).get_summary()
@@ -168,7 +170,7 @@ def test_a_disk_that_is_full_at_any_moment(
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:
         for i, (topic, kind, t, message) in enumerate(messages, 1):
-            attempt(recording.write, topic, kind, t, message, [])
+            attempt(recording.write, topic, kind, t, message, '')
             if i % 20 == 0:
                 attempt(recording.flush)
                 flushed = flushed if errors else i
@@ -180,7 +182,7 @@ def test_a_disk_that_is_full_at_any_moment(
     assert {x.name for x in (tmp_path / 'bag').iterdir()} <= {'bag_0.mcap', 'metadata.yaml'}
     if errors and not flushed:
         return
-    assert flushed <= rewrite(tmp_path / 'bag', tmp_path / 'rewritten').messages <= len(messages)
+    assert flushed <= recover(tmp_path / 'bag', tmp_path / 'rewritten').messages <= len(messages)
 
 
 def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
@@ -206,39 +208,78 @@ def test_qos_is_that_of_the_first_message(tmp_path: Path, messages: list[Entry])
     recording = Recording(tmp_path / 'bag')
     state = next(x for x in messages if x.topic == '/joint_states')
     for depth in (3, 9):
-        recording.write(state.topic, state.kind, depth, state.message, [offered_qos(depth, False)])
+        recording.write(state.topic, state.kind, depth, state.message, offered_qos(depth, False))
     recording.close()
     assert recording.counts == {'/joint_states': 2}
     (topic,) = metadata(tmp_path / 'bag')['topics_with_message_count']
     assert topic['topic_metadata']['offered_qos_profiles'][0]['depth'] == 3
 
 
-def test_flushes_cost_no_memory_and_each_chunk_is_in_the_index(tmp_path: Path) -> None:
-    recording, counts, sizes = Recording(tmp_path / 'bag'), (200, 1200, 1200), []
-    text, qos, t = b'\0\1\0\0\1\0\0\0\0', [offered_qos(10, False)], 0
+@pytest.fixture
+def split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[int]]:
+    """Return a bag of 1200 flushes in files of 100, and the memory in use after parts of them."""
+    monkeypatch.setattr('ctc_chattering.recording._FLUSHES', 100)
+    recording, sizes, t = Recording(tmp_path / 'bag'), [], 0
     tracemalloc.start()
-    for count in counts:
-        for _ in range(count):
+    for _ in range(3):
+        for _ in range(400):
             t += 1
-            recording.write('/news', 'std_msgs/msg/String', t, text, qos)
+            recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0',
+                            offered_qos(10, False))
             recording.flush()
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert sizes[2] - sizes[1] < 20 * 1200  # A chunk's index has 100 bytes or more.
     recording.close()
-    with (tmp_path / 'bag' / 'bag_0.mcap').open('rb') as stream:
-        reader = make_reader(stream)
-        summary = reader.get_summary()
-        assert summary is not None
-        assert [x.message_start_time for x in summary.chunk_indexes] == list(range(1, t + 1))
-        assert [m.log_time for *_, m in reader.iter_messages(starting_at=t - 9)] == list(
-            range(t - 9, t + 1))
+    return tmp_path / 'bag', sizes
+
+
+def test_a_long_recording_has_several_files_and_costs_no_memory(
+        split: tuple[Path, list[int]]) -> None:
+    bag, sizes = split
+    assert sizes[2] - sizes[1] < 20 * 400  # The index of a chunk has 100 bytes or more.
+    info = metadata(bag)
+    names = [f'bag_{i}.mcap' for i in range(12)]
+    assert info['relative_file_paths'] == names
+    assert [(x['path'], x['message_count'], x['starting_time']['nanoseconds_since_epoch'])
+            for x in info['files']] == list(zip(names, [100] * 12, range(1, 1200, 100)))
+    assert (info['message_count'], info['duration']['nanoseconds']) == (1200, 1199)
+    with (bag / names[7]).open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert [x.message_start_time for x in summary.chunk_indexes] == list(range(701, 801))
+    with closing(open_bag(bag)) as reader:
+        assert [t for _, t, _ in reader.messages()] == list(range(1, 1201))
+
+
+def test_several_files_without_an_end_are_recovered(split: tuple[Path, list[int]]) -> None:
+    bag, _ = split
+    (bag / 'metadata.yaml').unlink()
+    file = bag / 'bag_11.mcap'
+    file.write_bytes(file.read_bytes()[:file.stat().st_size // 2])
+    with closing(open_bag(bag)) as reader:
+        found = [t for _, t, _ in reader.messages()]
+    assert 1110 < len(found) < 1200
+    assert found == list(range(1, len(found) + 1))
+
+
+def test_only_documented_modules_of_rosbags_and_mcap_are_used() -> None:
+    """Check imports: what is not documented may change with any release."""
+    documented = {'rosbags.interfaces', 'rosbags.rosbag2', 'rosbags.typesys', 'mcap.reader',
+                  'mcap.records', 'mcap.stream_reader', 'mcap.writer'}
+    for file in (Path(__file__).parents[1] / 'ctc_chattering').rglob('*.py'):
+        for item in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+            modules = ([x.name for x in item.names] if isinstance(item, ast.Import) else
+                       [item.module or ''] if isinstance(item, ast.ImportFrom) else [])
+            for module in modules:
+                assert module.split('.')[0] not in ('rosbags', 'mcap') or module in documented
+            if isinstance(item, ast.ImportFrom) and item.module in documented:
+                assert not any(x.name.startswith('_') for x in item.names)
 
 
 def flushed(recording: Recording, count: int) -> None:
     """Write so many messages, with a flush after each."""
     for t in range(count):
-        recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', [])
+        recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', '')
         recording.flush()
 
 
@@ -249,7 +290,7 @@ def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr('os.fsync', sync)
     recording = Recording(tmp_path / 'bag')
     flushed(recording, 3)
-    assert rewrite(tmp_path / 'bag', tmp_path / 'rewritten').messages == 3
+    assert recover(tmp_path / 'bag', tmp_path / 'rewritten').messages == 3
     sync.assert_called_once()
     go.set()
     recording.close()
@@ -270,4 +311,4 @@ def test_what_the_disk_did_not_take_is_said(
         while time.monotonic() < end:
             flushed(recording, 1)
     recording.abandon()
-    assert rewrite(tmp_path / 'flushed', tmp_path / 'rewritten').messages > 0
+    assert recover(tmp_path / 'flushed', tmp_path / 'rewritten').messages > 0

@@ -186,7 +186,7 @@ def test_nodes_of_the_loop_need_no_tools() -> None:
                             capture_output=True, check=False)
     assert result.returncode == 0, result.stderr
     assert result.stderr.splitlines() == [
-        'recorder: rosbags is missing: pip install rosbags',
+        'recorder: mcap is missing: pip install mcap',
         'bringup: tqdm is missing: pip install tqdm',
         'ctc plot: tqdm is missing: pip install tqdm']
 

@@ -35,7 +35,7 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
-from ctc_chattering.salvage import is_whole, open_bag, repair, rewrite
+from ctc_chattering.salvage import is_whole, open_bag, repair, recover
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:
@@ -54,7 +54,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with closing(open_bag(source)) as reader:
         for i, (connection, t, data) in enumerate(reader.messages()):
             recording.write(connection.topic, connection.msgtype, t, bytes(data),
-                            getattr(connection.ext, 'offered_qos_profiles', ()))
+                            offered_qos(100, False))
             if i % 40 == 39:
                 recording.flush()
     recording.close()
@@ -108,7 +108,7 @@ def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[b
     file = folder / f'{folder.name}_0.mcap'
     for rows in flushes:
         for topic, t, data in rows:
-            recording.write(topic, 'std_msgs/msg/String', t, data, [offered_qos(10, False)])
+            recording.write(topic, 'std_msgs/msg/String', t, data, offered_qos(10, False))
         recording.flush()
         sizes.append(file.stat().st_size)
     data = file.read_bytes()
@@ -131,7 +131,7 @@ def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
         tail = b'' if wrong is None else bytes([data[place] ^ wrong]) + data[place + 1:]
         (bag / 'bag_0.mcap').write_bytes(data[:place] + tail)
         try:
-            count = rewrite(bag, Path(scratch) / 'whole').messages
+            count = recover(bag, Path(scratch) / 'whole').messages
             found = messages(Path(scratch) / 'whole')
         except CtcError as error:
             assert safe == []
@@ -154,7 +154,7 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
     damaged[sizes[0] + record:sizes[0] + record + 8] = bytes(8)
     (tmp_path / 'bag').mkdir()
     (tmp_path / 'bag' / 'bag_0.mcap').write_bytes(damaged)
-    found = rewrite(tmp_path / 'bag', tmp_path / 'whole')
+    found = recover(tmp_path / 'bag', tmp_path / 'whole')
     assert messages(tmp_path / 'whole') == [rows[0], rows[2]]
     assert found.messages == 2
     assert 8 < found.lost < sizes[1] - sizes[0]

@@ -11,7 +11,6 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
-from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, QosDurability, QosReliability
 from rosgraph_msgs.msg import Clock
 
@@ -22,6 +21,7 @@ from ctc_chattering.graph import CLOCK
 from ctc_chattering.middleware import use_profile
 from ctc_chattering.nodes.runtime import wait_for_all_acked
 from ctc_chattering.ros.messages import message_type, stamp
+from ctc_chattering.salvage import BagReader
 
 #: Period of ``/clock`` where the bag holds none [ns].
 _CLOCK_PERIOD = 10_000_000
@@ -33,13 +33,13 @@ _SETTLE = 0.5
 _NAP = 0.05
 
 
-def play(reader: AnyReader, rate: float, delay: float) -> int:
+def play(reader: BagReader, rate: float, delay: float) -> int:
     """
     Publish all messages of an open bag, but for those of types not installed, and the clock.
 
     Parameters
     ----------
-    reader : AnyReader
+    reader : BagReader
         Open.
     rate : float
         Seconds of the bag per second.
@@ -109,7 +109,7 @@ def _sleep_until(instant: float, stop: Sequence[int]) -> None:
         time.sleep(min(left, _NAP))
 
 
-def _messages(reader: AnyReader, with_clock: bool) -> Iterator[tuple[int, str, Any]]:
+def _messages(reader: BagReader, with_clock: bool) -> Iterator[tuple[int, str, Any]]:
     """Return log time [ns], topic and data in turn; the topic is empty for our clock."""
     tick = reader.start_time
     for connection, t, data in reader.messages():

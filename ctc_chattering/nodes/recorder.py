@@ -10,7 +10,6 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rosbags.interfaces import Qos
 
 from ctc_chattering.core.arbiter import Arbiter
 from ctc_chattering.core.grid import NANOSECONDS
@@ -76,7 +75,7 @@ class RecorderNode(Shell):
         self._received_before = 0
         self._time = LogTime()
         self._simulated: bool | None = None
-        self._early: list[tuple[str, str, int, bytes, list[Qos]]] = []
+        self._early: list[tuple[str, str, int, bytes, str]] = []
         #: What was taken and came after the batch began: arrival [ns], handler, data, information.
         self._pending: list[tuple[int, Callable[..., None], bytes, Mapping[str, Any]]] = []
         self._topics = [
@@ -96,7 +95,7 @@ class RecorderNode(Shell):
 
     def _handler(self, topic: Topic) -> Callable[[bytes, Mapping[str, Any]], None]:
         name = self.resolve_topic_name(topic.name)
-        offered = [offered_qos(100 if topic.latched else 1000, topic.latched)]
+        offered = offered_qos(100 if topic.latched else 1000, topic.latched)
         is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
         numbering = Numbering()
         arbiter = Arbiter(PATIENCE if is_clock else LAPSE, trusting=True)

@@ -23,7 +23,7 @@ def record(path: Path, stamps: range, until: int) -> Path:
     rows += [(t, 'text', 'std_msgs/msg/String', text) for t in range(0, until, S // 2)]
     recording = Recording(path)
     for t, topic, kind, data in sorted(rows):
-        recording.write(f'/{topic}', kind, t, bytes(data), [offered_qos(10, False)])
+        recording.write(f'/{topic}', kind, t, bytes(data), offered_qos(10, False))
     recording.close()
     return path
 
