@@ -1,4 +1,4 @@
-"""Reading a bag of the graph back into a run, with nothing but the bag."""
+"""Reading the run that a bag holds."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import dataclasses
 import itertools
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from rosbags.interfaces import Connection
 
 from ctc_chattering.core.controller import ControllerConfig
 from ctc_chattering.core.gaps import missing
@@ -33,9 +32,10 @@ from ctc_chattering.graph import (
 from ctc_chattering.result import Result
 from ctc_chattering.salvage import BagReader, open_bag
 
-#: Periods between two states that are no outage, and states that must follow a longer one.
+#: Longest step between two states that is accepted at once [periods], and the number of states
+#: that must follow a longer one.
 _FEW = 20
-#: Which field of a ParameterValue holds the value, by its type.
+#: Field of a ParameterValue that holds the value, by its type.
 _FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
            8: 'double_array_value', 9: 'string_array_value'}
 
@@ -52,7 +52,7 @@ def read_bag(path: Path) -> Result:
     Raises
     ------
     CtcError
-        If there is no bag, it cannot be read, or something is not in it that a run needs.
+        If there is no bag, it cannot be read, or it lacks something that a run needs.
 
     """
     reader = open_bag(path)
@@ -71,7 +71,7 @@ def find_bags(directory: Path) -> list[Path]:
     """
     Return the bags below a directory, sorted; none if it is a bag itself, or a file.
 
-    What `ctc repair` has put aside is left out.
+    Damaged bags that `ctc repair` has kept are left out.
     """
     if not directory.is_dir() or _is_bag(directory):
         return []
@@ -80,34 +80,42 @@ def find_bags(directory: Path) -> list[Path]:
 
 
 def _is_bag(path: Path) -> bool:
-    """Return whether a directory has what a bag is made of."""
+    """Return whether a directory contains the files of a bag."""
     return (path / 'metadata.yaml').exists() or any(
         next(path.glob(pattern), None) is not None for pattern in ('*.mcap', '*.db3'))
 
 
+class _State(NamedTuple):
+    """A joint state: stamp [ns], (position, velocity, effort), shape (3, n), and log time [ns]."""
+
+    t: int
+    row: np.ndarray[Any, Any]
+    recorded: int
+
+
 @dataclasses.dataclass(frozen=True)
 class _States:
-    """Joint states in the controller's order, each stamp once, in the order of time."""
+    """Joint states in the controller's order of joints, each stamp once, sorted by time."""
 
     t: list[int]
     q: np.ndarray[Any, Any]
     dq: np.ndarray[Any, Any]
     effort: np.ndarray[Any, Any]
-    #: When each was recorded [ns].
-    heard: list[int]
-    #: How many times the last one of a stamp was sent again, by stamp.
-    again: Counter[int]
+    #: Log times [ns].
+    recorded: list[int]
+    #: Number of times that the state of a stamp was repeated, by stamp.
+    repeats: Counter[int]
 
 
 class _Topics:
-    """The topics of one open bag; namespaces in front of their names do not matter."""
+    """The topics of one open bag, in any namespace."""
 
     def __init__(self, reader: BagReader, path: Path) -> None:
         self._reader = reader
         self._path = path
 
     def result(self) -> Result:
-        """Put the run together."""
+        """Return the run."""
         history = self._parameters('controller', ControllerConfig)
         if not history:
             raise CtcError(f'{self._path}: not a bag of this package: no message on '
@@ -122,7 +130,7 @@ class _Topics:
         if not points:
             raise CtcError(f'{self._path}: no {REFERENCE} for the state at '
                            f'{seconds(states.t[0]):g} s')
-        # A recorder that comes amid a run hears states before it hears the reference.
+        # A recorder that is started during a run receives states before the first reference.
         unknown = len(states.t) - len(points)
         q, dq, tau = (x[unknown:] for x in (
             states.q, states.dq, self._torques(names, states, period)))
@@ -141,14 +149,14 @@ class _Topics:
                       description, self._path.resolve().name)
 
     def _description(self) -> str:
-        """Return the description of the robot that the controller published; empty for none."""
-        texts = [message.data for message in self._messages(f'controller/{ROBOT_DESCRIPTION}')]
+        """Return the robot description that the controller published; empty for none."""
+        texts = [message.data for _, message in self._messages(f'controller/{ROBOT_DESCRIPTION}')]
         return texts[-1] if texts else ''
 
     def _filtered_error(self, names: Sequence[str], start: int) -> dict[float, list[float]]:
         """Return v as the controller published it [rad/s] by time since `start` [s]."""
         found = {}
-        for _, message in self._readable(f'controller/{FILTER}'):
+        for _, message in self._messages(f'controller/{FILTER}'):
             order = _order(message.name, names)
             if order is not None and _fit(len(message.name), [message.velocity]):
                 v = message.velocity[order]
@@ -156,36 +164,23 @@ class _Topics:
                     found[seconds(_nanoseconds(message.header.stamp) - start)] = v.tolist()
         return found
 
-    def _connections(self, name: str) -> list[Connection]:
-        return [x for x in self._reader.connections
-                if x.topic == name or x.topic.endswith('/' + name)]
-
-    def _messages(self, name: str) -> Iterator[Any]:
-        connections = self._connections(name)
-        if connections:
-            for connection, _, data in self._reader.messages(connections):
-                yield self._reader.deserialize(data, connection.msgtype)
-
-    def _readable(self, name: str) -> Iterator[tuple[int, Any]]:
-        """
-        Yield when each message of a topic was recorded [ns], and the message.
-
-        Anybody may have published anything there; what is no message is left out.
-        """
-        connections = self._connections(name)
+    def _messages(self, name: str) -> Iterator[tuple[int, Any]]:
+        """Yield log time [ns] and message of a topic, without those that cannot be decoded."""
+        connections = [x for x in self._reader.connections
+                       if x.topic == name or x.topic.endswith('/' + name)]
         for connection, t, data in self._reader.messages(connections) if connections else ():
             try:
                 message = self._reader.deserialize(data, connection.msgtype)
-            except Exception:  # Whatever a decoder makes of bytes that are no message.
+            except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
                 continue
             yield t, message
 
     def _parameters(self, node: str, kind: Any) -> list[tuple[int, Any]]:
-        """Return the configurations of a node with the stamps [ns] they are in force from."""
+        """Return the configurations of a node, each with the time [ns] from which it applies."""
         known = kind.parameters()
         values: dict[str, Any] = {}
         history: list[tuple[int, Any]] = []
-        for message in self._messages(f'{node}/{PARAMETERS}'):
+        for _, message in self._messages(f'{node}/{PARAMETERS}'):
             for item in [*message.new_parameters, *message.changed_parameters]:
                 if item.name in known and item.value.type in _FIELDS:
                     value = getattr(item.value, _FIELDS[item.value.type])
@@ -195,51 +190,48 @@ class _Topics:
                 history.append((_nanoseconds(message.stamp), config))
         return history
 
-    def _states(self, names: Sequence[str], since: int, period: int) -> _States:
-        leap: list[tuple[int, Any, int]] = []
-        strays = 0
-        times: list[int] = []
-        rows: list[Any] = []
-        heard: list[int] = []
-        again: Counter[int] = Counter()
-        for recorded, message in self._readable(JOINT_STATES):
+    def _valid_states(self, names: Sequence[str], since: int) -> Iterator[_State]:
+        """Yield the states from time `since` [ns] on that a controller would accept."""
+        for recorded, message in self._messages(JOINT_STATES):
             t = _nanoseconds(message.header.stamp)
             order = _order(message.name, names)
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))
             arrays = message.position, message.velocity, effort
-            if t < since or order is None or not _fit(len(message.name), arrays[:2]):
-                continue
-            if len(effort) != len(message.name):
-                continue
-            row = [x[order] for x in arrays]
-            if not np.isfinite(row[:2]).all():
-                continue
-            if times and t <= times[-1]:
-                again[t] += t == times[-1] and np.array_equal(row, rows[-1])
-                continue
-            if times and t - times[-1] > _FEW * period:
-                # Not believed before many have gone on from there.
-                if not leap or period <= 2 * (t - leap[-1][0]) <= 2 * _FEW * period:
-                    leap.append((t, row, recorded))
-                else:
-                    strays += 1
-                    if strays > 10 * _FEW:
-                        leap, strays = [], 0
-                if len(leap) < _FEW:
-                    continue
+            if t >= since and order is not None and _fit(len(message.name), arrays):
+                row = np.array([x[order] for x in arrays])
+                if np.isfinite(row[:2]).all():
+                    yield _State(t, row, recorded)
+
+    def _states(self, names: Sequence[str], since: int, period: int) -> _States:
+        """Return the states; a step of more than `_FEW` periods needs `_FEW` that confirm it."""
+        states: list[_State] = []
+        pending: list[_State] = []
+        rejected = 0
+        repeats: Counter[int] = Counter()
+        for state in self._valid_states(names, since):
+            step = state.t - states[-1].t if states else 1
+            if step <= 0:
+                repeats[state.t] += step == 0 and np.array_equal(state.row, states[-1].row)
+            elif not states or step <= _FEW * period:
+                states.append(state)
+                pending, rejected = [], 0
+            elif not pending or period <= 2 * (state.t - pending[-1].t) <= 2 * _FEW * period:
+                pending.append(state)
+                if len(pending) == _FEW:
+                    states += pending
+                    pending = []
             else:
-                leap, strays = [(t, row, recorded)], 0
-            times += [instant for instant, _, _ in leap]
-            rows += [values for _, values, _ in leap]
-            heard += [moment for _, _, moment in leap]
-            leap = []
-        table = np.array(rows).reshape(len(rows), 3, len(names))
-        return _States(times, table[:, 0], table[:, 1], table[:, 2], heard, again)
+                rejected += 1
+                if rejected > 10 * _FEW:
+                    pending, rejected = [], 0
+        table = np.array([x.row for x in states]).reshape(len(states), 3, len(names))
+        return _States([x.t for x in states], table[:, 0], table[:, 1], table[:, 2],
+                       [x.recorded for x in states], repeats)
 
     def _trajectory(self, names: Sequence[str]) -> tuple[Trajectory, int]:
-        """Return the desired motion and the instant of its first point [ns]."""
+        """Return the reference and the time of its first point [ns]."""
         trajectory, start = Trajectory(), 0
-        for _, message in self._readable(REFERENCE):
+        for _, message in self._messages(REFERENCE):
             first = _nanoseconds(message.header.stamp)
             order = _order(message.joint_names, names)
             times = [first + _nanoseconds(p.time_from_start) for p in message.points]
@@ -254,43 +246,51 @@ class _Topics:
                 times, [tuple(x[order].tolist() for x in row) for row in rows])
         return trajectory, start
 
+    def _commands(self, names: Sequence[str], states: _States
+                  ) -> tuple[list[np.ndarray[Any, Any]], list[int]]:
+        """Return torques and log times [ns], without those that answer a repeated state."""
+        commands: list[np.ndarray[Any, Any]] = []
+        recorded: list[int] = []
+        repeats = 0
+        for t, message in self._messages(COMMANDS):
+            labels = [dim.label for dim in message.layout.dim] or list(names)
+            order = _order(labels, names)
+            if order is None or not _fit(len(labels), [message.data]):
+                continue
+            tau = message.data[order]
+            if not np.isfinite(tau).all():
+                continue
+            if repeats and np.array_equal(tau, commands[-1]):
+                repeats -= 1
+                continue
+            repeats = states.repeats[states.t[min(len(commands), len(states.t) - 1)]]
+            commands.append(tau)
+            recorded.append(t)
+        return commands, recorded
+
     def _torques(self, names: Sequence[str], states: _States, period: int
                  ) -> np.ndarray[Any, Any]:
         """
-        Return the torque that answers each state; nan where it is not known.
+        Return the torque that answers each state; nan where it is unknown.
 
-        Commands carry no stamp. Where there is one for every state, as in lockstep, they answer
-        them in turn, a state that was sent again more than once. Otherwise the torque is the one
-        that the next state says was applied; where that state is missing, or does not say, it is
-        the first command recorded after it, if that came as soon as usual.
+        Commands have no stamp. If there are as many as states, as in lockstep, they answer them
+        one by one. Otherwise the torque is the effort in the next state; if that state is missing
+        or has no effort, it is the first command recorded after the state, unless that came later
+        than usual.
         """
-        commands: list[Any] = []
-        recorded: list[int] = []
-        surplus = 0
-        for t, message in self._readable(COMMANDS):
-            labels = [dim.label for dim in message.layout.dim] or list(names)
-            order = _order(labels, names)
-            if order is not None and _fit(len(labels), [message.data]) and np.isfinite(
-                    message.data[order]).all():
-                tau = message.data[order]
-                if surplus and np.array_equal(tau, commands[-1]):
-                    surplus -= 1
-                    continue
-                surplus = states.again[states.t[min(len(commands), len(states.t) - 1)]]
-                commands.append(tau)
-                recorded.append(t)
+        commands, recorded = self._commands(names, states)
         if len(commands) == len(states.t):
             return np.array(commands)
         tau = np.full_like(states.effort, np.nan)
-        follows = missing(np.array(states.t, float), period) == 0
-        tau[:-1][follows] = states.effort[1:][follows]
-        heard = np.array(states.heard)
-        answer = np.searchsorted(recorded, heard)
-        delay = np.array([*recorded, sys.maxsize])[answer] - heard
+        consecutive = missing(np.array(states.t, float), period) == 0
+        tau[:-1][consecutive] = states.effort[1:][consecutive]
+        times = np.array(states.recorded)
+        answer = np.searchsorted(recorded, times)
+        delay = np.array([*recorded, sys.maxsize])[answer] - times
         # A command that comes later than usual may answer a state that is missing.
-        latest = np.median(delay) + 0.5 * np.median(np.diff(heard, append=heard[-1:]))
-        ends = np.append(heard[1:], sys.maxsize) - heard
-        known = (delay < ends) & (delay <= latest)
+        latest = np.median(delay) + 0.5 * np.median(np.diff(times, append=times[-1:]))
+        until_next = np.append(times[1:], sys.maxsize) - times
+        known = (delay < until_next) & (delay <= latest)
         for k in np.flatnonzero(known & ~np.isfinite(tau).all(axis=1)).tolist():
             tau[k] = commands[answer[k]]
         if not np.isfinite(tau[-1]).all():
@@ -298,11 +298,11 @@ class _Topics:
         return tau
 
 
-def _order(theirs: Sequence[str], ours: Sequence[str]) -> list[int] | None:
-    """Return where our joints stand among those of a message; None if it cannot be used."""
-    if len(set(theirs)) != len(theirs) or not set(ours) <= set(theirs):
+def _order(found: Sequence[str], names: Sequence[str]) -> list[int] | None:
+    """Return the index of each joint in a message; None if a name is missing or doubled."""
+    if len(set(found)) != len(found) or not set(names) <= set(found):
         return None
-    return [theirs.index(name) for name in ours]
+    return [found.index(name) for name in names]
 
 
 def _fit(n: int, rows: Sequence[Any]) -> bool:

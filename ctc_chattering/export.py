@@ -11,8 +11,7 @@ import numpy as np
 from ctc_chattering.errors import CtcError
 from ctc_chattering.result import Result
 
-#: Arrays per joint; the unit of each is the joint's torque unit, or its position unit followed
-#: by this.
+#: Arrays per joint with the suffix of the joint's position unit; None for the torque unit.
 _ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}
 
 
@@ -22,7 +21,7 @@ def write_npz(result: Result, path: Path) -> None:
 
     ``t``, shape (N,), and ``q, dq, q_d, dq_d, ddq_d, tau, v``, shape (N, n); ``joint_names``,
     ``position_units``, ``torque_units``, shape (n,); ``control_period``, ``law``, ``switching``
-    and the gains by name, in force at the end.
+    and the gains by name, as at the end.
 
     Raises
     ------
@@ -46,8 +45,8 @@ def write_csv(result: Result, path: Path) -> None:
     """
     Write samples as comma-separated values, a column per joint and quantity.
 
-    The first row names each column and its unit: ``q_elbow [rad]``. Numbers are exact; what is
-    not known is ``nan``.
+    The first row has the name and unit of each column, for example ``q_elbow [rad]``. Numbers are
+    exact; unknown ones are ``nan``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Figures of finished runs; every function raises `CtcError` for a run without samples."""
+"""Figures of runs; every function raises `CtcError` for a run without samples."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from ctc_chattering.run_names import colour, name, names
 PAPER_FIGURES = {
     ('friction', 'compensation'): (2, 4), ('friction', 'chattering'): (3, 5),
     ('disturbance', 'compensation'): (6, 8), ('disturbance', 'chattering'): (7, 9)}
-#: Length of the slices that are drawn larger: of positions, of torques [s].
+#: Length of the enlarged slices of positions and torques [s].
 SLICE, SHORT_SLICE = 1.0, 0.2
-#: The chattering term z as each switching has it.
+#: The chattering term z of each switching.
 _TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
           'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
-#: What a format calls the time of writing, which is left out: the same run, the same file.
+#: Metadata key of the time of writing; it is left out, so that equal runs give equal files.
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
 _WHOLE = slice(None)
@@ -53,18 +53,18 @@ _PLAIN = 'compensation'
 
 @dataclasses.dataclass(frozen=True)
 class FigureFile:
-    """A figure on disk: the SVG, what it shows, and how to read it."""
+    """A figure on disk: the SVG, its title and its caption."""
 
     path: Path
     title: str
     caption: str
 
 
-def tracking(result: Result, called: str = '') -> Figure:
+def tracking(result: Result, run_name: str = '') -> Figure:
     """Draw q against q_d for each joint, and the 1-norm of the error."""
     run, n = result.run, _joints(result)
     sums = error_sums(result)
-    sheet = _Sheet(result, f'Tracking – {called or name(result)}{_paper(result, 0)}',
+    sheet = _Sheet(result, f'Tracking – {run_name or name(result)}{_paper(result, 0)}',
                    n + len(sums), (3.0, 1.35), 1.45, SLICE)
     for column, part in enumerate((_WHOLE, sheet.window)):
         for i, (joint, unit) in enumerate(zip(result.joint_names, result.position_units)):
@@ -84,10 +84,10 @@ def tracking(result: Result, called: str = '') -> Figure:
     return sheet.finished()
 
 
-def torques(result: Result, called: str = '') -> Figure:
-    """Draw the torque of each joint, the whole run and a slice."""
+def torques(result: Result, run_name: str = '') -> Figure:
+    """Draw the torque of each joint over the whole run and over a slice."""
     tau, n = result.run.tau, _joints(result)
-    sheet = _Sheet(result, f'Torques – {called or name(result)}{_paper(result, 1)}', n,
+    sheet = _Sheet(result, f'Torques – {run_name or name(result)}{_paper(result, 1)}', n,
                    (3.0, 1.35), 2.1 if n < 4 else 1.5, SHORT_SLICE)
     for i, (joint, unit) in enumerate(zip(result.joint_names, result.torque_units)):
         ylabel = f'{"τ" if unit == "N·m" else "force"} [{unit}]'
@@ -99,10 +99,10 @@ def torques(result: Result, called: str = '') -> Figure:
     return sheet.finished()
 
 
-def internals(result: Result, called: str = '') -> Figure:
+def internals(result: Result, run_name: str = '') -> Figure:
     """Draw V, and for each joint the filtered error v and the chattering term z."""
     terms, n = result.terms, _joints(result)
-    sheet = _Sheet(result, f'V, filtered error and chattering term – {called or name(result)}',
+    sheet = _Sheet(result, f'V, filtered error and chattering term – {run_name or name(result)}',
                    n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', _WHOLE)
     sheet.line(ax, terms.lyapunov, _WHOLE, linewidth=0.9)
@@ -132,17 +132,17 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
     """
     Write every figure of `results` as SVG and return them in the order in which to show them.
 
-    Two results or more are compared as well. The directory is made if need be. Nothing is
-    written if a run has no samples; `CtcError` also if a file cannot be written.
+    Two or more results are also compared. The directory is created if necessary. Nothing is
+    written if a run has no samples; `CtcError` is also raised if a file cannot be written.
 
     Parameters
     ----------
     results : sequence of Result
-        What to draw.
+        Runs to draw.
     directory : Path
-        Where to.
+        Directory of the files.
     extra : str
-        Another format to write each figure in beside it: ``pdf`` or ``png``.
+        A second format for each figure: ``pdf`` or ``png``.
 
     """
     for result in results:
@@ -150,7 +150,7 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
     files = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for stem, figure, caption in _all(results):
+        for stem, figure, caption in _figures(results):
             for kind in dict.fromkeys(('svg', extra)):
                 figure.savefig(directory / f'{stem}.{kind}', dpi=DOTS,
                                metadata={} if kind == 'png' else {_DATES[kind]: None})
@@ -160,37 +160,37 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
     return files
 
 
-def _all(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
-    """Yield file name, figure and caption, each figure made when it is due."""
+def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
+    """Yield file name, figure and caption."""
     if len(results) > 1:
-        judged = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
+        complete = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
         yield 'comparison_error', error_comparison(results), (
             'Sum of the absolute joint errors over time on a logarithmic axis, one panel per '
             'experiment.' + (' The legend gives the largest value within the shaded time.'
-                             if judged else ''))
+                             if complete else ''))
         yield 'comparison_scores', score_comparison(results), (
-            'Left: RMS error of each joint. Right: how far each torque travels in a second.')
+            'Left: RMS error of each joint. Right: torque variation, Σ |Δτ| per second.')
     used: set[str] = set()
-    for result, called in zip(results, names(results)):
-        text = result.slug + called.removeprefix(result.label)
+    for result, run_name in zip(results, names(results)):
+        text = result.slug + run_name.removeprefix(result.label)
         stem = re.sub(r'[^\w.-]+', '_', text).strip('_.') or 'run'
         slug = stem if stem not in used else f'{stem}_{len(used) + 1}'
         used.add(slug)
         where = 'enlarged ' + ('about the last change.' if result.marks else 'at the end.')
         if result.missing.any():
             where += f' {int(result.missing.sum())} samples are missing; longer gaps are hatched.'
-        yield f'{slug}_tracking', tracking(result, called), (
+        yield f'{slug}_tracking', tracking(result, run_name), (
             'Joint positions (solid) against the reference (dashed), and the sum of the '
             f'absolute errors, on a logarithmic axis. Right: {where}')
-        yield f'{slug}_torques', torques(result, called), (
+        yield f'{slug}_torques', torques(result, run_name), (
             f'Torques sent to the joints. Right: {where}')
-        yield f'{slug}_internals', internals(result, called), (
-            'Beyond the paper: the Lyapunov function V of its proof, the filtered error v that '
-            f'is to reach zero, and the chattering term. Right: {where}')
+        yield f'{slug}_internals', internals(result, run_name), (
+            'Not in the paper: the Lyapunov function V of its proof, the filtered error v, and '
+            f'the chattering term. Right: {where}')
 
 
 class _Sheet:
-    """A figure of one run; `window` is the slice to enlarge: at the end or a change of law."""
+    """A figure of one run; `window` is the enlarged slice, at the end or a change of law."""
 
     def __init__(self, result: Result, title: str, rows: int, widths: Sequence[float],
                  height: float, length: float) -> None:
@@ -203,7 +203,7 @@ class _Sheet:
         self.window = slice(int(first), max(int(last), int(first) + 1))
 
     def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str, part: slice) -> Axes:
-        """Add axes over the samples `part`, with the marks and gaps that belong there."""
+        """Add axes over the samples `part`, with marks and gaps."""
         t, window = self.result.run.t[part], self.result.run.t[self.window]
         if part == _WHOLE:
             ax = panel(self.figure, self._grid[cell], title, ylabel, t)
@@ -238,7 +238,7 @@ def _joints(result: Result) -> int:
 
 
 def _paper(result: Result, which: int) -> str:
-    """Return the suffix of a title that names the paper's figure; `which` as in the table."""
+    """Return the suffix of a title with the number of the paper's figure."""
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.configs[-1][1]
     same = (not result.marks and config.model == 'two_link' and set(config.ka) == {10.0}

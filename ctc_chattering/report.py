@@ -1,4 +1,4 @@
-"""What is left of an experiment to read: ``metrics.json`` and a page that needs no network."""
+"""The HTML page of an experiment: metrics and figures, without any external resource."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ctc_chattering.plots import FigureFile
 from ctc_chattering.result import finite, Result, write_text
 from ctc_chattering.run_names import colours, gains, LAW_COLOURS, names
 
-#: Columns of the table with a number per run, and per joint: key, heading, unit.
+#: Columns of the table, per run and per joint: key, heading, unit.
 RUN_COLUMNS = (('max_error_norm1_rad', 'Largest Σ |eᵢ|', 'rad'),
                ('reaching_time_s', 'v reached', 's'))
 JOINT_COLUMNS = (('rms_error_rad', 'RMS error', 'rad'), ('rms_torque_nm', 'RMS torque', 'N·m'),
@@ -26,7 +26,7 @@ JOINT_COLUMNS = (('rms_error_rad', 'RMS error', 'rad'), ('rms_torque_nm', 'RMS t
 def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: Path,
                bags: Sequence[str | None] = (), metrics: str | None = 'metrics.json') -> None:
     """
-    Write the page that shows the results: numbers first, then all figures.
+    Write a page with the results: metrics, then all figures.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
     path : Path
         The page, for example ``out/index.html``.
     bags : sequence of str or None
-        Where the bag of each result is, relative to the page; None or left out for no link.
+        Path of each result's bag relative to the page; None or left out for no link.
     metrics : str or None
-        Where ``metrics.json`` is, relative to the page; None for no link.
+        Path of ``metrics.json`` relative to the page; None for no link.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def _url(path: str) -> str:
 
 
 def _number(value: float | None) -> str:
-    """Return a number to three digits, with the exact one for a machine."""
+    """Return a number to three digits, with the exact value in the attribute."""
     if value is None:
         return '<span class="none" title="none">–</span>'
     if 1e-5 <= abs(value) < 1e7:
@@ -84,9 +84,9 @@ def _number(value: float | None) -> str:
 
 
 def _factor(before: float, after: float) -> str:
-    """Return how many times smaller, or larger, `after` is."""
+    """Return by what factor `after` is smaller or larger."""
     if before == after:
-        return 'as large'
+        return 'the same'
     if not after or not before:
         return 'zero' if not after else 'no longer zero'
     ratio = max(before / after, after / before)
@@ -96,7 +96,7 @@ def _factor(before: float, after: float) -> str:
 
 def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]
            ) -> Iterator[tuple[Result, dict[str, Any], dict[str, Any]]]:
-    """Yield each run under chattering alone, its numbers, and those under compensation."""
+    """Yield each run under chattering only, its metrics, and those under compensation."""
     base: dict[str, dict[str, Any]] = {}
     whole = [(result, run) for result, run in zip(results, runs)
              if not result.changes and run['max_error_norm1_rad'] is not None]
@@ -117,13 +117,13 @@ def _headline(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
 
 
 def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield a card for each pair of runs that differ in the law."""
+    """Yield a card for each pair of runs under the two laws."""
     for result, run, base in _pairs(results, runs):
         key, unit = 'max_error_norm1_rad', result.position_units[0]
         joints = '; '.join(
             f'{escape(name)} {_factor(a, b)}' for name, a, b in
             zip(result.joint_names, base['rms_error_rad'], run['rms_error_rad']))
-        price = '; '.join(
+        variation = '; '.join(
             f'{escape(name)} {_factor(a, b)}' for name, a, b in zip(
                 result.joint_names, base['torque_variation_nm_per_s'],
                 run['torque_variation_nm_per_s']))
@@ -133,12 +133,12 @@ def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> I
             '<p>Largest error: '
             f'<b class="compensation">{_number(base[key])} {unit}</b> under compensation → '
             f'<b class="chattering">{_number(run[key])} {unit}</b> with chattering.</p>'
-            f'<p class="fine">RMS error: {joints}.<br>Price, torque variation: {price}.</p>'
+            f'<p class="fine">RMS error: {joints}.<br>Torque variation: {variation}.</p>'
             '</section>\n')
 
 
 def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield a card for each run in which v came to stay near zero after a change of law."""
+    """Yield a card for each run in which v reached 0 after a change of law."""
     for result, run in zip(results, runs):
         reached = run['reaching_time_s']
         if result.changes and reached is not None and reached > result.changes[-1][0]:
@@ -153,7 +153,7 @@ def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Ite
 
 
 def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
-    """Return the table: per run its own numbers, and a row per joint."""
+    """Return the table of metrics with a row per joint."""
     units = ''.join(f'<th scope="col" class="n">{name}<br><small>[{unit}]</small></th>'
                     for columns in (RUN_COLUMNS, (('', 'Joint', ''),), JOINT_COLUMNS)
                     for _, name, unit in columns).replace('<br><small>[]</small>', '')
@@ -181,13 +181,13 @@ def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
             f'<tbody>{chr(10).join(rows)}</tbody></table></div>\n<p class="fine">{when} '
             'v reached: '
             f'the time from which every |vᵢ| stays within {BAND:g} rad/s to the end. '
-            'Torque variation: how far the torque travels in a second.</p>'
+            'Torque variation: Σ |Δτ| per second.</p>'
             + ''.join(f'<p class="attention"><b>{escape(run["name"])}:</b> {escape(text)}.</p>'
                       for run in runs for text in run['notes']))
 
 
 def _unit(result: Result, joint: int, unit: str) -> str:
-    """Return the unit of a number of a joint that slides, which is not the heading's."""
+    """Return the unit for a prismatic joint, which differs from the heading's."""
     if result.position_units[joint] == 'rad' or unit == 's':
         return ''
     return f' <small>{unit.replace("rad", "m").replace("N·m", "N")}</small>'
@@ -253,8 +253,8 @@ details { margin: .5rem 0; }
 </head>
 <body>
 <h1>$headline</h1>
-<p class="lead">A robot arm with friction the controller does not know, under computed torque plus
-compensation, and under the same law plus a chattering term Ka sgn(v).</p>
+<p class="lead">A robot arm with friction that the controller does not know, under computed torque
+plus compensation, and under the same law plus a chattering term Ka sgn(v).</p>
 $cards
 $first
 <h2>Numbers</h2>

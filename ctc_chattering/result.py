@@ -1,4 +1,4 @@
-"""A finished run together with what it takes to draw it and to sum it up."""
+"""A finished run with its configuration, and its metrics."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from ctc_chattering.core.tree import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Setup
 
-#: Time that v is given to reach 0 [s].
+#: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5
-#: Parameters that only one switching has.
+#: Gains of one switching only.
 _OWN_GAINS = {'boundary_layer': ('boundary_layer',), 'implicit_observer': ('observer_bandwidth',)}
 
 
@@ -39,13 +39,13 @@ class Result:
     Attributes
     ----------
     experiment : str
-        Its title, for example ``friction``.
+        Its name, for example ``friction``.
     configs : sequence of (time, ControllerConfig)
-        The controller's configurations in the order in which they came into force [s].
+        The controller's configurations, and the times from which they apply [s].
     run : Run
         The samples.
     computed : Terms, optional
-        Terms, if they are known already.
+        Terms, if they are known; otherwise computed when first asked for.
     description : str
         The URDF of the controller's model; empty for a model that needs none.
     source : str
@@ -62,18 +62,18 @@ class Result:
 
     @cached_property
     def terms(self) -> Terms:
-        """The parts of the torque, v and V, computed when first asked for."""
+        """The parts of the torque, v and V."""
         return self.computed or terms(
             self.run, self.configs, model_of(self.configs[0][1], self.description))
 
     @property
     def law(self) -> str:
-        """The law in force at the end."""
+        """The law at the end."""
         return self.configs[-1][1].law
 
     @property
     def switching(self) -> str:
-        """The switching in force at the end."""
+        """The switching at the end."""
         return self.configs[-1][1].switching
 
     @property
@@ -89,20 +89,20 @@ class Result:
 
     @property
     def marks(self) -> list[tuple[float, str]]:
-        """Times [s] at which law or switching changed during the run, with what they became."""
+        """Times [s] at which law or switching changed during the run, with the new one."""
         return [(t, new.law if new.law != old.law else new.switching)
                 for (_, old), (t, new) in zip(self.configs, self.configs[1:])
                 if (new.law, new.switching) != (old.law, old.switching)]
 
     @property
     def label(self) -> str:
-        """Experiment and laws in words, for a legend."""
+        """Experiment and laws, for a legend."""
         laws = [self.configs[0][1].law, *(law for _, law in self.changes)]
         return f'{self.experiment}: {" → ".join(laws)}'
 
     @property
     def slug(self) -> str:
-        """Experiment and law in a form fit for a file name."""
+        """Experiment and law, for a file name."""
         return self.experiment if self.changes else f'{self.experiment}_{self.law}'
 
     @cached_property
@@ -120,7 +120,7 @@ class Result:
 
     @property
     def gains(self) -> dict[str, Any]:
-        """The gains in force at the end, by parameter name."""
+        """The gains at the end, by parameter name."""
         config = self.configs[-1][1]
         values = config.as_mapping()
         names = ('kp', 'kv', 'ka', 'lambda', 'b', *_OWN_GAINS.get(self.switching, ()))
@@ -128,7 +128,7 @@ class Result:
 
     @cached_property
     def missing(self) -> npt.NDArray[np.int64]:
-        """Number of samples missing after each but the last, shape (N - 1,)."""
+        """Number of samples missing after each sample but the last, shape (N - 1,)."""
         return missing(self.run.t, self.configs[0][1].control_period)
 
     @cached_property
@@ -136,8 +136,8 @@ class Result:
         """
         How often the chattering term of each joint is at its bound within the window.
 
-        Not counted is the time after a start or a change of parameters in which v comes to 0.
-        None without a sample under law ``chattering``.
+        The first `_REACHING` seconds after the start and after a change of parameters are not
+        counted. None without a sample under law ``chattering``.
         """
         count = TermSaturation(len(self.joint_names))
         t = self.run.t
@@ -169,18 +169,17 @@ class Result:
             'notes': list(self._notes(numbers, mixed))}
 
     def _notes(self, numbers: dict[str, Any], mixed: bool) -> Iterator[str]:
-        """Yield why numbers are missing, and what about the run needs attention."""
+        """Yield why metrics are missing, and what else the user should know."""
         low, high = numbers['window_s']
         if numbers['rms_error_rad'] is None and len(self.run.t):
-            yield (f'errors and torques are judged from {low:g} s to {high:g} s; this run is '
+            yield (f'metrics are computed from {low:g} s to {high:g} s; this run is '
                    f'from {self.run.t[0]:.4g} s to {self.run.t[-1]:.4g} s')
         if mixed:
-            yield ('no sum of errors: some joints turn, others slide, and their numbers are in m '
-                   'and N')
-        lacking = int(self.missing.sum())
-        if lacking:
-            yield (f'{lacking} of {lacking + len(self.run.t)} samples are missing; errors are '
-                   'those of the samples that are there, the torque variation that of neighbours')
+            yield 'no sum of errors: prismatic joints have errors in m, the others in rad'
+        lost = int(self.missing.sum())
+        if lost:
+            yield (f'{lost} of {lost + len(self.run.t)} samples are missing; errors are computed '
+                   'from the others, the torque variation from consecutive ones')
         for name, found in zip(self.joint_names, self.saturation or ()):
             if found.cause:
                 yield f'{name}: {found}'
@@ -195,7 +194,7 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> 
     setup : Setup
         As `params.load` returns it.
     progress : callable, optional
-        Called now and then with the simulated time [s].
+        Called at intervals with the simulated time [s].
 
     """
     run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress,
@@ -214,7 +213,7 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
     """
     Write ``{"runs": [...]}``, an object per run, as strict JSON.
 
-    A number that is not finite, which JSON cannot say, becomes null.
+    Numbers that are not finite, for which JSON has no form, become null.
 
     Raises
     ------

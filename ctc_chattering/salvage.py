@@ -1,4 +1,4 @@
-"""Opening bags; what is left of those that are damaged, and a whole bag made of it."""
+"""Opening bags, and recovering the messages of damaged ones."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class Recovery:
     begin, end : int
         Log times of the first and the last of them [ns].
     lost : int
-        Bytes that could not be read: damaged chunks, the ends of files that are cut off, and
-        messages that no bag can hold.
+        Bytes that could not be read: damaged chunks, the ends of truncated files, and messages
+        without a type or a valid time.
 
     """
 
@@ -106,7 +106,7 @@ class BagReader:
         """Yield connection, log time [ns] and data; raise `CtcError` where the bag is damaged."""
         try:
             yield from self._reader.messages(connections)
-        except Exception as error:  # Readers and decompressors raise what they like.
+        except Exception as error:  # Damaged chunks may raise any exception.
             raise _damaged(self._path, error) from None
 
     def deserialize(self, data: bytes, kind: str) -> Any:
@@ -140,7 +140,7 @@ def open_bag(path: Path) -> BagReader:
         for file in place.glob('*.mcap'):
             check_index(file)
         reader = BagReader(path, place)
-    except Exception as error:  # Readers of YAML and MCAP raise what they like.
+    except Exception as error:  # Damaged YAML or MCAP may raise any exception.
         if any(place.glob('*.mcap')):
             raise _damaged(path, error) from None
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
@@ -150,13 +150,13 @@ def open_bag(path: Path) -> BagReader:
 
 
 def _damaged(path: Path, error: Exception) -> CtcError:
-    """Return an error that names the bag and says what to do."""
-    advice = f'; "ctc repair {path}" recovers what is whole' if any(path.glob('*.mcap')) else ''
+    """Return an error that names the bag and what to do."""
+    advice = f'; "ctc repair {path}" recovers the rest' if any(path.glob('*.mcap')) else ''
     return CtcError(f'{path}: damaged: {" ".join(str(error).split()).rstrip(".")}{advice}')
 
 
 def is_whole(bag: Path) -> bool:
-    """Return whether all the messages that a bag says it has can be read."""
+    """Return whether all messages that the metadata of a bag count can be read."""
     if is_damaged(bag):
         return False
     try:
@@ -208,17 +208,17 @@ def recover(bag: Path, target: Path) -> Recovery:
 
 def repair(bag: Path) -> tuple[Recovery, Path] | None:
     """
-    Put a whole bag in the place of a damaged one, which is kept beside it.
+    Replace a damaged bag by one with all messages that can be read; keep the damaged one.
 
     Returns
     -------
     (Recovery, Path) or None
-        What was recovered, and where the damaged bag is now; None if the bag is not damaged.
+        What was recovered, and the new path of the damaged bag; None if the bag is not damaged.
 
     Raises
     ------
     CtcError
-        If there is no damaged bag, or nothing can be recovered.
+        If there is no bag, or nothing can be recovered.
 
     """
     if not bag.exists():
@@ -239,7 +239,7 @@ def repair(bag: Path) -> tuple[Recovery, Path] | None:
 
 
 def _messages(file: Path, found: Recovery) -> Iterator[tuple[str, TopicType, Message]]:
-    """Yield the messages of one file, without chunks that are damaged, up to where it is cut."""
+    """Yield topic, type and message of one file, without damaged chunks."""
     schemas: dict[int, Schema] = {}
     topics: dict[int, tuple[str, TopicType]] = {}
     for record in _records(file, found):
@@ -259,7 +259,7 @@ def _messages(file: Path, found: Recovery) -> Iterator[tuple[str, TopicType, Mes
 
 
 def _records(file: Path, found: Recovery) -> Iterator[McapRecord]:
-    """Yield what stands in one file, in chunks or outside."""
+    """Yield the records of one file, in chunks or outside."""
     size = file.stat().st_size
     with file.open('rb') as stream:
         records = StreamReader(stream, emit_chunks=True, record_size_limit=size).records
@@ -270,7 +270,7 @@ def _records(file: Path, found: Recovery) -> Iterator[McapRecord]:
                 whole = stream.tell()
             except StopIteration:
                 return
-            except Exception:  # Whatever a decoder makes of bytes that are no record.
+            except Exception:  # A damaged record may raise any exception.
                 found.lost += size - whole
                 return
             if not isinstance(record, Chunk):
@@ -278,7 +278,7 @@ def _records(file: Path, found: Recovery) -> Iterator[McapRecord]:
                 continue
             try:
                 inside = breakup_chunk(record, validate_crc=True)
-            except Exception:  # The same, of a decompressor.
+            except Exception:  # A damaged chunk may raise any exception.
                 found.lost += len(record.data)
                 continue
             yield from inside

@@ -306,7 +306,7 @@ def test_a_prismatic_joint_has_its_units() -> None:
     scores = comparison_plots.score_comparison([result, result])
     assert scores.axes[0].get_xlabel() == 'RMS error [m or rad]'
     numbers = result.metrics()
-    assert numbers['max_error_norm1_rad'] is None and 'slide' in numbers['notes'][0]
+    assert numbers['max_error_norm1_rad'] is None and 'prismatic' in numbers['notes'][0]
     assert (numbers['position_units'], numbers['torque_units']) == (['m', 'rad'], ['N', 'N·m'])
 
 
@@ -328,7 +328,7 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
                 hatched = [p for p in ax.patches if p.get_hatch()]
                 assert [p.get_extents().transformed(ax.transData.inverted()).intervalx.tolist()
                         for p in hatched] == [pytest.approx([run.t[99], run.t[100]])]
-    assert 'hatched' in next(caption for _, _, caption in plots._all([result]))
+    assert 'hatched' in next(caption for _, _, caption in plots._figures([result]))
 
 
 @pytest.mark.parametrize(('switching', 'text'), [

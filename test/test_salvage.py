@@ -1,4 +1,4 @@
-"""Bags cut off anywhere, and what is left of them."""
+"""Bags that are truncated or have wrong bytes, and what is recovered of them."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import signal
 import struct
 from tempfile import TemporaryDirectory
 import time
+from typing import Any
 
 from bags import entries, write_bag
 from faults import nodes_of
@@ -23,11 +24,13 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer as McapWriter
 import numpy as np
 import pytest
 from ros import bringup, CONFIG, PATIENCE, perform, Stopwatch, wait_for
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
+import yaml
 
 from ctc_chattering import params
 from ctc_chattering.bag import read_bag
@@ -35,7 +38,7 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.result import simulated
-from ctc_chattering.salvage import is_whole, open_bag, repair, recover
+from ctc_chattering.salvage import is_whole, open_bag, recover, repair
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:
@@ -62,7 +65,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def cut(whole: Path, target: Path, size: int) -> Path:
-    """Copy the first `size` bytes of a bag, and no metadata, as a kill leaves it."""
+    """Copy the first `size` bytes of a bag, without metadata, as a killed recorder leaves it."""
     target.mkdir()
     data = (whole / f'{whole.name}_0.mcap').read_bytes()
     (target / f'{whole.name}_0.mcap').write_bytes(data[:size])
@@ -89,7 +92,7 @@ def test_cut_at_50_places_all_flushed_before_is_there(
 
 @st.composite
 def recordings(draw: st.DrawFn) -> list[list[tuple[str, int, bytes]]]:
-    """Return messages with topic and log time, those of each flush in a list."""
+    """Return topic, log time and data of messages, a list for each flush."""
     steps = st.tuples(st.sampled_from('abc'), st.integers(0, 10 ** 9), st.integers(0, 300))
     t, flushes = 0, []
     for part in draw(st.lists(st.lists(steps, min_size=1, max_size=8), min_size=1, max_size=5)):
@@ -103,7 +106,7 @@ def recordings(draw: st.DrawFn) -> list[list[tuple[str, int, bytes]]]:
 
 
 def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[bytes, list[int]]:
-    """Record without an end; return the file, and its size after each flush."""
+    """Record without closing; return the file, and its size after each flush."""
     recording, sizes = Recording(folder), []
     file = folder / f'{folder.name}_0.mcap'
     for rows in flushes:
@@ -120,7 +123,7 @@ def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[b
 @given(recordings(), st.floats(0.0, 1.0), st.none() | st.integers(1, 255))
 def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
         flushes: list[list[tuple[str, int, bytes]]], where: float, wrong: int | None) -> None:
-    """Of a bag that is cut off, whole flushes; of one with a wrong byte, those before it."""
+    """Check complete flushes of a truncated bag, and those before a wrong byte."""
     with TemporaryDirectory() as scratch:
         data, sizes = killed(Path(scratch) / 'run', flushes)
         place = min(int(where * len(data)), len(data) - 1)
@@ -208,7 +211,7 @@ def test_what_is_no_bag_cannot_be_repaired(whole: Path, tmp_path: Path) -> None:
 
 def test_a_whole_bag_is_left_as_it_is(
         whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also after a repair, and where it is not ours."""
+    """Check this after a repair, and with a bag of another writer, too."""
     bag = tmp_path / 'bag'
     shutil.copytree(whole, bag)
     before = {path.name: (path.stat().st_ino, path.read_bytes()) for path in bag.iterdir()}
@@ -228,7 +231,7 @@ def test_a_whole_bag_is_left_as_it_is(
 
 
 def wrong_bytes(file: Path, places: Sequence[int], dice: random.Random) -> Iterator[int]:
-    """Have one byte of a file wrong at a time, and none in the end."""
+    """Change one byte of a file at a time; restore it at the end."""
     data = file.read_bytes()
     for place in places:
         wrong = bytes([data[place] ^ dice.randint(1, 255)])
@@ -255,7 +258,7 @@ def test_a_bag_with_a_wrong_byte_is_not_whole_or_holds_the_same(
 
 
 def test_a_wrong_byte_in_a_chunk_is_found_and_costs_no_other(whole: Path, tmp_path: Path) -> None:
-    """Check chunks that do not say what the topics are, as the first does."""
+    """Check chunks without definitions of topics, which the first one has."""
     bag, complete = tmp_path / 'bag', messages(whole)
     shutil.copytree(whole, bag)
     file, dice = bag / 'bag_0.mcap', random.Random(2)
@@ -269,7 +272,7 @@ def test_a_wrong_byte_in_a_chunk_is_found_and_costs_no_other(whole: Path, tmp_pa
         assert not is_whole(bag)
     assert is_whole(bag)
     next(wrong_bytes(file, places[5:], dice))
-    error = f'^{bag}: damaged: .*; "ctc repair {bag}" recovers what is whole$'
+    error = f'^{bag}: damaged: .*; "ctc repair {bag}" recovers the rest$'
     with pytest.raises(CtcError, match=error):
         read_bag(bag)
     done = repair(bag)
@@ -279,7 +282,7 @@ def test_a_wrong_byte_in_a_chunk_is_found_and_costs_no_other(whole: Path, tmp_pa
 
 
 def test_a_chunk_said_to_hold_another_topic_is_found(whole: Path, tmp_path: Path) -> None:
-    """Check what would have a reader of one topic pass over the chunk."""
+    """Check a byte because of which a reader of one topic would skip the chunk."""
     bag = tmp_path / 'bag'
     shutil.copytree(whole, bag)
     file = bag / 'bag_0.mcap'
@@ -297,7 +300,7 @@ def test_a_chunk_said_to_hold_another_topic_is_found(whole: Path, tmp_path: Path
 
 
 def test_checksums_of_0_stand_for_none(whole: Path, tmp_path: Path) -> None:
-    """Check a bag as rosbags writes it."""
+    """Check a bag with checksums of 0, as rosbags writes them."""
     bag = tmp_path / 'bag'
     shutil.copytree(whole, bag)
     file = bag / 'bag_0.mcap'
@@ -314,6 +317,37 @@ def test_checksums_of_0_stand_for_none(whole: Path, tmp_path: Path) -> None:
     file.write_bytes(data)
     assert repair(bag) is None
     assert messages(bag) == messages(whole)
+
+
+def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
+    """Check a type that is not installed, and policies as numbers, as in bags of ROS 2 Humble."""
+    (tmp_path / 'bag').mkdir()
+    forever = {'sec': 1, 'nsec': 2}
+    profile = {'history': 1, 'depth': 5, 'reliability': 2, 'durability': 1, 'deadline': forever,
+               'lifespan': forever, 'liveliness': 1, 'liveliness_lease_duration': forever,
+               'avoid_ros_namespace_conventions': False}
+    with (tmp_path / 'bag' / 'bag_0.mcap').open('wb') as stream:
+        writer: Any = McapWriter(stream)
+        writer.start('ros2')
+        schema = writer.register_schema('my_msgs/msg/Thing', 'ros2msg', b'float64 x')
+        for topic, text in (('/a', yaml.safe_dump([profile])), ('/b', 'a: ['), ('/c', '')):
+            channel = writer.register_channel(topic, 'cdr', schema, {'offered_qos_profiles': text})
+            writer.add_message(channel, 7, b'\0\1\0\0' + bytes(8), 7)
+        writer.flush()
+    assert recover(tmp_path / 'bag', tmp_path / 'whole').messages == 3
+    assert is_whole(tmp_path / 'whole')
+    with (tmp_path / 'whole' / 'whole_0.mcap').open('rb') as stream:
+        rows = [(channel.topic, schema and (schema.name, schema.data), message.data)
+                for schema, channel, message in make_reader(stream).iter_messages()]
+    assert rows == [(topic, ('my_msgs/msg/Thing', b'float64 x'), b'\0\1\0\0' + bytes(8))
+                    for topic in ('/a', '/b', '/c')]
+    text = (tmp_path / 'whole' / 'metadata.yaml').read_text(encoding='utf-8')
+    topics = [x['topic_metadata'] for x in yaml.safe_load(text)['rosbag2_bagfile_information'][
+        'topics_with_message_count']]
+    assert [x['offered_qos_profiles'] for x in topics[1:]] == [[], []]
+    (found,) = topics[0]['offered_qos_profiles']
+    assert found == {**profile, 'history': 'keep_last', 'reliability': 'best_effort',
+                     'durability': 'transient_local', 'liveliness': 'automatic'}
 
 
 @pytest.mark.ros
@@ -338,7 +372,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> Non
 
 @pytest.mark.ros
 def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
-    """The limit on the size of files stands for the end of the disk."""
+    """Check with a limit on the size of files instead of a full disk."""
     bag = tmp_path / 'bag'
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, hard))

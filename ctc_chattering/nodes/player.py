@@ -1,4 +1,4 @@
-"""Publishing a bag on its topics again, each message at its time."""
+"""Publishing the messages of a bag on their topics, each at its time."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from ctc_chattering.salvage import BagReader
 
 #: Period of ``/clock`` where the bag holds none [ns].
 _CLOCK_PERIOD = 10_000_000
-#: For how long subscribers that are known may take to be connected [s].
+#: Longest wait until all known subscribers have matched [s].
 _MATCHING = 5.0
-#: What they may take to know of it themselves [s].
+#: Time after that until the subscribers have matched, too [s].
 _SETTLE = 0.5
-#: Longest sleep between two looks at signals [s].
-_NAP = 0.05
+#: Longest sleep between two checks for signals [s].
+_SLEEP = 0.05
 
 
 def play(reader: BagReader, rate: float, delay: float) -> int:
     """
-    Publish all messages of an open bag, but for those of types not installed, and the clock.
+    Publish all messages of an open bag whose types are installed, and the clock.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ def play(reader: BagReader, rate: float, delay: float) -> int:
     Returns
     -------
     int
-        Number of messages published, those of a clock of our own not counted. SIGINT and SIGTERM
-        end it early.
+        Number of messages published, without those of a clock that the bag does not contain.
+        SIGINT and SIGTERM end it early.
 
     """
     stop = signals.collect()
@@ -71,7 +71,7 @@ def play(reader: BagReader, rate: float, delay: float) -> int:
         while not stop and time.monotonic() < begin + _MATCHING and not all(
                 publisher.get_subscription_count() >= node.count_subscribers(topic)
                 for topic, publisher in publishers.items()):
-            time.sleep(_NAP)
+            time.sleep(_SLEEP)
         begin = time.monotonic() + _SETTLE
         for t, topic, data in _messages(reader, clock is not None):
             _sleep_until(begin + (t - reader.start_time) / NANOSECONDS / rate, stop)
@@ -90,7 +90,7 @@ def play(reader: BagReader, rate: float, delay: float) -> int:
 
 
 def _types(connections: Sequence[Connection]) -> dict[str, Any]:
-    """Return message classes by name; say in one line which topics have types not installed."""
+    """Return message classes by name; print a line with the topics whose types are missing."""
     types, missing = {}, []
     for connection in connections:
         try:
@@ -104,13 +104,13 @@ def _types(connections: Sequence[Connection]) -> dict[str, Any]:
 
 
 def _sleep_until(instant: float, stop: Sequence[int]) -> None:
-    """Wait for a moment of the monotonic clock [s], or a signal."""
+    """Wait until a time on the monotonic clock [s], or a signal."""
     while not stop and (left := instant - time.monotonic()) > 0.0:
-        time.sleep(min(left, _NAP))
+        time.sleep(min(left, _SLEEP))
 
 
 def _messages(reader: BagReader, with_clock: bool) -> Iterator[tuple[int, str, Any]]:
-    """Return log time [ns], topic and data in turn; the topic is empty for our clock."""
+    """Yield log time [ns], topic and data; the topic is empty for an added clock."""
     tick = reader.start_time
     for connection, t, data in reader.messages():
         while with_clock and tick <= t:
@@ -120,7 +120,7 @@ def _messages(reader: BagReader, with_clock: bool) -> Iterator[tuple[int, str, A
 
 
 def _qos(connection: Connection) -> QoSProfile:
-    """Return the profile that the recorded publisher offered, as far as it matters here."""
+    """Return durability and reliability that the recorded publishers offered."""
     offered = getattr(connection.ext, 'offered_qos_profiles', None) or ()
     latched = any(x.durability == QosDurability.TRANSIENT_LOCAL for x in offered)
     lossy = any(x.reliability == QosReliability.BEST_EFFORT for x in offered)
