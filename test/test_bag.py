@@ -1,4 +1,4 @@
-"""Bags read back: the run to the last bit, and one line for anything that is no bag."""
+"""Bags read back: the run to the last bit, and a one-line error for anything that is no bag."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_repeated_stamps(tmp_path: Path) -> None:
 
 
 def test_states_before_the_controller_s_start(tmp_path: Path) -> None:
-    """Check that states which nobody has answered yet are no part of the run."""
+    """Check that states before the first command are not part of the run."""
     start = 10 ** 9
     early = [entry for entry in messages(start=0) if entry.topic == '/joint_states'][:50]
     assert early[-1].t < start
@@ -117,7 +117,7 @@ def test_commands_without_labels_and_states_without_effort(tmp_path: Path) -> No
 
 
 def test_a_joint_state_of_other_joints(tmp_path: Path) -> None:
-    """Check that a gripper's own messages on the topic are passed over, as the controller does."""
+    """Check that a gripper's messages on the topic are ignored, as by the controller."""
     found = []
     for entry in messages():
         found.append(entry)
@@ -138,13 +138,13 @@ def test_without_the_plant(tmp_path: Path) -> None:
 
 
 def test_parameters_of_others_do_not_matter(tmp_path: Path) -> None:
-    """Check parameters that the law does not have, and news of which none concerns it."""
+    """Check parameters that the law does not have."""
     news = {'use_sim_time': True, 'state_decimation': 3, 'wait_for': ['a']}
     check(read(tmp_path, [*messages(), parameters('controller', 10 ** 8, news, False)]))
 
 
-def test_a_recorder_that_came_amid_the_run(tmp_path: Path) -> None:
-    """Check that the run begins where the reference is known."""
+def test_a_recorder_started_during_the_run(tmp_path: Path) -> None:
+    """Check that the run begins with the first known reference."""
     found = [x for x in messages() if x.topic != '/reference' or x.t >= nanoseconds(0.05)]
     run = read(tmp_path, found).run
     assert run.t[0] == 0.0
@@ -171,7 +171,7 @@ def test_foreign_bag(tmp_path: Path) -> None:
 
 
 def test_damaged_messages(tmp_path: Path) -> None:
-    """Check that what the controller would refuse is passed over: any bytes, and wrong lengths."""
+    """Check that messages the controller refuses are ignored: any bytes, and wrong lengths."""
     found: list[Entry] = []
     for i, entry in enumerate(messages()):
         found.append(entry)
@@ -188,7 +188,7 @@ def test_damaged_messages(tmp_path: Path) -> None:
 
 
 def test_a_gap_in_the_states(tmp_path: Path) -> None:
-    """Check that what comes after an outage longer than any leap is there from its first state."""
+    """Check that the run continues after a gap, from the first state."""
     found = []
     for entry in messages():
         if entry.topic == '/joint_states' and entry.t >= nanoseconds(0.1):
@@ -211,7 +211,7 @@ def refused(path: Path, *words: str) -> None:
 
 
 def test_no_bag(tmp_path: Path) -> None:
-    """Check what is not there, what is no directory, and what is another directory."""
+    """Check a missing path, files, and directories without a bag."""
     (tmp_path / 'file').write_text('x')
     (tmp_path / 'file.mcap').write_text('x')
     (tmp_path / 'file.db3').write_bytes(bytes(100))
@@ -265,7 +265,7 @@ def test_flipped_bytes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('name', ['run.bag', 'run.mcap', 'run.db3', 'run'])
 def test_the_name_of_a_bag_does_not_matter(tmp_path: Path, name: str) -> None:
-    """Check whole bags, and those cut off; one ending in .bag is none of ROS 1."""
+    """Check complete and truncated bags; one ending in .bag is not a bag of ROS 1."""
     write_bag(tmp_path / name, messages())
     same(read_bag(tmp_path / name).run, RESULT.run)
     (tmp_path / name / 'metadata.yaml').unlink()
@@ -288,8 +288,8 @@ def test_open_bag_gives_a_reader(tmp_path: Path) -> None:
         assert reader.message_count == sum(counts.values())
 
 
-def test_setup_is_worth_reading() -> None:
-    """Check that the run of these tests has what is checked: friction, both laws, 201 samples."""
+def test_the_run_of_these_tests() -> None:
+    """Check that the run of these tests has 201 samples and three configurations."""
     assert RESULT.run.t.shape == (201,)
     assert [t for t, _ in RESULT.configs] == [0.0, 0.1, 0.15]
     assert dataclasses.asdict(RESULT.configs[2][1])['ka'] == (8.0, 9.0)
@@ -310,7 +310,7 @@ def lossy(drop: Callable[[int], bool], commands: bool, effort: bool = True) -> l
 @pytest.mark.parametrize(('commands', 'effort'), [(True, True), (False, True), (False, False)])
 def test_a_recorder_that_dropped_messages(
         tmp_path: Path, commands: bool, effort: bool) -> None:
-    """Check that torques are right where states are, wherever they can be known from."""
+    """Check the torques at the recorded states, from whichever message they are known."""
     def drop(k: int) -> bool:
         return (k > 30 and k % 3 == 0) or 110 <= k < 120
     kept = np.array([not drop(k) for k in range(201)])
@@ -324,14 +324,14 @@ def test_a_recorder_that_dropped_messages(
 
 
 def test_a_later_command_is_no_answer(tmp_path: Path) -> None:
-    """Check a state whose command is lost, before states that are lost but not their commands."""
+    """Check a state without its command, before commands without their states."""
     found = [x for x in lossy(lambda k: 50 <= k < 60, False)
              if not (x.topic.endswith('commands') and x.t // 1_000_000 == 49)]
     run = read(tmp_path, found).run
     assert np.isnan(run.tau[49]).all() and np.isfinite(np.delete(run.tau, 49, 0)).all()
 
 
-def test_torques_that_nothing_tells(tmp_path: Path) -> None:
+def test_unknown_torques(tmp_path: Path) -> None:
     """Check nan, not another sample's torque, where state and command are both missing."""
     result = read(tmp_path, [x for x in lossy(lambda k: 50 <= k < 60, True)
                              if not (x.topic.endswith('commands') and x.t // 1_000_000 == 49)])

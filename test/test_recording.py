@@ -1,4 +1,4 @@
-"""Bags as other tools see them: the mcap library, and the metadata in YAML."""
+"""Bags as the mcap library reads them, and their metadata in YAML."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_schemas_are_in_it(bag: Path) -> None:
 
 
 def test_metadata(bag: Path) -> None:
-    """Check what `ros2 bag info` and `play` go by: counts, types, duration, QoS."""
+    """Check what `ros2 bag info` and `play` read: counts, types, duration, QoS."""
     info = metadata(bag)
     assert (info['version'], info['storage_identifier']) == (9, 'mcap')
     assert info['message_count'] == sum(COUNTS.values())
@@ -126,7 +126,7 @@ def test_the_name_is_one_that_ros2_bag_reindex_finds(bag: Path) -> None:
 
 
 def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
-    """Check for every topic of the graph what `ros2 bag convert` goes by, and `metadata.yaml`."""
+    """Check channels, which `ros2 bag convert` reads, and `metadata.yaml` for every topic."""
     recording = Recording(tmp_path / 'bag')
     for topic in TOPICS.values():
         recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), '')
@@ -135,14 +135,14 @@ def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     found = {x.topic: x.metadata['topic_type_hash'] for x in summary.channels.values()}
-    said = {x['topic_metadata']['name']: x['topic_metadata']['type_description_hash']
+    listed = {x['topic_metadata']['name']: x['topic_metadata']['type_description_hash']
             for x in metadata(tmp_path / 'bag')['topics_with_message_count']}
     expected = {f'/{topic.name}': type_hash(topic.kind) for topic in TOPICS.values()}
-    assert found == said == expected
+    assert found == listed == expected
 
 
 def type_hash(kind: str) -> str:
-    """Return the hash of a type from what its package has installed."""
+    """Return the hash of a type from the files of its package."""
     package, _, name = kind.split('/')
     prefix = Path(str(importlib.import_module(package).__file__)).parents[4]
     file = prefix / 'share' / package / 'msg' / f'{name}.json'
@@ -154,9 +154,9 @@ def type_hash(kind: str) -> str:
 def test_a_disk_that_is_full_at_any_moment(
         limit: int, messages: list[Entry], tmp_path: Path) -> None:
     """
-    One error, whatever comes after; what had been flushed before is there.
+    Check that there is one error, whatever is called later, and that what was flushed is kept.
 
-    The limit on the size of files stands for the end of the disk.
+    A limit on the size of files simulates the full disk.
     """
     recording, errors, flushed = Recording(tmp_path / 'bag'), [], 0
 
@@ -195,7 +195,7 @@ def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('below', ['', 'file', 'file/bag'])
 def test_impossible_place(tmp_path: Path, below: str) -> None:
-    """Check that nothing that is there is written over, and what the error says."""
+    """Check that nothing is overwritten, and the error."""
     (tmp_path / 'file').write_text('mine')
     with pytest.raises(CtcError) as error:
         Recording(tmp_path / below)
@@ -277,14 +277,14 @@ def test_only_documented_modules_of_rosbags_and_mcap_are_used() -> None:
 
 
 def flushed(recording: Recording, count: int) -> None:
-    """Write so many messages, with a flush after each."""
+    """Write messages, with a flush after each."""
     for t in range(count):
         recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', '')
         recording.flush()
 
 
 def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was flushed can be read while the disk still takes what came before."""
+    """Check that what was flushed can be read while fsync is still at work."""
     go = threading.Event()
     sync = Mock(side_effect=lambda _: go.wait(60.0))
     monkeypatch.setattr('os.fsync', sync)
@@ -297,7 +297,7 @@ def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.Monkey
     assert metadata(tmp_path / 'bag')['message_count'] == 3
 
 
-def test_what_the_disk_did_not_take_is_said(
+def test_an_error_of_the_disk_is_reported(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('os.fsync', Mock(side_effect=OSError(errno.EIO, 'Input/output error')))
     recording = Recording(tmp_path / 'closed')

@@ -144,7 +144,7 @@ def test_digits_shown_are_the_value_rounded(results: list[Result], tmp_path: Pat
         assert float(shown) == pytest.approx(float(value), rel=6e-3)
 
 
-def test_the_page_stands_alone(
+def test_the_page_needs_no_other_resource(
         results: list[Result], figures: list[FigureFile], tmp_path: Path) -> None:
     write_page(results, figures, tmp_path / 'index.html')
     page = Page(tmp_path / 'index.html')
@@ -216,8 +216,8 @@ def test_a_file_that_cannot_be_written(
         write(results, tmp_path)
 
 
-def test_what_needs_attention_is_on_the_page(tmp_path: Path) -> None:
-    """Check a run too short, one with gaps, one whose ka is too small: each says so."""
+def test_notes_are_on_the_page(tmp_path: Path) -> None:
+    """Check the notes on a short run, one with gaps, and one whose ka is too small."""
     config = ControllerConfig(switching='implicit', ka=(8.0, 8.0))
     run = simulate(PlantConfig(duration=6.0), config, ReferenceConfig())
     lossy = Run(*(np.delete(x, np.s_[5200:5300], axis=0) for x in vars(run).values()))

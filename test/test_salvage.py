@@ -186,7 +186,7 @@ def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(
 
 
 @pytest.mark.parametrize('size', [0, 4, 8, 30])
-def test_a_bag_with_nothing_left_is_said_to_be_so(
+def test_a_bag_without_a_readable_message_is_refused(
         whole: Path, tmp_path: Path, size: int) -> None:
     bag = cut(whole, tmp_path / 'bag', size)
     with pytest.raises(CtcError, match='no message in it can be recovered'):
@@ -281,7 +281,7 @@ def test_a_wrong_byte_in_a_chunk_is_found_and_costs_no_other(whole: Path, tmp_pa
     assert messages(bag) == complete[:240] + complete[280:]
 
 
-def test_a_chunk_said_to_hold_another_topic_is_found(whole: Path, tmp_path: Path) -> None:
+def test_a_wrong_topic_in_the_index_is_found(whole: Path, tmp_path: Path) -> None:
     """Check a byte because of which a reader of one topic would skip the chunk."""
     bag = tmp_path / 'bag'
     shutil.copytree(whole, bag)

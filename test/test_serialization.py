@@ -1,4 +1,4 @@
-"""The fast readers and writers against ROS's own (de)serialization."""
+"""Readers and writers against the (de)serialization of ROS."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def any_piece(draw: Any) -> bytes:
 @pytest.mark.parametrize(('kind', 'messages'), [
     (STATE, any_state()), (EFFORTS, any_efforts()), (PIECE, any_piece())])
 def test_any_sequence(kind: Kind, messages: st.SearchStrategy[bytes]) -> None:
-    """Check that one reader says what ROS says, whatever came before."""
+    """Check that a reader returns what ROS returns, whatever it has read before."""
     make, ours, theirs = kind
 
     @settings(max_examples=60)
@@ -222,7 +222,7 @@ def test_damaged_messages(index: int) -> None:
     assert ours(reader, data) == good == theirs(data)
 
 
-#: Reads mutated messages of one kind in a process that may not grow, and says how many were read.
+#: Reads mutated messages of one kind in a process with limited memory; prints how many were read.
 FUZZ = """
 import random, resource, sys
 from faults import KINDS, mutated

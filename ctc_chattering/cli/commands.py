@@ -200,8 +200,8 @@ def replay(options: argparse.Namespace) -> int:
 
 def repair(options: argparse.Namespace) -> int:
     """Run `ctc repair`."""
-    from ctc_chattering.salvage import repair as mend
-    done = mend(options.bag)
+    from ctc_chattering.salvage import repair as repair_bag
+    done = repair_bag(options.bag)
     if done is None:
         print(f'{options.bag}: nothing to repair')
     else:
