@@ -21,7 +21,7 @@ from oracles import Array
 import pytest
 from urdfs import PANDA, panda, two_links, UR5, ur5
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.two_link import TwoLink
 from ctc_chattering.core.urdf import UrdfModel

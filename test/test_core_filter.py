@@ -5,7 +5,7 @@ from oracles import Array, random_spd
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
-from ctc_chattering.core.filter import ErrorFilter
+from ctc_chattering.control.error_filter import ErrorFilter
 
 
 def _filter(n: int, lambda_: float, b: float, h: float) -> ErrorFilter:

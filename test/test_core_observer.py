@@ -6,8 +6,8 @@ import numpy as np
 from oracles import Array, box_by_enumeration, Masses, random_spd
 import pytest
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
-from ctc_chattering.core.observer import PerturbationObserver
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.perturbation_observer import PerturbationObserver
 
 H, B = 2e-3, 1.3
 REST = [0.0, 0.0, 0.0]

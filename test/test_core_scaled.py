@@ -6,7 +6,7 @@ import numpy as np
 from oracles import Generic, paper_c, paper_g, paper_m, states
 import pytest
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.scaled import Scaled
 from ctc_chattering.core.two_link import TwoLink

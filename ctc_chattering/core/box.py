@@ -18,7 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ctc_chattering.core.model import dot, Rows, solve, Vector
+import numpy as np
+
+from ctc_chattering.core.model import Array, dot, Rows, solve, Vector
 
 
 def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
@@ -55,24 +57,33 @@ def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:
     return [min(max(x, -limit), limit) for x, limit in zip(z, bound)]
 
 
-def nearest(mass: Rows, wanted: Vector, bound: Vector) -> list[float]:
+def nearest(mass: Array, point: Array, bound: Array) -> Array:
     """
-    Return z in the box that is nearest to `wanted` in the metric of the inverse of `mass`.
+    Return z in the box that is nearest to `point` in the metric of the inverse of `mass`.
 
-    It is the solution of this module's problem with A = M⁻¹ and b = -A wanted, found without A:
-    with ``x = -w`` it reads ``M x = wanted - z``, and x_i is 0 wherever z_i is not at its bound,
+    It is the solution of this module's problem with A = M⁻¹ and b = -A point, found without A:
+    with ``x = -w`` it reads ``M x = point - z``, and x_i is 0 wherever z_i is not at its bound,
     so that each pivot solves for the joints at their bounds only.
 
     Parameters
     ----------
-    mass : sequence of rows, shape (n, n)
+    mass : array, shape (n, n)
         M, symmetric positive definite.
-    wanted : sequence of float, shape (n,)
-        Any values.
-    bound : sequence of float, shape (n,)
+    point : array, shape (n,)
+        Any values; within the box it is returned itself.
+    bound : array, shape (n,)
         Not negative.
 
     """
+    if (np.abs(point) <= bound).all():
+        return point
+    if not np.abs(point).max() < 1e280:  # The elimination below would overflow.
+        return np.sign(point) * bound
+    return np.array(_nearest(mass.tolist(), point.tolist(), bound.tolist()))
+
+
+def _nearest(mass: Rows, wanted: Vector, bound: Vector) -> list[float]:
+    """Return what `nearest` does, pivot by pivot."""
     side = [(x > k) - (x < -k) for x, k in zip(wanted, bound)]
     size = 1e-13 * max(abs(x) + k for x, k in zip(wanted, bound))
     seen: set[tuple[int, ...]] = set()  # Only rounding can lead back.

@@ -1,8 +1,8 @@
 """
 What a robot model must offer: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
 
-Vectors are sequences of ``n`` floats, matrices sequences of rows: small numpy arrays cost more
-than the arithmetic they would do.
+Vectors are sequences of ``n`` floats, matrices sequences of rows: the plant integrates scalar by
+scalar. The control step takes M, C and G as arrays, from `Model.evaluate`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
 Vector = Sequence[float]
 Rows = Sequence[Sequence[float]]
 
@@ -18,8 +22,8 @@ class Model(ABC):
     """
     Rigid-body dynamics of an arm with `n` joints.
 
-    A subclass gives M, C and G; the products below follow from them. A subclass overrides the
-    products where a closed form is faster.
+    A subclass gives M, C and G; all else follows from them. It overrides what it has a faster
+    closed form of.
     """
 
     #: Number of joints.
@@ -43,18 +47,17 @@ class Model(ABC):
     def potential_energy(self, q: Vector) -> float:
         """Return the potential whose gradient is G(q) [J]."""
 
-    def inertia_times(self, q: Vector, x: Vector) -> Vector:
-        """Return M(q) x, shape (n,)."""
-        return times(self.mass_matrix(q), x)
-
-    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
-        """Return C(q, dq) x, shape (n,)."""
-        return times(self.coriolis_matrix(q, dq), x)
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q) as arrays, shapes (n, n), (n, n) and (n,)."""
+        at, speed = q.tolist(), dq.tolist()
+        return (np.array(self.mass_matrix(at)), np.array(self.coriolis_matrix(at, speed)),
+                np.array(self.gravity_torque(at)))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
         return [x + y + z for x, y, z in zip(
-            self.inertia_times(q, a), self.coriolis_times(q, dq, dq), self.gravity_torque(q))]
+            times(self.mass_matrix(q), a), times(self.coriolis_matrix(q, dq), dq),
+            self.gravity_torque(q))]
 
     def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
         """
@@ -79,7 +82,7 @@ class Model(ABC):
 
     def kinetic_energy(self, q: Vector, dq: Vector) -> float:
         """Return ½ dqᵀ M(q) dq [J]."""
-        return 0.5 * dot(dq, self.inertia_times(q, dq))
+        return 0.5 * dot(dq, times(self.mass_matrix(q), dq))
 
 
 def dot(x: Vector, y: Vector) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.core.model import Model, Rows, Vector
+from ctc_chattering.core.model import Array, Model, Rows, Vector
 
 
 class Scaled(Model):
@@ -41,13 +41,10 @@ class Scaled(Model):
         """Return the scaled potential energy [J]."""
         return self._gravity * self._model.potential_energy(q)
 
-    def inertia_times(self, q: Vector, x: Vector) -> Vector:
-        """Return M(q) x, shape (n,)."""
-        return [self._inertia * y for y in self._model.inertia_times(q, x)]
-
-    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
-        """Return C(q, dq) x, shape (n,)."""
-        return [self._inertia * y for y in self._model.coriolis_times(q, dq, x)]
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
+        mass, coriolis, weight = self._model.evaluate(q, dq)
+        return self._inertia * mass, self._inertia * coriolis, self._gravity * weight
 
     def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
         """Return ddq, shape (n,): M ddq + C dq = (u - G) / factor with the M, C of the other."""

@@ -15,7 +15,9 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from ctc_chattering.core.model import Model, Rows, Vector
+import numpy as np
+
+from ctc_chattering.core.model import Array, Model, Rows, Vector
 
 
 class TwoLink(Model):
@@ -56,19 +58,14 @@ class TwoLink(Model):
         """Return the potential energy, 0 where both links hang down [J]."""
         return self._g1 * (1.0 - cos(q[0])) + self._g2 * (1.0 - cos(q[0] + q[1]))
 
-    def inertia_times(self, q: Vector, x: Vector) -> Vector:
-        """Return M(q) x, shape (2,)."""
-        x1, x2 = x
-        c2 = cos(q[1])
-        m12 = 0.76 + 0.51 * c2
-        return ((8.77 + 1.02 * c2) * x1 + m12 * x2, m12 * x1 + 0.62 * x2)
-
-    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
-        """Return C(q, dq) x, shape (2,)."""
-        k = 0.51 * sin(q[1])
-        dq1, dq2 = dq
-        x1, x2 = x
-        return (-k * (dq2 * x1 + (dq1 + dq2) * x2), k * dq1 * x1)
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q), shapes (2, 2), (2, 2) and (2,)."""
+        (q1, q2), (dq1, dq2) = q.tolist(), dq.tolist()
+        c2, k = cos(q2), 0.51 * sin(q2)
+        m12, g12 = 0.76 + 0.51 * c2, self._g2 * sin(q1 + q2)
+        return (np.array(((8.77 + 1.02 * c2, m12), (m12, 0.62))),
+                np.array(((-k * dq2, -k * (dq1 + dq2)), (k * dq1, 0.0))),
+                np.array((self._g1 * sin(q1) + g12, g12)))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (2,)."""
