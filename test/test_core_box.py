@@ -120,7 +120,7 @@ def test_nearest_against_enumeration(n: int, decades: float) -> None:
     for _ in range(80):
         mass, wanted = random_spd(rng, n, decades), rng.normal(size=n) * 3.0
         bound = rng.uniform(0.0, 3.0, n) * rng.integers(0, 4, n).clip(0, 1)
-        z = np.array(nearest(mass.tolist(), wanted.tolist(), bound.tolist()))
+        z = nearest(mass, wanted, bound)
         np.testing.assert_allclose(
             z, inclusion_by_enumeration(mass, wanted, bound), rtol=1e-8, atol=1e-9)
         inverse: Array = np.linalg.inv(mass).astype(np.float64)
@@ -137,7 +137,7 @@ def test_nearest_of_seven(spread: float) -> None:
         mass = random_spd(rng, 7, 3.0) * np.outer(scale, scale)
         bound = rng.uniform(0.1, 3.0, 7) * scale
         wanted = rng.normal(size=7) * 3.0 * scale
-        z = np.array(nearest(mass.tolist(), wanted.tolist(), bound.tolist()))
+        z = nearest(mass, wanted, bound)
         x = np.linalg.solve(mass / np.outer(scale, scale), (wanted - z) / scale)
         assert (np.abs(z) <= bound).all()
         inner = np.abs(z) < bound * (1 - 1e-12)
@@ -148,9 +148,9 @@ def test_nearest_of_seven(spread: float) -> None:
 def test_nearest_on_the_edge() -> None:
     """Check wanted values at the bound, bounds of 0, and none that is exceeded."""
     rng = np.random.default_rng(4)
-    mass = random_spd(rng, 5).tolist()
-    bound = [1.0, 2.0, 0.0, 4.0, 0.0]
-    assert nearest(mass, [1.0, -2.0, 0.0, 3.0, 0.0], bound) == [1.0, -2.0, 0.0, 3.0, 0.0]
-    assert nearest(mass, [5.0] * 5, [0.0] * 5) == [0.0] * 5
-    held = (np.array(mass) @ [0.0, 0.0, 1.0, 0.0, 0.0] + [1.0, 2.0, 0.0, 1.0, 0.0]).tolist()
+    mass, bound = random_spd(rng, 5), np.array([1.0, 2.0, 0.0, 4.0, 0.0])
+    edge = np.array([1.0, -2.0, 0.0, 3.0, 0.0])
+    assert nearest(mass, edge, bound) is edge
+    assert nearest(mass, np.full(5, 5.0), np.zeros(5)).tolist() == [0.0] * 5
+    held = mass @ [0.0, 0.0, 1.0, 0.0, 0.0] + [1.0, 2.0, 0.0, 1.0, 0.0]
     np.testing.assert_allclose(nearest(mass, held, bound), [1.0, 2.0, 0.0, 1.0, 0.0], atol=1e-12)

@@ -66,4 +66,4 @@ class Limiter:
         """Return the anti-windup correction of ξ and v, (n,) [rad/s]; None where it is 0."""
         if saturation_error is None or not self._anti_windup:
             return None
-        return self._anti_windup * np.linalg.solve(mass, saturation_error)
+        return self._anti_windup * np.asarray(np.linalg.solve(mass, saturation_error), float)

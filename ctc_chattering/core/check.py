@@ -193,12 +193,6 @@ def _load(s: _State, a: Array) -> Array:
     return load
 
 
-def _kinetic(s: _State) -> float:
-    wanted = 0.5 * s.dq @ s.mass @ s.dq
-    return float(abs(s.model.kinetic_energy(*s.at) - wanted)
-                 / (np.abs(s.dq) @ np.abs(s.mass) @ np.abs(s.dq) + 1e-300))
-
-
 def _forward(s: _State, mask: int = 0) -> float:
     """Check M ddq + C dq + G = u on the free joints, and that the locked ones stand still."""
     u = s.weight + s.size * s.x
@@ -225,5 +219,4 @@ _CHECKS: tuple[tuple[str, float, Callable[[_State], float]], ...] = (
     ('G is the gradient of the potential', _DIFFERENCES, _gradient),
     ('evaluate gives M, C and G', _EXACT, _evaluate),
     ('inverse_dynamics is M a + C dq + G', _EXACT, _inverse),
-    ('kinetic_energy is ½ dqᵀ M dq', _EXACT, _kinetic),
     ('forward dynamics undoes inverse dynamics', _SOLVED, _forward))

@@ -80,10 +80,6 @@ class Model(ABC):
             ddq[i] = value
         return ddq
 
-    def kinetic_energy(self, q: Vector, dq: Vector) -> float:
-        """Return ½ dqᵀ M(q) dq [J]."""
-        return 0.5 * dot(dq, times(self.mass_matrix(q), dq))
-
 
 def dot(x: Vector, y: Vector) -> float:
     """Return xᵀ y."""

@@ -43,4 +43,5 @@ class Implicit(Switching):
     def unclipped(self, v: Array, u: Array, mass: Array, compensation: Array) -> Array:
         """Return w, shape (n,) [N·m]; arguments as `term` has them."""
         nominal = self._filter.nominal_response(v, u)
-        return mass.dot(nominal / self._filter.scale) - compensation
+        wanted: Array = mass.dot(nominal / self._filter.scale) - compensation
+        return wanted
