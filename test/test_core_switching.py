@@ -18,7 +18,6 @@ from ctc_chattering.control.switching import (
     SWITCHINGS,
 )
 
-
 #: Arguments of a term that depends on v alone.
 NONE = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
 

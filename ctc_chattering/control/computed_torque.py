@@ -1,7 +1,8 @@
 """
 The control step: laws (2) and (6) at one sample, for any model.
 
-Vectors are arrays of shape (n,), matrices of shape (n, n).
+Vectors are arrays of shape (n,), matrices of shape (n, n). A product by `dot` takes half the time
+of one by `@` where there are so few numbers.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from typing import NamedTuple
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.limiter import Limiter
 from ctc_chattering.control.switching.base import Switching
-from ctc_chattering.core.model import Array, Model
+from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.core.model import Model
 
 
 class State(NamedTuple):

@@ -16,7 +16,8 @@ from ctc_chattering.control.limiter import Limiter
 from ctc_chattering.control.perturbation_observer import PerturbationObserver
 from ctc_chattering.control.switching import make_switching, Sign, SWITCHINGS
 from ctc_chattering.core.grid import period_ns, seconds
-from ctc_chattering.core.model import Model, Vector
+from ctc_chattering.core.linear_algebra import Vector
+from ctc_chattering.core.model import Model
 from ctc_chattering.core.models import check_model, locked_positions, model_of
 from ctc_chattering.core.parameters import Config, matrix, parameter
 from ctc_chattering.core.scaled import Scaled

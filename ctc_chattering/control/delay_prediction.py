@@ -13,7 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ctc_chattering.control.computed_torque import ComputedTorque, State, Torque
-from ctc_chattering.core.model import Array, Model
+from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.core.model import Model
 from ctc_chattering.core.trajectory import Point
 
 
@@ -55,14 +56,14 @@ class DelayPrediction:
         now = law.evaluate(q, dq, q_d, dq_d, ddq_d, law.filter.state)
         if observer is not None:
             observer.update(now.v)
-        arrival = self._predict(now, ahead) if self._in_transit else now
+        arrival = self._predict(now, ahead)
         sent = law.torque(arrival)
         self._in_transit.append(sent)
         law.advance(now, self._in_transit.popleft())
         return now, arrival, sent
 
     def _predict(self, now: State, ahead: Sequence[Point]) -> State:
-        """Return the state in which the torque of this step is applied."""
+        """Return the state in which the torque of this step is applied; `now` without a delay."""
         law, observer = self._law, self._law.switching.observer
         at, xi = now, law.filter.state
         for torque, (q_d, dq_d, ddq_d) in zip(self._in_transit, ahead):

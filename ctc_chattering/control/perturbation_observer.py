@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ctc_chattering.core.box import nearest
-from ctc_chattering.core.model import Array
+from ctc_chattering.core.linear_algebra import Array
 
 
 class _Prediction(NamedTuple):

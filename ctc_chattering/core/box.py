@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ctc_chattering.core.model import Array, dot, Rows, solve, Vector
+from ctc_chattering.core.linear_algebra import Array, dot, Rows, solve, Vector
 
 
 def solve_box(a: Rows, b: Vector, bound: Vector) -> list[float]:

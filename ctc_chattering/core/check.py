@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctc_chattering.core.model import Array, Model, Vector
+from ctc_chattering.core.linear_algebra import Array, Vector
+from ctc_chattering.core.model import Model
 
 #: Step of the differences [rad].
 _STEP = 1e-5

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ctc_chattering.core.box import solve_box
-from ctc_chattering.core.model import Model, solve, Vector
+from ctc_chattering.core.linear_algebra import solve, Vector
+from ctc_chattering.core.model import Model
 
 Modes = tuple[int, ...]
 #: A load that rounding alone lifts above Kf breaks no joint away.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ctc_chattering.core.model import Vector
+from ctc_chattering.core.linear_algebra import Vector
 
 #: f(q, dq, u, locked), as `Model.forward_dynamics` is.
 Dynamics = Callable[[Vector, Vector, Vector, int], Vector]

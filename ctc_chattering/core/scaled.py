@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.core.model import Array, Model, Rows, Vector
+from ctc_chattering.core.linear_algebra import Array, Rows, Vector
+from ctc_chattering.core.model import Model
 
 
 class Scaled(Model):

@@ -17,7 +17,8 @@ from math import cos, sin
 
 import numpy as np
 
-from ctc_chattering.core.model import Array, Model, Rows, Vector
+from ctc_chattering.core.linear_algebra import Array, Rows, Vector
+from ctc_chattering.core.model import Model
 
 
 class TwoLink(Model):

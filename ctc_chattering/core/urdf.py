@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ctc_chattering.core.model import Array, Model, Rows, Vector
+from ctc_chattering.core.linear_algebra import Array, Rows, Vector
+from ctc_chattering.core.model import Model
 from ctc_chattering.core.parameters import check_joint_names
 from ctc_chattering.core.tree import movable_joints, Tree
 from ctc_chattering.errors import CtcError, refused_as
@@ -75,13 +76,15 @@ class UrdfModel(Model):
         self.n = n = len(joints)
         self.gravity = gravity
         self._pin, self._model = pin, _reduced(pin, tree, stand)
-        data = self._data = self._model.createData()
+        self._data = self._model.createData()
         order = [self._model.joints[self._model.getJointId(name)].idx_v
                  for name in self.joint_names]
-        #: Indices of the joints in Pinocchio's order; None where it is that of the vectors.
-        self._order = None if order == list(range(n)) else np.argsort(order)
-        self._back = np.array(order)
-        self._square = np.ix_(self._back, self._back)
+        #: Indices that bring a vector into Pinocchio's order; a vector and a matrix back from it.
+        self._order: Any = np.argsort(order)
+        self._back: Any = np.array(order)
+        self._square: Any = np.ix_(order, order)
+        if order == list(range(n)):  # A view takes less time than a copy.
+            self._order = self._back = self._square = slice(None)
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._q, self._dq, self._x = (np.zeros(n) for _ in range(3))
         self._write = struct.Struct(f'{n}d').pack_into
@@ -95,14 +98,10 @@ class UrdfModel(Model):
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
         pin, model, data = self._pin, self._model, self._data
-        if self._order is None:
-            return (pin.crba(model, data, q).copy(),
-                    pin.computeCoriolisMatrix(model, data, q, dq).copy(),
-                    pin.computeGeneralizedGravity(model, data, q).copy())
         q, dq = q[self._order], dq[self._order]
-        return (pin.crba(model, data, q)[self._square],
-                pin.computeCoriolisMatrix(model, data, q, dq)[self._square],
-                pin.computeGeneralizedGravity(model, data, q)[self._back])
+        return (pin.crba(model, data, q)[self._square].copy(),
+                pin.computeCoriolisMatrix(model, data, q, dq)[self._square].copy(),
+                pin.computeGeneralizedGravity(model, data, q)[self._back].copy())
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
@@ -113,7 +112,7 @@ class UrdfModel(Model):
         """Return C(q, dq), shape (n, n), of Christoffel's symbols."""
         made = self._pin.computeCoriolisMatrix(
             self._model, self._data, self._put(self._q, q), self._put(self._dq, dq))
-        rows: Rows = (made if self._order is None else made[self._square]).tolist()
+        rows: Rows = made[self._square].tolist()
         return rows
 
     def gravity_torque(self, q: Vector) -> Vector:
@@ -148,19 +147,19 @@ class UrdfModel(Model):
         return ddq
 
     def _put(self, buffer: Array, x: Vector) -> Array:
-        """Return `x` as an array in Pinocchio's order: `buffer`, or a new one."""
+        """Return `x` as an array in Pinocchio's order: in `buffer`, or a new one."""
         self._write(buffer.data, 0, *x)
-        return buffer if self._order is None else buffer[self._order]
+        return buffer[self._order]
 
     def _listed(self, x: Array) -> list[float]:
         """Return an array in Pinocchio's order as a list in that of the vectors."""
-        values: list[float] = (x if self._order is None else x[self._back]).tolist()
+        values: list[float] = x[self._back].tolist()
         return values
 
     def _mass(self, q: Vector) -> Array:
-        """Return M(q); the array is overwritten by the next call."""
-        made: Array = self._pin.crba(self._model, self._data, self._put(self._q, q))
-        return made if self._order is None else made[self._square]
+        """Return M(q); the next call may overwrite the array."""
+        made: Array = self._pin.crba(self._model, self._data, self._put(self._q, q))[self._square]
+        return made
 
     def _check_inertia(self) -> None:
         """Raise `CtcError` unless M is positive definite at a few positions."""

@@ -12,9 +12,9 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core import stamps
 from ctc_chattering.core.cadence import Cadence
-from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Vector
