@@ -239,11 +239,12 @@ class Controller:
             The same for the next samples, as many as `input_delay` says.
 
         """
-        x, dx, x_d, dx_d, ddx_d = np.array((q, dq, q_d, dq_d, ddq_d), dtype=float)
-        if self._bumpless:
-            self.filter.initialize_bumpless(dx_d - dx)
-            self._bumpless = False
-        now, arrival, sent = self._loop.step(x, dx, x_d, dx_d, ddx_d, ahead)
+        with np.errstate(all='ignore'):  # What overflows shows in the torque.
+            x, dx, x_d, dx_d, ddx_d = np.array((q, dq, q_d, dq_d, ddq_d), dtype=float)
+            if self._bumpless:
+                self.filter.initialize_bumpless(dx_d - dx)
+                self._bumpless = False
+            now, arrival, sent = self._loop.step(x, dx, x_d, dx_d, ddx_d, ahead)
         error = sent.saturation_error
         return Sample(
             sent.tau.tolist(), now.e.tolist(), now.de.tolist(), now.v.tolist(),
@@ -258,8 +259,7 @@ class Controller:
         The law must then be `reset`.
         """
         try:
-            with np.errstate(all='ignore'):
-                sample = self.step(q, dq, q_d, dq_d, ddq_d, ahead)
+            sample = self.step(q, dq, q_d, dq_d, ddq_d, ahead)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # 1 / 0, sin(inf)
             return None
         return sample if isfinite(sum(sample.tau) + sum(sample.v)) else None

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ctc_chattering.core.box import solve_box
-from ctc_chattering.core.linear_algebra import solve, Vector
+import numpy as np
+
+from ctc_chattering.core.box import nearest
+from ctc_chattering.core.linear_algebra import Array, Vector
 from ctc_chattering.core.model import Model
 
 Modes = tuple[int, ...]
@@ -48,15 +50,19 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Mode
     load = [u[i] - level[i] * mode[i] for i in range(n)]
     if max(excess(model, q, dq, load, level, rest)) <= 0.0:
         return tuple(mode)
-    mass = model.mass_matrix(q)
-    free = model.forward_dynamics(q, dq, load)
-    columns = [solve(mass, [float(i == j) for i in range(n)]) for j in rest]
-    reaction = solve_box([[column[i] for column in columns] for i in rest],
-                         [-free[i] for i in rest], [level[i] for i in rest])
-    for i, f in zip(rest, reaction):
+    # The inertia of the joints at rest, the others being free to move.
+    mass = _inverse(_inverse(np.array(model.mass_matrix(q)))[np.ix_(rest, rest)])
+    holding = mass.dot(np.array(model.forward_dynamics(q, dq, load))[rest])
+    reaction = nearest(mass, holding, np.array([level[i] for i in rest]))
+    for i, f in zip(rest, reaction.tolist()):
         if abs(f) >= level[i]:
             mode[i] = 1 if f > 0.0 else -1
     return tuple(mode)
+
+
+def _inverse(a: Array) -> Array:
+    """Return the inverse of a matrix."""
+    return np.asarray(np.linalg.inv(a), float)
 
 
 def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,

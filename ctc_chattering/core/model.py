@@ -48,8 +48,9 @@ class Model(ABC):
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M(q), C(q, dq) and G(q) as arrays, shapes (n, n), (n, n) and (n,)."""
         at, speed = q.tolist(), dq.tolist()
-        return (np.array(self.mass_matrix(at)), np.array(self.coriolis_matrix(at, speed)),
-                np.array(self.gravity_torque(at)))
+        return (np.array(self.mass_matrix(at), float),
+                np.array(self.coriolis_matrix(at, speed), float),
+                np.array(self.gravity_torque(at), float))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
