@@ -122,10 +122,10 @@ class Counting(TwoLink):
 
     calls = 0
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """Return ddq and count."""
         self.calls += 1
-        return super().forward_dynamics(q, dq, u, locked)
+        return super().forward_dynamics(q, dq, u, fixed_joints)
 
 
 def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:

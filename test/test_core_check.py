@@ -102,16 +102,16 @@ class Faulty(Generic):
             made[0] += 1e-6
         return made
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
-        made = list(super().forward_dynamics(q, dq, u, locked))
-        if self.fault == 'forward' and not locked:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        made = list(super().forward_dynamics(q, dq, u, fixed_joints))
+        if self.fault == 'forward' and not fixed_joints:
             made[1] *= 1.0 + 1e-5
-        if self.fault == 'creeps' and locked == 1:
+        if self.fault == 'creeps' and fixed_joints == 1:
             made[0] = 1e-12
         if self.fault == 'mask ignored':
             return super().forward_dynamics(q, dq, u)
-        if self.fault == 'locked as if free' and locked:
-            made = [0.0 if locked >> i & 1 else x
+        if self.fault == 'locked as if free' and fixed_joints:
+            made = [0.0 if fixed_joints >> i & 1 else x
                     for i, x in enumerate(super().forward_dynamics(q, dq, u))]
         return made
 
@@ -181,6 +181,7 @@ def test_a_light_joint_counts_as_much_as_a_heavy_one() -> None:
 def test_masks_of_many_joints() -> None:
     """Check that a fault in one lock of seven joints is found."""
     class Loose(UrdfModel):
-        def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
-            return super().forward_dynamics(q, dq, u, locked & ~(1 << 5))
+        def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0
+                             ) -> Vector:
+            return super().forward_dynamics(q, dq, u, fixed_joints & ~(1 << 5))
     assert failed(Loose(panda(), PANDA)) == {LOCKED}

@@ -58,7 +58,7 @@ class Model(ABC):
             times(self.mass_matrix(q), a), times(self.coriolis_matrix(q, dq), dq),
             self.gravity_torque(q))]
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """
         Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
 
@@ -66,13 +66,13 @@ class Model(ABC):
         ----------
         q, dq, u : sequence of float, shape (n,)
             Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
-        locked : int
+        fixed_joints : int
             Bit i set: joint i is held still by a torque of its own, so that ddq_i = 0.
 
         """
         mass = self.mass_matrix(q)
         bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)
-        free = [i for i in range(self.n) if not locked >> i & 1]
+        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
         a = solve([[mass[i][j] for j in free] for i in free], [u[i] - bias[i] for i in free])
         ddq = [0.0] * self.n
         for i, value in zip(free, a):

@@ -47,8 +47,8 @@ class Scaled(Model):
         mass, coriolis, weight = self._model.evaluate(q, dq)
         return self._inertia * mass, self._inertia * coriolis, self._gravity * weight
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """Return ddq, shape (n,): M ddq + C dq = (u - G) / factor with the M, C of the other."""
         weight = self._model.gravity_torque(q)
         return self._model.forward_dynamics(q, dq, [
-            (x - self._gravity * g) / self._inertia + g for x, g in zip(u, weight)], locked)
+            (x - self._gravity * g) / self._inertia + g for x, g in zip(u, weight)], fixed_joints)

@@ -81,8 +81,8 @@ class TwoLink(Model):
                 + self._g1 * sin(q1) + g12,
                 m12 * a1 + 0.62 * a2 + k * dq1 * dq1 + g12)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
-        """Return ddq, shape (2,), with the joints of the bit mask `locked` held still."""
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        """Return ddq, shape (2,), with the joints of the bit mask `fixed_joints` held still."""
         q1, q2 = q
         dq1, dq2 = dq
         c2 = cos(q2)
@@ -90,13 +90,13 @@ class TwoLink(Model):
         g12 = self._g2 * sin(q1 + q2)
         r1 = u[0] + k * dq2 * (dq1 + dq1 + dq2) - self._g1 * sin(q1) - g12
         r2 = u[1] - k * dq1 * dq1 - g12
-        if not locked:
+        if not fixed_joints:
             m11 = 8.77 + 1.02 * c2
             m12 = 0.76 + 0.51 * c2
             det = m11 * 0.62 - m12 * m12
             return ((0.62 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det)
-        if locked == 1:
+        if fixed_joints == 1:
             return (0.0, r2 / 0.62)
-        if locked == 2:
+        if fixed_joints == 2:
             return (r1 / (8.77 + 1.02 * c2), 0.0)
         return (0.0, 0.0)

@@ -131,14 +131,14 @@ class UrdfModel(Model):
             self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
             self._put(self._x, a)))
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
-        """Return ddq, shape (n,), with the joints of the bit mask `locked` held still."""
-        if not locked:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        """Return ddq, shape (n,), with the joints of the bit mask `fixed_joints` held still."""
+        if not fixed_joints:
             return self._listed(self._pin.aba(
                 self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
                 self._put(self._x, u)))
         ddq = [0.0] * self.n
-        free = [i for i in range(self.n) if not locked >> i & 1]
+        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
         if free:
             bias = self.inverse_dynamics(q, dq, ddq)
             a = np.linalg.solve(self._mass(q)[np.ix_(free, free)], [u[i] - bias[i] for i in free])
