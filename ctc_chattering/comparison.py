@@ -8,8 +8,8 @@ from pathlib import Path
 import tempfile
 
 from ctc_chattering import params
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.core.simulation import Run
-from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Overrides
 from ctc_chattering.result import Result, simulated

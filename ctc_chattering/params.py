@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.grid import period_ns
 from ctc_chattering.core.limits import Limits
 from ctc_chattering.core.parameters import Config

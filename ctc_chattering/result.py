@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.gaps import missing
 from ctc_chattering.core.metrics import metrics, WINDOW, within
 from ctc_chattering.core.models import model_of

@@ -12,7 +12,7 @@ import dataclasses
 import math
 from typing import Any, ClassVar
 
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.parameters import Config, Parameter, parameter
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig

@@ -22,9 +22,9 @@ import signal
 from typing import Any
 
 from ctc_chattering import params
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.core.metrics import metrics
 from ctc_chattering.core.simulation import simulate
-from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Setup
 from ctc_chattering.share import config_directory

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 import numpy as np
 
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.core.simulation import simulate
-from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.core.terms import terms
 from ctc_chattering.errors import CtcError
 from ctc_chattering.figure_style import DOTS, drawing, label, panel, STEPS

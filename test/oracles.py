@@ -51,6 +51,11 @@ def states(count: int, n: int = 2, seed: int = 1) -> Iterator[tuple[list[float],
         yield rng.uniform(-4.0, 4.0, n).tolist(), rng.uniform(-3.0, 3.0, n).tolist()
 
 
+def kinetic_energy(model: Model, q: Vector, dq: Vector) -> float:
+    """Return ½ dqᵀ M(q) dq."""
+    return float(0.5 * np.array(dq) @ np.array(model.mass_matrix(q)) @ np.array(dq))
+
+
 def random_spd(rng: np.random.Generator, n: int, decades: float = 1.0) -> Array:
     """Return a random symmetric positive definite matrix whose eigenvalues span `decades`."""
     turn, _ = np.linalg.qr(rng.normal(size=(n, n)))
@@ -117,10 +122,10 @@ class Counting(TwoLink):
 
     calls = 0
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """Return ddq and count."""
         self.calls += 1
-        return super().forward_dynamics(q, dq, u, locked)
+        return super().forward_dynamics(q, dq, u, fixed_joints)
 
 
 def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:

@@ -15,7 +15,7 @@ from urdfs import PANDA, UR5
 
 from ctc_chattering import comparison, params
 from ctc_chattering.comparison import Outcome, over_simulation, run_variants, VARIANTS
-from ctc_chattering.core.switching import SWITCHINGS
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Overrides
 from ctc_chattering.result import Result, simulated

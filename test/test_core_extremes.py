@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import pytest
 from urdfs import two_links
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.model import Model, Vector
 from ctc_chattering.core.parameters import Config, LARGEST, LEAST, Parameter
 from ctc_chattering.core.plant import Plant, PlantConfig

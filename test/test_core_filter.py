@@ -5,7 +5,17 @@ from oracles import Array, random_spd
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
-from ctc_chattering.core.filter import ErrorFilter
+from ctc_chattering.control.error_filter import ErrorFilter
+
+
+def _output(made: ErrorFilter, de: Array | list[float]) -> list[float]:
+    """Return v as a list."""
+    return made.output(np.array(de), made.state).tolist()
+
+
+def _update(made: ErrorFilter, de: Array | list[float], u: Array | list[float]) -> None:
+    """Advance the filter by one period."""
+    made.state = made.next_state(made.state, np.array(de), np.array(u))
 
 
 def _filter(n: int, lambda_: float, b: float, h: float) -> ErrorFilter:
@@ -22,18 +32,18 @@ def test_step_response_is_the_closed_form(h: float, lambda_: float, b: float) ->
     made = _filter(2, lambda_, b, h)
     for k in range(50):
         xi = b * (lambda_ * np.array(de) - feedback) * (1 - np.exp(-lambda_ * k * h)) / lambda_
-        assert made.output(de) == pytest.approx((xi - b * np.array(de)).tolist(), abs=1e-12)
-        made.update(de, feedback)
+        assert _output(made, de) == pytest.approx((xi - b * np.array(de)).tolist(), abs=1e-12)
+        _update(made, de, feedback)
 
 
 def test_free_response_decays_with_the_pole() -> None:
     """Check ξ(t) = ξ(0) exp(-λ t) once the errors are 0."""
     made = _filter(1, 4.0, 1.0, 0.01)
-    made.update([3.0], [0.0])
-    start = made.output([0.0])[0]
+    _update(made, [3.0], [0.0])
+    start = _output(made, [0.0])[0]
     for k in range(300):
-        assert made.output([0.0])[0] == pytest.approx(start * np.exp(-4.0 * 0.01 * k), rel=1e-12)
-        made.update([0.0], [0.0])
+        assert _output(made, [0.0])[0] == pytest.approx(start * np.exp(-4.0 * 0.01 * k), rel=1e-12)
+        _update(made, [0.0], [0.0])
 
 
 def _signals(t: float) -> tuple[Array, Array, Array]:
@@ -66,8 +76,8 @@ def test_three_joints_with_full_gains_against_the_continuous_equation(b: float) 
         made = _filter(3, lambda_, b, h)
         for k in range(round(2.0 / h)):
             e, de, _ = _signals(k * h)
-            made.update(de.tolist(), (kv @ de + kp @ e).tolist())
-        errors.append(np.abs(np.array(made.output(_signals(2.0)[1].tolist())) - exact).max())
+            _update(made, de.tolist(), (kv @ de + kp @ e).tolist())
+        errors.append(np.abs(np.array(_output(made, _signals(2.0)[1].tolist())) - exact).max())
     assert errors[0] < 0.05 * np.abs(exact).max()
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
 
@@ -80,8 +90,8 @@ def test_recursion_by_hand() -> None:
     made, xi = _filter(3, lambda_, b, h), np.zeros(3)
     for _ in range(200):
         e, de = rng.normal(size=3), rng.normal(size=3)
-        np.testing.assert_allclose(made.output(de.tolist()), xi - b * de, atol=1e-12)
-        made.update(de.tolist(), (kv @ de + kp @ e).tolist())
+        np.testing.assert_allclose(_output(made, de.tolist()), xi - b * de, atol=1e-12)
+        _update(made, de.tolist(), (kv @ de + kp @ e).tolist())
         bracket = b * ((lambda_ * np.eye(3) - kv) @ de - kp @ e)
         xi = np.exp(-lambda_ * h) * xi + (1 - np.exp(-lambda_ * h)) / lambda_ * bracket
 
@@ -89,58 +99,72 @@ def test_recursion_by_hand() -> None:
 def test_slow_pole_keeps_its_digits() -> None:
     """Check (1 - exp(-λ h)) / λ where λ h is far below the float spacing at 1: it is h."""
     made = _filter(1, 1e-12, 1.0, 1e-6)
-    made.update([0.0], [1.0])
-    assert made.output([0.0])[0] == pytest.approx(-1e-6, rel=1e-12)
+    _update(made, [0.0], [1.0])
+    assert _output(made, [0.0])[0] == pytest.approx(-1e-6, rel=1e-12)
 
 
-def test_state_lives_on() -> None:
+def test_state_is_preserved() -> None:
     """Check that new gains give no step in v, take effect afterwards, and reset gives zero."""
     made = _filter(2, 10.0, 1.0, 0.01)
     for _ in range(20):
-        made.update([1.0, -2.0], [30.0, 4.0])
-    before = made.output([0.5, 0.5])
+        _update(made, [1.0, -2.0], [30.0, 4.0])
+    before = _output(made, [0.5, 0.5])
     made.configure(2.0, 1.0, 0.02)
-    assert made.output([0.5, 0.5]) == before
-    xi = np.array(made.output([0.0, 0.0]))
-    made.update([0.0, 0.0], [0.0, 0.0])
-    assert made.output([0.0, 0.0]) == pytest.approx((xi * np.exp(-0.04)).tolist())
+    assert _output(made, [0.5, 0.5]) == before
+    xi = np.array(_output(made, [0.0, 0.0]))
+    _update(made, [0.0, 0.0], [0.0, 0.0])
+    assert _output(made, [0.0, 0.0]) == pytest.approx((xi * np.exp(-0.04)).tolist())
     made.configure(2.0, 3.0, 0.02)
-    xi = np.array(made.output([0.0, 0.0]))
-    assert made.output([1.0, 0.0]) == pytest.approx((xi - [3.0, 0.0]).tolist())
+    xi = np.array(_output(made, [0.0, 0.0]))
+    assert _output(made, [1.0, 0.0]) == pytest.approx((xi - [3.0, 0.0]).tolist())
     made.reset()
-    assert list(made.output([0.0, 0.0])) == [0.0, 0.0]
+    assert list(_output(made, [0.0, 0.0])) == [0.0, 0.0]
 
 
 def test_starts_at_rest() -> None:
     """Check ξ(0) = 0, so that v(0) = -b de(0)."""
-    assert list(_filter(3, 5.0, 2.0, 1e-3).output([1.0, -2.0, 0.0])) == [-2.0, 4.0, 0.0]
+    assert _output(_filter(3, 5.0, 2.0, 1e-3), [1.0, -2.0, 0.0]) == [-2.0, 4.0, 0.0]
 
 
 @pytest.mark.parametrize('b', [1.0, 0.4])
-def test_settled_it_has_no_output(b: float) -> None:
+def test_initialized_bumpless_it_has_no_output(b: float) -> None:
     """Check v = 0 to the last bit whatever ξ was, and that it then goes on as from any ξ."""
     rng = np.random.default_rng(2)
     made = _filter(3, 7.0, b, 0.01)
     for _ in range(20):
-        made.update(rng.normal(size=3).tolist(), rng.normal(size=3).tolist())
+        _update(made, rng.normal(size=3).tolist(), rng.normal(size=3).tolist())
     de, feedback = rng.normal(size=3), rng.normal(size=3)
-    assert any(made.output(de.tolist()))
-    made.settle(de.tolist())
-    assert list(made.output(de.tolist())) == [0.0, 0.0, 0.0]
-    made.update(de.tolist(), feedback.tolist())
+    assert any(_output(made, de.tolist()))
+    made.initialize_bumpless(de)
+    assert list(_output(made, de.tolist())) == [0.0, 0.0, 0.0]
+    _update(made, de.tolist(), feedback.tolist())
     decay = np.exp(-7.0 * 0.01)
     expected = b * de * decay + b * (1 - decay) / 7.0 * (7.0 * de - feedback)
-    np.testing.assert_allclose(made.output([0.0] * 3), expected, rtol=1e-12)
+    np.testing.assert_allclose(_output(made, [0.0] * 3), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(('b', 'h'), [(1.0, 1e-3), (2.5, 0.02)])
-def test_shift_is_what_a_push_over_one_period_does(b: float, h: float) -> None:
-    """Check it against the filter's own answer to a velocity that a held push has changed."""
-    push = np.array([3.0, -40.0])
-    made = _filter(2, 5.0, b, h)
-    made.update([0.3, 0.2], [1.0, -2.0])
-    calm, pushed = (np.array(made.output(list(de))) for de in (
-        (0.3, 0.2), np.array([0.3, 0.2]) + h * push))
-    shift = made.shift(push.tolist())
-    np.testing.assert_allclose(pushed + shift, calm, atol=1e-13)
-    assert shift == pytest.approx((b * h * push).tolist())
+def test_correction_is_added_to_state_and_response(b: float, h: float) -> None:
+    """Check that with b h times an acceleration it undoes what that does to v over a period."""
+    acceleration, made = np.array([3.0, -40.0]), _filter(2, 5.0, b, h)
+    made.state = np.array([0.2, -0.1])
+    de, u = np.array([0.3, 0.2]), np.array([1.0, -2.0])
+    plain = made.next_state(made.state, de, u)
+    corrected = made.next_state(made.state, de, u, b * h * acceleration)
+    np.testing.assert_allclose(
+        made.output(de + h * acceleration, corrected), made.output(de, plain), atol=1e-13)
+    v = made.output(de, made.state)
+    np.testing.assert_allclose(
+        made.nominal_response(v, u, b * h * acceleration) - made.nominal_response(v, u),
+        b * h * acceleration, atol=1e-13)
+
+
+@pytest.mark.parametrize('h', [1e-3, 0.02])
+def test_nominal_response_is_the_next_output_without_an_error_acceleration(h: float) -> None:
+    """Check v of the next sample where dde = -(Kv de + Kp e), by the filter's own recursion."""
+    made = _filter(2, 5.0, 1.7, h)
+    made.state = np.array([0.2, -0.1])
+    de, u = np.array([0.3, 0.2]), np.array([1.0, -2.0])
+    v = made.output(de, made.state)
+    wanted = made.output(de - h * u, made.next_state(made.state, de, u))
+    np.testing.assert_allclose(made.nominal_response(v, u), wanted, atol=1e-14)

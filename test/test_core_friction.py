@@ -6,7 +6,7 @@ import numpy as np
 from oracles import friction_by_enumeration, Masses, paper_c, paper_g, paper_m, random_spd
 import pytest
 
-from ctc_chattering.core.friction import excess, locked, modes
+from ctc_chattering.core.friction import bit_mask, excess, modes
 from ctc_chattering.core.two_link import TwoLink
 
 ARM = TwoLink()
@@ -113,4 +113,4 @@ def test_excess_is_the_reaction_beyond_kf(stuck: list[int]) -> None:
 @pytest.mark.parametrize(('joints', 'mask'), [([], 0), ([0], 1), ([1], 2), ([0, 1], 3), ([5], 32)])
 def test_lock_mask(joints: list[int], mask: int) -> None:
     """Check the bits."""
-    assert locked(joints) == mask
+    assert bit_mask(joints) == mask

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctc_chattering import params
-from ctc_chattering.core.controller import Controller
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.core.plant import Plant
 from ctc_chattering.core.reference import make_motion
 from ctc_chattering.errors import CtcError

@@ -6,7 +6,7 @@ import numpy as np
 from oracles import Array, Masses, paper_m
 import pytest
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Run, simulate

@@ -10,7 +10,7 @@ from oracles import paper_g
 import pytest
 from urdfs import two_links
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.models import check_model, make_model, MODELS
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.two_link import TwoLink

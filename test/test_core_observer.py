@@ -6,8 +6,8 @@ import numpy as np
 from oracles import Array, box_by_enumeration, Masses, random_spd
 import pytest
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
-from ctc_chattering.core.observer import PerturbationObserver
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.perturbation_observer import PerturbationObserver
 
 H, B = 2e-3, 1.3
 REST = [0.0, 0.0, 0.0]
@@ -17,17 +17,16 @@ WIDE = [1e6, 1e6, 1e6]
 def _observer(bandwidth: float, bound: list[float] | None = None, n: int = 3
               ) -> PerturbationObserver:
     made = PerturbationObserver(n)
-    made.configure(bandwidth, H, B, bound or WIDE[:n])
+    made.configure(bandwidth, H, B, np.array(bound or WIDE[:n]))
     return made
 
 
 def _sample(made: PerturbationObserver, mass: Array, force: Array, rng: np.random.Generator,
-            cut: list[float] | None = None) -> None:
+            clipped: list[float] | None = None) -> None:
     """Let one period pass: v⁺ = y - b h M⁻¹ (N - τ + P), with y and N - τ at random."""
-    free, lack = rng.normal(size=3), rng.normal(size=3) * 20.0
-    made.expect(REST, free.tolist(), lack.tolist(), cut or REST)
-    v = free - B * H * np.linalg.solve(mass, lack + force)
-    made.learn(Masses(mass.tolist()), v.tolist())
+    nominal, residual = rng.normal(size=3), rng.normal(size=3) * 20.0
+    made.predict(mass, nominal, residual, None if clipped is None else np.array(clipped))
+    made.update(nominal - B * H * np.linalg.solve(mass, residual + force))
 
 
 @pytest.mark.parametrize('bandwidth', [math.inf, 3000.0, 200.0, 1.0])
@@ -76,41 +75,41 @@ def test_bound_bites_in_the_metric_of_the_inverse_inertia() -> None:
     assert shared > 5
 
 
-@pytest.mark.parametrize(('cut', 'missed'), [
+@pytest.mark.parametrize(('clipped', 'missed'), [
     ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), ([1.0, -2.0, 0.5], [0.5, -1.0, 0.25]),
     ([9.999, 0.0, -3.999], [4.9995, 0.0, -1.9995]), ([10.0, -20.0, 1e9], [0.0, 0.0, 0.0]),
     ([10.001, 1.0, 4.0], [0.0, 0.5, 0.0])])
-def test_shallow_cuts_count_half(cut: list[float], missed: list[float]) -> None:
-    """Check what P̂ is short of P for cuts below the bounds 10, 20 and 4, at and above them."""
+def test_small_clipping_errors_count_half(clipped: list[float], missed: list[float]) -> None:
+    """Check what P̂ is short of P for errors below the bounds 10, 20 and 4, at and above them."""
     rng = np.random.default_rng(4)
     mass, force = random_spd(rng, 3), np.array([2.0, -3.0, 1.0])
     made = _observer(math.inf, [10.0, 20.0, 4.0])
-    _sample(made, mass, force, rng, cut)
+    _sample(made, mass, force, rng, clipped)
     np.testing.assert_allclose(force - made.estimate, missed, atol=1e-9)
     slow = _observer(100.0, [10.0, 20.0, 4.0])
-    _sample(slow, mass, force, rng, cut)
+    _sample(slow, mass, force, rng, clipped)
     np.testing.assert_allclose(slow.estimate, (1 - math.exp(-0.2)) * (force - missed), atol=1e-9)
 
 
-def test_nothing_is_learnt_from_nothing() -> None:
-    """Check that without an expectation v says nothing: at the start, on reset, on configure."""
+def test_without_a_prediction_nothing_is_updated() -> None:
+    """Check that v then says nothing: at the start, after reset, after configure."""
     rng = np.random.default_rng(5)
     mass, made = random_spd(rng, 3), _observer(500.0)
-    model = Masses(mass.tolist())
-    made.learn(model, [9.0, 9.0, 9.0])
+    one, far = np.ones(3), np.full(3, 9.0)
+    made.update(far)
     assert list(made.estimate) == REST
     _sample(made, mass, np.array([1.0, 2.0, 3.0]), rng)
     before = list(made.estimate)
     assert min(before) > 0.5
-    made.expect(REST, [1.0, 1.0, 1.0], REST, REST)
-    made.configure(2000.0, H, B, WIDE)
+    made.predict(mass, one, np.zeros(3), None)
+    made.configure(2000.0, H, B, np.array(WIDE))
     assert list(made.estimate) == before
-    made.learn(model, [9.0, 9.0, 9.0])
+    made.update(far)
     assert list(made.estimate) == before
-    made.expect(REST, [1.0, 1.0, 1.0], REST, REST)
+    made.predict(mass, one, np.zeros(3), None)
     made.reset()
     assert list(made.estimate) == REST
-    made.learn(model, [9.0, 9.0, 9.0])
+    made.update(far)
     assert list(made.estimate) == REST
     _sample(made, mass, np.array([1.0, 2.0, 3.0]), rng)
     np.testing.assert_allclose(made.estimate, (1 - math.exp(-4.0)) * np.array([1.0, 2.0, 3.0]))

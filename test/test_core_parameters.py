@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.parameters import Config, matrix, parameter
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig

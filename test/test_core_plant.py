@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from oracles import Array, Counting, Masses, paper_field
+from oracles import Array, Counting, kinetic_energy, Masses, paper_field
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
@@ -22,7 +22,7 @@ def _plant(**values: Any) -> Plant:
 
 
 def _energy(plant: Plant) -> float:
-    return (plant.model.kinetic_energy(plant.q, plant.dq)
+    return (kinetic_energy(plant.model, plant.q, plant.dq)
             + plant.model.potential_energy(plant.q))
 
 

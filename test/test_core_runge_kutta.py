@@ -43,11 +43,11 @@ def test_a_load_that_changes_is_integrated_by_simpson_s_rule() -> None:
         assert dq == pytest.approx((h ** 4 / 4.0, h - h ** 3 / 3.0), rel=1e-14)
 
 
-@pytest.mark.parametrize('locked', [0, 1, 2, 3])
-def test_both_versions_agree_to_the_last_bit(locked: int) -> None:
-    random, f = Random(locked), TwoLink().forward_dynamics
+@pytest.mark.parametrize('fixed_joints', [0, 1, 2, 3])
+def test_both_versions_agree_to_the_last_bit(fixed_joints: int) -> None:
+    random, f = Random(fixed_joints), TwoLink().forward_dynamics
     for _ in range(200):
         q, dq, a, b, c = ([random.uniform(-3.0, 3.0) for _ in range(2)] for _ in range(5))
-        one = step(f, q, dq, (a, b, c), locked, 1e-3)
-        two = step_two(f, q, dq, (a, b, c), locked, 1e-3)
+        one = step(f, q, dq, (a, b, c), fixed_joints, 1e-3)
+        two = step_two(f, q, dq, (a, b, c), fixed_joints, 1e-3)
         assert [list(x) for x in one] == [list(x) for x in two]

@@ -7,7 +7,7 @@ from oracles import Array, Counting, paper_c, paper_field, paper_g, paper_m
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.metrics import metrics, reaching_time
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig, Sinusoid

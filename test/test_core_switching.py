@@ -3,11 +3,35 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from oracles import Array, inclusion_by_enumeration, Masses, random_spd
+from oracles import Array, inclusion_by_enumeration, random_spd
 import pytest
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
 
-from ctc_chattering.core.switching import boundary_layer, implicit_term, sign, SWITCHINGS
+from ctc_chattering.control.error_filter import ErrorFilter
+from ctc_chattering.control.perturbation_observer import PerturbationObserver
+from ctc_chattering.control.switching import (
+    BoundaryLayer,
+    Implicit,
+    ImplicitObserver,
+    make_switching,
+    Sign,
+    SWITCHINGS,
+)
+
+#: Arguments of a term that depends on v alone.
+NONE = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+
+
+def sign(v: list[float], ka: list[float]) -> list[float]:
+    term, clipping = Sign(np.array(ka)).term(np.array(v), *NONE)
+    assert clipping is None
+    return term.tolist()
+
+
+def boundary_layer(v: list[float], ka: list[float], width: float) -> list[float]:
+    term, clipping = BoundaryLayer(np.array(ka), width).term(np.array(v), *NONE)
+    assert clipping is None
+    return term.tolist()
 
 
 @pytest.mark.parametrize(('v', 'expected'), [
@@ -38,8 +62,8 @@ def test_zero_gain_is_no_chattering() -> None:
     assert SWITCHINGS == ('sign', 'boundary_layer', 'implicit', 'implicit_observer')
     assert sign([1.0, -1.0], [0.0, 0.0]) == [0.0, 0.0]
     assert boundary_layer([1.0, -1.0], [0.0, 0.0], 0.1) == [0.0, 0.0]
-    assert implicit_term(Masses([[2.0, 1.0], [1.0, 2.0]]), [0.0, 0.0], [3.0, -4.0],
-                         [0.0, 0.0]) == [0.0, 0.0]
+    assert _implicit(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([3.0, -4.0]),
+                     np.zeros(2)).tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(('v', 'expected'), [
@@ -64,8 +88,11 @@ def test_boundary_layer_tends_to_sign() -> None:
 
 
 def _implicit(mass: Array, wanted: Array, ka: Array) -> Array:
-    return np.array(implicit_term(
-        Masses(mass.tolist()), [0.0] * len(ka), wanted.tolist(), ka.tolist()))
+    """Return the term without errors, where C v is all that it has to undo."""
+    zero = np.zeros(len(ka))
+    term, clipping = Implicit(ka, ErrorFilter(len(ka))).term(zero, zero, mass, -wanted)
+    assert clipping is None
+    return term
 
 
 def _problem(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
@@ -138,7 +165,7 @@ def test_implicit_inside_the_box_is_what_is_wanted() -> None:
 @given(st.floats(1e-6, 1e6), st.floats(-1e250, 1e250), st.floats(0.0, 1e6))
 def test_implicit_of_one_joint_is_clipping(mass: float, wanted: float, ka: float) -> None:
     """Check the closed form for n = 1, where no other joint is pushed."""
-    z, = implicit_term(Masses([[mass]]), [0.0], [wanted], [ka])
+    z, = _implicit(np.array([[mass]]), np.array([wanted]), np.array([ka])).tolist()
     assert z == pytest.approx(float(np.clip(wanted, -ka, ka)), rel=1e-14)
     assert abs(z) <= ka
 
@@ -176,6 +203,41 @@ def test_implicit_never_exceeds_the_gain(n: int, seed: int, decades: float, size
 def test_implicit_never_exceeds_the_gain_at_the_end_of_the_numbers(
         wanted: list[float], mass: list[list[float]]) -> None:
     """Check that a torque which overflows in M⁻¹ leaves the term finite and within ±Ka."""
-    z = implicit_term(Masses(mass), [0.0, 0.0], wanted, [10.0, 4.0])
+    z = _implicit(np.array(mass), np.array(wanted), np.array([10.0, 4.0]))
     assert abs(z[0]) <= 10.0
     assert abs(z[1]) <= 4.0
+
+
+@pytest.mark.parametrize('n', [1, 3])
+def test_implicit_is_for_v_of_the_next_sample(n: int) -> None:
+    """Check M y / (b h) - C v - P̂ - z = M v⁺ / (b h), with y from the filter run ahead."""
+    rng, h = np.random.default_rng(n), 2e-3
+    filter_, observer = ErrorFilter(n), PerturbationObserver(n)
+    filter_.configure(7.0, 1.3, h)
+    ka, clipped = np.full(n, 8.0), 0
+    for _ in range(50):
+        mass, v, u, product = (random_spd(rng, n), 0.02 * rng.normal(size=n),
+                               rng.normal(size=n), rng.normal(size=n))
+        observer.estimate = rng.uniform(-4.0, 4.0, n)
+        for switching, estimate in ((Implicit(ka, filter_), np.zeros(n)), (
+                ImplicitObserver(ka, filter_, observer), observer.estimate)):
+            z, clipping = switching.term(v, u, mass, product)
+            decay = np.exp(-7.0 * h)
+            y = decay * v + (1.3 * h - 1.3 * (1.0 - decay) / 7.0) * u
+            wanted = mass @ y / (1.3 * h) - product - estimate
+            np.testing.assert_allclose(
+                z, inclusion_by_enumeration(mass, wanted, ka), rtol=1e-8, atol=1e-8)
+            if clipping is not None:
+                np.testing.assert_allclose(clipping, wanted - z, atol=1e-9)
+                clipped += 1
+            elif isinstance(switching, ImplicitObserver):
+                assert (np.abs(wanted) <= ka).all()
+    assert 5 < clipped < 50
+
+
+def test_every_name_has_its_class() -> None:
+    """Check the classes in the order of the names; only the last one has an observer."""
+    filter_, observer = ErrorFilter(2), PerturbationObserver(2)
+    made = [make_switching(name, np.ones(2), 0.1, filter_, observer) for name in SWITCHINGS]
+    assert [type(x) for x in made] == [Sign, BoundaryLayer, Implicit, ImplicitObserver]
+    assert [x.observer for x in made] == [None, None, None, observer]

@@ -7,7 +7,7 @@ import numpy as np
 from oracles import paper_c, paper_g, paper_m
 import pytest
 
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event, Run, simulate

@@ -19,9 +19,9 @@ from urdfs import two_links
 
 from ctc_chattering import __version__, params
 from ctc_chattering.cli.ctc import main
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.core.metrics import metrics
 from ctc_chattering.core.simulation import Run, simulate
-from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.result import simulated
 
 ROOT = Path(__file__).parents[1]

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from ctc_chattering import params, study
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.core.metrics import metrics
-from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.experiments import EXPERIMENTS
 from ctc_chattering.result import simulated
 from ctc_chattering.study import Case, evaluate, Outcome, to_csv, to_markdown

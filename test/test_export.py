@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ctc_chattering import params
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.simulation import Run
 from ctc_chattering.errors import CtcError
 from ctc_chattering.export import write_csv, write_npz

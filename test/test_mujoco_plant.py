@@ -14,7 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 from scipy.special import ellipk  # type: ignore[import-untyped]
 
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.metrics import metrics
 from ctc_chattering.core.model import Model, Rows, Vector
 from ctc_chattering.core.plant import BACKENDS, Plant, PlantConfig

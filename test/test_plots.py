@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ctc_chattering import comparison_plots, plots
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.reference import ReferenceConfig
 from ctc_chattering.core.simulation import Event, Run, simulate

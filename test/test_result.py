@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ctc_chattering import params
-from ctc_chattering.core.controller import Controller
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.core.simulation import simulate
 from ctc_chattering.result import finite, Result, simulated
 

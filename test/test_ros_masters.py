@@ -19,7 +19,7 @@ from std_msgs.msg import Float64MultiArray
 from test_ros_nodes import COMMANDS, ControllerUnderTest, MS, reference, state, torques
 from test_ros_watchdogs import ns
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.graph import JOINT_STATES
 
 pytestmark = pytest.mark.ros

@@ -26,7 +26,7 @@ from urdfs import BOMBS, link, mutated, PANDA, panda, two_links, UR5, ur5
 
 from ctc_chattering import params
 from ctc_chattering.bag import read_bag
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import make_plant
 from ctc_chattering.core.reference import ReferenceConfig, Sinusoid

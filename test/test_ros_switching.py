@@ -11,8 +11,8 @@ from ros import perform
 
 from ctc_chattering import params
 from ctc_chattering.bag import read_bag
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.core.simulation import simulate
-from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.core.terms import terms
 from ctc_chattering.result import simulated
 

@@ -24,7 +24,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering import params, supervisor
 from ctc_chattering.bag import read_bag
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import Plant, PlantConfig
 from ctc_chattering.core.trajectory import Point

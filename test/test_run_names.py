@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ctc_chattering.core.controller import ControllerConfig
+from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.core.simulation import Run
 from ctc_chattering.result import Result
 from ctc_chattering.run_names import colours, gains, LAW_COLOURS, names

@@ -12,7 +12,7 @@ from typing import Any
 from ctc_chattering import params
 from ctc_chattering.cli.options import overrides, params_file
 from ctc_chattering.cli.progress import Progress
-from ctc_chattering.core.switching import SWITCHINGS
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.export import write_csv, write_npz

@@ -9,8 +9,8 @@ from pathlib import Path
 import sys
 from typing import Any, NoReturn
 
-from ctc_chattering.core.controller import LAWS
-from ctc_chattering.core.switching import SWITCHINGS
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.share import config_directory
 

@@ -10,15 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ctc_chattering.core.box import solve_box
-from ctc_chattering.core.model import Model, solve, Vector
+import numpy as np
+
+from ctc_chattering.core.box import nearest
+from ctc_chattering.core.linear_algebra import Array, Vector
+from ctc_chattering.core.model import Model
 
 Modes = tuple[int, ...]
 #: A load that rounding alone lifts above Kf breaks no joint away.
 _HOLD = 1.0 + 1e-12
 
 
-def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Modes:
+def modes(model: Model, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> Modes:
     """
     Decide for every joint between sticking (0) and sliding (+1 or -1).
 
@@ -28,8 +31,8 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Mode
         Of the plant.
     q, dq, u : sequence of float, shape (n,)
         Position [rad], velocity [rad/s], torque without friction [N·m].
-    level : sequence of float, shape (n,)
-        Kf [N·m]; a joint whose level is 0 is reported as 0 and never sticks.
+    breakaway : sequence of float, shape (n,)
+        Breakaway torque Kf [N·m]; a joint for which it is 0 is reported as 0 and never sticks.
 
     Returns
     -------
@@ -40,25 +43,29 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, level: Vector) -> Mode
 
     """
     n = model.n
-    rest = [i for i in range(n) if dq[i] == 0.0 and level[i] > 0.0]
-    mode = [0 if level[i] == 0.0 or dq[i] == 0.0 else 1 if dq[i] > 0.0 else -1 for i in range(n)]
+    rest = [i for i in range(n) if dq[i] == 0.0 and breakaway[i] > 0.0]
+    mode = [(dq[i] > 0.0) - (dq[i] < 0.0) if breakaway[i] else 0 for i in range(n)]
     if not rest:
         return tuple(mode)
-    load = [u[i] - level[i] * mode[i] for i in range(n)]
-    if max(excess(model, q, dq, load, level, rest)) <= 0.0:
+    load = [u[i] - breakaway[i] * mode[i] for i in range(n)]
+    if max(excess(model, q, dq, load, breakaway, rest)) <= 0.0:
         return tuple(mode)
-    mass = model.mass_matrix(q)
-    free = model.forward_dynamics(q, dq, load)
-    columns = [solve(mass, [float(i == j) for i in range(n)]) for j in rest]
-    reaction = solve_box([[column[i] for column in columns] for i in rest],
-                         [-free[i] for i in rest], [level[i] for i in rest])
-    for i, f in zip(rest, reaction):
-        if abs(f) >= level[i]:
+    # The inertia of the joints at rest, the others being free to move.
+    mass = _inverse(_inverse(np.array(model.mass_matrix(q)))[np.ix_(rest, rest)])
+    holding = mass.dot(np.array(model.forward_dynamics(q, dq, load))[rest])
+    reaction = nearest(mass, holding, np.array([breakaway[i] for i in rest]))
+    for i, f in zip(rest, reaction.tolist()):
+        if abs(f) >= breakaway[i]:
             mode[i] = 1 if f > 0.0 else -1
     return tuple(mode)
 
 
-def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,
+def _inverse(a: Array) -> Array:
+    """Return the inverse of a matrix."""
+    return np.asarray(np.linalg.inv(a), float)
+
+
+def excess(model: Model, q: Vector, dq: Vector, load: Vector, breakaway: Vector,
            stuck: Sequence[int]) -> list[float]:
     """
     Return for each stuck joint how far its load is beyond Kf [N·m]; negative while it holds.
@@ -71,20 +78,17 @@ def excess(model: Model, q: Vector, dq: Vector, load: Vector, level: Vector,
         Position [rad] and velocity [rad/s].
     load : sequence of float, shape (n,)
         Torque less the friction of the joints that slide [N·m].
-    level : sequence of float, shape (n,)
-        Kf [N·m].
+    breakaway : sequence of float, shape (n,)
+        Breakaway torque Kf [N·m].
     stuck : sequence of int
         Joints at rest.
 
     """
-    a = model.forward_dynamics(q, dq, load, locked(stuck))
+    a = model.forward_dynamics(q, dq, load, bit_mask(stuck))
     need = model.inverse_dynamics(q, dq, a)
-    return [abs(load[i] - need[i]) - _HOLD * level[i] for i in stuck]
+    return [abs(load[i] - need[i]) - _HOLD * breakaway[i] for i in stuck]
 
 
-def locked(joints: Sequence[int]) -> int:
+def bit_mask(joints: Sequence[int]) -> int:
     """Return the bit mask of `joints`, as `Model.forward_dynamics` takes it."""
-    mask = 0
-    for i in joints:
-        mask |= 1 << i
-    return mask
+    return sum(1 << i for i in joints)

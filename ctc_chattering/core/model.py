@@ -1,25 +1,27 @@
 """
 What a robot model must offer: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
 
-Vectors are sequences of ``n`` floats, matrices sequences of rows: small numpy arrays cost more
-than the arithmetic they would do.
+Vectors are sequences of ``n`` floats, matrices sequences of rows: the plant integrates scalar by
+scalar. The control step takes M, C and G as arrays, from `Model.evaluate`.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 
-Vector = Sequence[float]
-Rows = Sequence[Sequence[float]]
+import numpy as np
+
+from ctc_chattering.core.linear_algebra import Array, dot, Rows, solve, times, Vector
+
+__all__ = ['Array', 'Model', 'Rows', 'Vector', 'dot', 'solve', 'times']
 
 
 class Model(ABC):
     """
     Rigid-body dynamics of an arm with `n` joints.
 
-    A subclass gives M, C and G; the products below follow from them. A subclass overrides the
-    products where a closed form is faster.
+    A subclass gives M, C and G; all else follows from them. It overrides what it has a faster
+    closed form of.
     """
 
     #: Number of joints.
@@ -43,20 +45,20 @@ class Model(ABC):
     def potential_energy(self, q: Vector) -> float:
         """Return the potential whose gradient is G(q) [J]."""
 
-    def inertia_times(self, q: Vector, x: Vector) -> Vector:
-        """Return M(q) x, shape (n,)."""
-        return times(self.mass_matrix(q), x)
-
-    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
-        """Return C(q, dq) x, shape (n,)."""
-        return times(self.coriolis_matrix(q, dq), x)
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q) as arrays, shapes (n, n), (n, n) and (n,)."""
+        at, speed = q.tolist(), dq.tolist()
+        return (np.array(self.mass_matrix(at), float),
+                np.array(self.coriolis_matrix(at, speed), float),
+                np.array(self.gravity_torque(at), float))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
         return [x + y + z for x, y, z in zip(
-            self.inertia_times(q, a), self.coriolis_times(q, dq, dq), self.gravity_torque(q))]
+            times(self.mass_matrix(q), a), times(self.coriolis_matrix(q, dq), dq),
+            self.gravity_torque(q))]
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """
         Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
 
@@ -64,55 +66,15 @@ class Model(ABC):
         ----------
         q, dq, u : sequence of float, shape (n,)
             Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
-        locked : int
+        fixed_joints : int
             Bit i set: joint i is held still by a torque of its own, so that ddq_i = 0.
 
         """
         mass = self.mass_matrix(q)
         bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)
-        free = [i for i in range(self.n) if not locked >> i & 1]
+        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
         a = solve([[mass[i][j] for j in free] for i in free], [u[i] - bias[i] for i in free])
         ddq = [0.0] * self.n
         for i, value in zip(free, a):
             ddq[i] = value
         return ddq
-
-    def kinetic_energy(self, q: Vector, dq: Vector) -> float:
-        """Return ½ dqᵀ M(q) dq [J]."""
-        return 0.5 * dot(dq, self.inertia_times(q, dq))
-
-
-def dot(x: Vector, y: Vector) -> float:
-    """Return xᵀ y."""
-    total = 0.0
-    for a, b in zip(x, y):
-        total += a * b
-    return total
-
-
-def times(rows: Rows, x: Vector) -> list[float]:
-    """Return the product of a matrix, shape (m, n), and a vector, shape (n,)."""
-    return [dot(row, x) for row in rows]
-
-
-def solve(rows: Rows, right: Vector) -> list[float]:
-    """Solve A x = b for symmetric positive definite A by elimination (no pivoting needed)."""
-    a = [list(row) for row in rows]
-    x = list(right)
-    n = len(x)
-    for k in range(n):
-        pivot, row_k = a[k][k], a[k]
-        for i in range(k + 1, n):
-            factor = a[i][k] / pivot
-            if factor:
-                row_i = a[i]
-                for j in range(k + 1, n):
-                    row_i[j] -= factor * row_k[j]
-                x[i] -= factor * x[k]
-    for k in range(n - 1, -1, -1):
-        row_k = a[k]
-        total = x[k]
-        for j in range(k + 1, n):
-            total -= row_k[j] * x[j]
-        x[k] = total / row_k[k]
-    return x

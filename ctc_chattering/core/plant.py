@@ -13,7 +13,7 @@ import dataclasses
 from math import exp, inf
 from typing import ClassVar
 
-from ctc_chattering.core.friction import excess, locked, modes
+from ctc_chattering.core.friction import bit_mask, excess, modes
 from ctc_chattering.core.grid import period_ns, samples
 from ctc_chattering.core.model import Model, Vector
 from ctc_chattering.core.models import check_model, locked_positions, model_of
@@ -170,14 +170,14 @@ class Plant(Robot):
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         super().configure(config)
-        self._level = [
+        self._breakaway = [
             a + b for a, b in zip(config.coulomb_friction, config.stribeck_friction)]
-        self._law = None
+        self._velocity_friction = None
         viscous = self._viscous_friction()
         if any(viscous) or any(config.stribeck_friction):
-            self._law = list(zip(
+            self._velocity_friction = list(zip(
                 viscous, config.stribeck_friction, config.stribeck_velocity))
-        self._rubbing = [i for i, level in enumerate(self._level) if level > 0.0]
+        self._rubbing = [i for i, x in enumerate(self._breakaway) if x > 0.0]
         self._decided = False
 
     def _move(self, t: float, tau: Vector) -> None:
@@ -191,14 +191,15 @@ class Plant(Robot):
     def _decide(self, t: float, tau: Vector) -> None:
         """Set the modes from the state and the load at time `t`."""
         load = self._torque(t, tau)
-        if self._law:
-            load = self._relieved(self.dq, load, [(x > 0.0) - (x < 0.0) for x in self.dq])
-        self.modes = modes(self.model, self.q, self.dq, load, self._level)
+        if self._velocity_friction:
+            signs = [(x > 0.0) - (x < 0.0) for x in self.dq]
+            load = self._minus_velocity_friction(self.dq, load, signs)
+        self.modes = modes(self.model, self.q, self.dq, load, self._breakaway)
         mode = self.modes
         self._stuck = [i for i in self._rubbing if not mode[i]]
         self._sliding = [i for i in self._rubbing if mode[i]]
-        self._locked = locked(self._stuck)
-        self._friction = [level * m for level, m in zip(self._level, mode)]
+        self._fixed_joints = bit_mask(self._stuck)
+        self._friction = [x * m for x, m in zip(self._breakaway, mode)]
         self._decided = True
 
     def _advance(self, t: float, h: float, tau: Vector) -> None:
@@ -206,7 +207,7 @@ class Plant(Robot):
         load = [a - f for a, f in zip(tau, self._friction)]
         for _ in range(_MAX_EVENTS):
             q, dq = self._runge_kutta(t, h, load)
-            held = self._held(t + h, q, dq, load)
+            held = self._margin(t + h, q, dq, load)
             if held >= 0.0:
                 self.q, self.dq = q, dq
                 return
@@ -219,7 +220,7 @@ class Plant(Robot):
             load = [a - f for a, f in zip(tau, self._friction)]
         self.q, self.dq = self._runge_kutta(t, h, load)
 
-    def _held(self, t: float, q: Vector, dq: Vector, load: Vector) -> float:
+    def _margin(self, t: float, q: Vector, dq: Vector, load: Vector) -> float:
         """Return how far the joint nearest to it is from leaving its mode; negative if it has."""
         mode = self.modes
         margin = inf
@@ -229,9 +230,9 @@ class Plant(Robot):
                 margin = x
         if self._stuck:
             u = self._torque(t, load)
-            if self._law:
-                u = self._relieved(dq, u, mode)
-            beyond = max(excess(self.model, q, dq, u, self._level, self._stuck))
+            if self._velocity_friction:
+                u = self._minus_velocity_friction(dq, u, mode)
+            beyond = max(excess(self.model, q, dq, u, self._breakaway, self._stuck))
             if -beyond < margin:
                 margin = -beyond
         return margin
@@ -247,31 +248,34 @@ class Plant(Robot):
         load : sequence of float, shape (n,)
             Torque less sliding friction [N·m].
         held : float
-            What `_held` is at the end of the step: negative.
+            What `_margin` is at the end of the step: negative.
 
         """
         def margin(s: float) -> float:
             q, dq = self._runge_kutta(t, s, load)
-            return self._held(t + s, q, dq, load)
+            return self._margin(t + s, q, dq, load)
 
         return first_negative(margin, h, held, 1e-12 * h)
 
-    def _sliding_dynamics(self, q: Vector, dq: Vector, u: Vector, lock: int) -> Vector:
+    def _sliding_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int) -> Vector:
         """Return ddq where friction depends on the velocity; `u` has its value near rest off."""
-        return self.model.forward_dynamics(q, dq, self._relieved(dq, u, self.modes), lock)
+        u = self._minus_velocity_friction(dq, u, self.modes)
+        return self.model.forward_dynamics(q, dq, u, fixed_joints)
 
-    def _relieved(self, dq: Vector, u: Vector, mode: Sequence[int]) -> Vector:
+    def _minus_velocity_friction(self, dq: Vector, u: Vector, mode: Sequence[int]) -> Vector:
         """Return `u` less what friction at the velocity `dq` exceeds its value near rest by."""
-        assert self._law is not None
+        assert self._velocity_friction is not None
         return [
             x - viscous * v + (fall * m * (1.0 - exp(-(r := v / speed) * r)) if fall else 0.0)
-            for x, v, m, (viscous, fall, speed) in zip(u, dq, mode, self._law)]
+            for x, v, m, (viscous, fall, speed) in zip(u, dq, mode, self._velocity_friction)]
 
     def _runge_kutta(self, t: float, h: float, load: Vector) -> tuple[Vector, Vector]:
         """Return q and dq after one step of fourth order in the present modes."""
-        dynamics: Dynamics = self._sliding_dynamics if self._law else self.model.forward_dynamics
+        dynamics: Dynamics = self.model.forward_dynamics
+        if self._velocity_friction:
+            dynamics = self._sliding_dynamics
         loads = (load, load, load)
         if self._disturbed:
             loads = (self._torque(t, load), self._torque(t + 0.5 * h, load),
                      self._torque(t + h, load))
-        return self._step(dynamics, self.q, self.dq, loads, self._locked, h)
+        return self._step(dynamics, self.q, self.dq, loads, self._fixed_joints, h)

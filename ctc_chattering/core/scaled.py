@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.core.model import Model, Rows, Vector
+from ctc_chattering.core.linear_algebra import Array, Rows, Vector
+from ctc_chattering.core.model import Model
 
 
 class Scaled(Model):
@@ -41,16 +42,13 @@ class Scaled(Model):
         """Return the scaled potential energy [J]."""
         return self._gravity * self._model.potential_energy(q)
 
-    def inertia_times(self, q: Vector, x: Vector) -> Vector:
-        """Return M(q) x, shape (n,)."""
-        return [self._inertia * y for y in self._model.inertia_times(q, x)]
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
+        mass, coriolis, weight = self._model.evaluate(q, dq)
+        return self._inertia * mass, self._inertia * coriolis, self._gravity * weight
 
-    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
-        """Return C(q, dq) x, shape (n,)."""
-        return [self._inertia * y for y in self._model.coriolis_times(q, dq, x)]
-
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """Return ddq, shape (n,): M ddq + C dq = (u - G) / factor with the M, C of the other."""
         weight = self._model.gravity_torque(q)
         return self._model.forward_dynamics(q, dq, [
-            (x - self._gravity * g) / self._inertia + g for x, g in zip(u, weight)], locked)
+            (x - self._gravity * g) / self._inertia + g for x, g in zip(u, weight)], fixed_joints)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import period_ns, samples, seconds
 from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Model

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.gaps import missing
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.simulation import Array, Run
@@ -82,8 +82,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
         while due and t >= due[0][0]:
             law.configure(due.pop(0)[1])
         if doubtful and known and t in known:
-            law.filter.state = [x + law.config.b * (a - b)
-                                for x, a, b in zip(known[t], dq_d, dq)]
+            law.filter.state = np.array(known[t]) + law.config.b * np.subtract(dq_d, dq)
             doubtful = False
         ahead = [samples[min(k + j, len(samples) - 1)][3:] for j in range(1, delay + 1)]
         s = law.step(q, dq, q_d, dq_d, ddq_d, ahead)

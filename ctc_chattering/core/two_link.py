@@ -15,7 +15,10 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from ctc_chattering.core.model import Model, Rows, Vector
+import numpy as np
+
+from ctc_chattering.core.linear_algebra import Array, Rows, Vector
+from ctc_chattering.core.model import Model
 
 
 class TwoLink(Model):
@@ -56,19 +59,14 @@ class TwoLink(Model):
         """Return the potential energy, 0 where both links hang down [J]."""
         return self._g1 * (1.0 - cos(q[0])) + self._g2 * (1.0 - cos(q[0] + q[1]))
 
-    def inertia_times(self, q: Vector, x: Vector) -> Vector:
-        """Return M(q) x, shape (2,)."""
-        x1, x2 = x
-        c2 = cos(q[1])
-        m12 = 0.76 + 0.51 * c2
-        return ((8.77 + 1.02 * c2) * x1 + m12 * x2, m12 * x1 + 0.62 * x2)
-
-    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
-        """Return C(q, dq) x, shape (2,)."""
-        k = 0.51 * sin(q[1])
-        dq1, dq2 = dq
-        x1, x2 = x
-        return (-k * (dq2 * x1 + (dq1 + dq2) * x2), k * dq1 * x1)
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q), shapes (2, 2), (2, 2) and (2,)."""
+        (q1, q2), (dq1, dq2) = q.tolist(), dq.tolist()
+        c2, k = cos(q2), 0.51 * sin(q2)
+        m12, g12 = 0.76 + 0.51 * c2, self._g2 * sin(q1 + q2)
+        return (np.array(((8.77 + 1.02 * c2, m12), (m12, 0.62))),
+                np.array(((-k * dq2, -k * (dq1 + dq2)), (k * dq1, 0.0))),
+                np.array((self._g1 * sin(q1) + g12, g12)))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (2,)."""
@@ -83,8 +81,8 @@ class TwoLink(Model):
                 + self._g1 * sin(q1) + g12,
                 m12 * a1 + 0.62 * a2 + k * dq1 * dq1 + g12)
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
-        """Return ddq, shape (2,), with the joints of the bit mask `locked` held still."""
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        """Return ddq, shape (2,), with the joints of the bit mask `fixed_joints` held still."""
         q1, q2 = q
         dq1, dq2 = dq
         c2 = cos(q2)
@@ -92,13 +90,13 @@ class TwoLink(Model):
         g12 = self._g2 * sin(q1 + q2)
         r1 = u[0] + k * dq2 * (dq1 + dq1 + dq2) - self._g1 * sin(q1) - g12
         r2 = u[1] - k * dq1 * dq1 - g12
-        if not locked:
+        if not fixed_joints:
             m11 = 8.77 + 1.02 * c2
             m12 = 0.76 + 0.51 * c2
             det = m11 * 0.62 - m12 * m12
             return ((0.62 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det)
-        if locked == 1:
+        if fixed_joints == 1:
             return (0.0, r2 / 0.62)
-        if locked == 2:
+        if fixed_joints == 2:
             return (r1 / (8.77 + 1.02 * c2), 0.0)
         return (0.0, 0.0)

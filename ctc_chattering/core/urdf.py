@@ -7,16 +7,15 @@ and C(q, x) y = C(q, y) x. Only inertias and joints are read: meshes are not loo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 import importlib
 import struct
 from typing import Any
 
 import numpy as np
 
-from ctc_chattering.core.array_model import Array, ArrayModel
-from ctc_chattering.core.model import Rows, Vector
+from ctc_chattering.core.linear_algebra import Array, Rows, Vector
+from ctc_chattering.core.model import Model
 from ctc_chattering.core.parameters import check_joint_names
 from ctc_chattering.core.tree import movable_joints, Tree
 from ctc_chattering.errors import CtcError, refused_as
@@ -27,7 +26,7 @@ __all__ = ['UrdfModel', 'movable_joints']
 _SINGULAR = 1e-10
 
 
-class UrdfModel(ArrayModel):
+class UrdfModel(Model):
     """
     Some joints of a URDF, the others locked.
 
@@ -77,26 +76,18 @@ class UrdfModel(ArrayModel):
         self.n = n = len(joints)
         self.gravity = gravity
         self._pin, self._model = pin, _reduced(pin, tree, stand)
-        data = self._data = self._model.createData()
+        self._data = self._model.createData()
         order = [self._model.joints[self._model.getJointId(name)].idx_v
                  for name in self.joint_names]
-        #: Indices of the joints in Pinocchio's order; None where it is that of the vectors.
-        self._order = None if order == list(range(n)) else np.argsort(order)
-        self._back = np.array(order)
-        self._square = np.ix_(self._back, self._back)
-        self._tools = (pin.crba, pin.computeCoriolisMatrix, self._model, data)
-        #: Row 2 of the momentum matrix is the gradient of Σ m z.
-        self.mass, self.coriolis, self.moment = data.M, data.C, data.Ag[2]
-        #: Whether those are Pinocchio's own arrays, and not copies.
-        self._shared = self._order is None and self._arrays_are_good()
-        if not self._shared:
-            self.mass, self.coriolis, self.moment = (
-                np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+        #: Indices that bring a vector into Pinocchio's order; a vector and a matrix back from it.
+        self._order: Any = np.argsort(order)
+        self._back: Any = np.array(order)
+        self._square: Any = np.ix_(order, order)
+        if order == list(range(n)):  # A view takes less time than a copy.
+            self._order = self._back = self._square = slice(None)
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._q, self._dq, self._x = (np.zeros(n) for _ in range(3))
         self._write = struct.Struct(f'{n}d').pack_into
-        self._mass_at: tuple[float, ...] = ()
-        self._coriolis_at: tuple[tuple[float, ...], ...] = ()
         self._check_inertia()
 
     @property
@@ -104,27 +95,13 @@ class UrdfModel(ArrayModel):
         """Pinocchio's own model, for looking at."""
         return self._model
 
-    def evaluator(self, q: Array, dq: Array) -> Callable[[], None]:
-        """Return a function that fills `mass`, `coriolis` and `moment`."""
-        crba, coriolis, model, data = self._tools
-        if self._shared:
-            # Naming the default convention, where there is one, makes the call faster.
-            how = [self._pin.Convention.LOCAL] if hasattr(self._pin, 'Convention') else []
-            fill_mass = partial(crba, model, data, q, *how)
-            fill_coriolis = partial(coriolis, model, data, q, dq)
-
-            def fill() -> None:
-                fill_mass()
-                fill_coriolis()
-            return fill
-
-        def fill_copies() -> None:
-            at, going = (q, dq) if self._order is None else (q[self._order], dq[self._order])
-            self.mass[:] = crba(model, data, at)[self._square]
-            self.coriolis[:] = coriolis(model, data, at, going)[self._square]
-            weight = self._pin.computeGeneralizedGravity(model, data, at)
-            self.moment[:] = weight[self._back] / (self.gravity or 1.0)
-        return fill_copies
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
+        pin, model, data = self._pin, self._model, self._data
+        q, dq = q[self._order], dq[self._order]
+        return (pin.crba(model, data, q)[self._square].copy(),
+                pin.computeCoriolisMatrix(model, data, q, dq)[self._square].copy(),
+                pin.computeGeneralizedGravity(model, data, q)[self._back].copy())
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
@@ -133,7 +110,9 @@ class UrdfModel(ArrayModel):
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C(q, dq), shape (n, n), of Christoffel's symbols."""
-        rows: Rows = self._coriolis_of(q, dq).tolist()
+        made = self._pin.computeCoriolisMatrix(
+            self._model, self._data, self._put(self._q, q), self._put(self._dq, dq))
+        rows: Rows = made[self._square].tolist()
         return rows
 
     def gravity_torque(self, q: Vector) -> Vector:
@@ -146,30 +125,20 @@ class UrdfModel(ArrayModel):
         return float(self._pin.computePotentialEnergy(
             self._model, self._data, self._put(self._q, q)))
 
-    def inertia_times(self, q: Vector, x: Vector) -> Vector:
-        """Return M(q) x, shape (n,)."""
-        product: list[float] = self._mass(q).dot(x).tolist()
-        return product
-
-    def coriolis_times(self, q: Vector, dq: Vector, x: Vector) -> Vector:
-        """Return C(q, dq) x, shape (n,)."""
-        product: list[float] = self._coriolis_of(q, dq).dot(x).tolist()
-        return product
-
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
         return self._listed(self._pin.rnea(
             self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
             self._put(self._x, a)))
 
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, locked: int = 0) -> Vector:
-        """Return ddq, shape (n,), with the joints of the bit mask `locked` held still."""
-        if not locked:
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        """Return ddq, shape (n,), with the joints of the bit mask `fixed_joints` held still."""
+        if not fixed_joints:
             return self._listed(self._pin.aba(
                 self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
                 self._put(self._x, u)))
         ddq = [0.0] * self.n
-        free = [i for i in range(self.n) if not locked >> i & 1]
+        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
         if free:
             bias = self.inverse_dynamics(q, dq, ddq)
             a = np.linalg.solve(self._mass(q)[np.ix_(free, free)], [u[i] - bias[i] for i in free])
@@ -177,53 +146,20 @@ class UrdfModel(ArrayModel):
                 ddq[i] = value
         return ddq
 
-    def _arrays_are_good(self) -> bool:
-        """Return whether Pinocchio's arrays hold what they are taken for, in any version."""
-        crba, coriolis, model, data = self._tools
-        q = np.linspace(0.3, 0.9, self.n)
-        mass, rates = crba(model, data, q).copy(), coriolis(model, data, q, q).copy()
-        moment = self.moment.copy()
-        model.gravity.linear = np.array([0.0, 0.0, -1.0])
-        weight = self._pin.computeGeneralizedGravity(model, model.createData(), q)
-        return bool((self.mass == mass).all() and (self.mass == mass.T).all()
-                    and (self.coriolis == rates).all()
-                    and np.allclose(moment, weight, rtol=1e-9, atol=1e-12))
-
     def _put(self, buffer: Array, x: Vector) -> Array:
-        """Return `x` as an array in Pinocchio's order: `buffer`, or a new one."""
+        """Return `x` as an array in Pinocchio's order: in `buffer`, or a new one."""
         self._write(buffer.data, 0, *x)
-        return buffer if self._order is None else buffer[self._order]
+        return buffer[self._order]
 
     def _listed(self, x: Array) -> list[float]:
         """Return an array in Pinocchio's order as a list in that of the vectors."""
-        values: list[float] = (x if self._order is None else x[self._back]).tolist()
+        values: list[float] = x[self._back].tolist()
         return values
 
     def _mass(self, q: Vector) -> Array:
-        """
-        Return M(q) as an array of our own.
-
-        It is kept with a copy of the position it is for, and computed once for any number of
-        products at one position.
-        """
-        at = tuple(q)
-        if at != self._mass_at:
-            crba, _, model, data = self._tools
-            mass = crba(model, data, self._put(self._q, at))
-            self._kept_mass: Array = mass.copy() if self._order is None else mass[self._square]
-            self._mass_at = at
-        return self._kept_mass
-
-    def _coriolis_of(self, q: Vector, dq: Vector) -> Array:
-        """Return C(q, dq), kept as M is."""
-        at = (tuple(q), tuple(dq))
-        if at != self._coriolis_at:
-            _, coriolis, model, data = self._tools
-            made = coriolis(model, data, self._put(self._q, at[0]), self._put(self._dq, at[1]))
-            self._kept_coriolis: Array = (
-                made.copy() if self._order is None else made[self._square])
-            self._coriolis_at = at
-        return self._kept_coriolis
+        """Return M(q); the next call may overwrite the array."""
+        made: Array = self._pin.crba(self._model, self._data, self._put(self._q, q))[self._square]
+        return made
 
     def _check_inertia(self) -> None:
         """Raise `CtcError` unless M is positive definite at a few positions."""

@@ -12,9 +12,9 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core import stamps
 from ctc_chattering.core.cadence import Cadence
-from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import Guard
 from ctc_chattering.core.model import Vector
@@ -425,7 +425,7 @@ class ControllerNode(Shell):
             return
         self._commands.publish(self._writer.write(sample.tau))
         self._held = sample.tau
-        if sample.excess is not None:
+        if sample.saturation_error is not None:
             self._saturated += 1
         config = law.config
         if config.law == 'chattering':

@@ -15,7 +15,7 @@ import tempfile
 import time
 
 from ctc_chattering import params
-from ctc_chattering.core.controller import Controller
+from ctc_chattering.control.controller import Controller
 from ctc_chattering.core.models import model_of
 from ctc_chattering.core.plant import Plant
 from ctc_chattering.core.reference import make_motion

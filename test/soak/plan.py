@@ -7,9 +7,9 @@ import dataclasses
 import random
 from typing import Any, TypeVar
 
-from ctc_chattering.core.controller import LAWS
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.core.parameters import Parameter
-from ctc_chattering.core.switching import SWITCHINGS
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 from ctc_chattering.settings import LOOP, parameters_of
 

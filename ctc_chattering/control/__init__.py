@@ -1,0 +1,1 @@
+"""The laws of the paper as a sampled controller."""
