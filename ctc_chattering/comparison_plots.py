@@ -89,9 +89,9 @@ def score_comparison(results: Sequence[Result]) -> Figure:
             ('rms_error_rad', 'RMS error', ''),
             ('torque_variation_nm_per_s', 'torque variation', '/s'))):
         low, high = scores[0]['window_s']
-        judged = any(score[key] for score in scores)
+        evaluated = any(score[key] for score in scores)
         ax = panel(figure, grid[0, column],
-                   f'{quantity}{f", {low:g} s to {high:g} s" if judged else ""} '
+                   f'{quantity}{f", {low:g} s to {high:g} s" if evaluated else ""} '
                    '(number: joint)', '')
         unit = ' or '.join(unit + suffix for unit in units[column])
         ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(results) - 0.4, -0.6))

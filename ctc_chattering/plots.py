@@ -163,13 +163,13 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
 def _all(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
     """Yield file name, figure and caption, each figure made when it is due."""
     if len(results) > 1:
-        judged = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
+        evaluated = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
         yield 'comparison_error', error_comparison(results), (
             'Sum of the absolute joint errors over time on a logarithmic axis, one panel per '
             'experiment.' + (' The legend gives the largest value within the shaded time.'
-                             if judged else ''))
+                             if evaluated else ''))
         yield 'comparison_scores', score_comparison(results), (
-            'Left: RMS error of each joint. Right: how far each torque travels in a second.')
+            'Left: RMS error of each joint. Right: variation of each torque per second.')
     used: set[str] = set()
     for result, called in zip(results, names(results)):
         text = result.slug + called.removeprefix(result.label)

@@ -172,7 +172,7 @@ class Result:
         """Yield why numbers are missing, and what about the run needs attention."""
         low, high = numbers['window_s']
         if numbers['rms_error_rad'] is None and len(self.run.t):
-            yield (f'errors and torques are judged from {low:g} s to {high:g} s; this run is '
+            yield (f'errors and torques are evaluated from {low:g} s to {high:g} s; this run is '
                    f'from {self.run.t[0]:.4g} s to {self.run.t[-1]:.4g} s')
         if mixed:
             yield ('no sum of errors: some joints turn, others slide, and their numbers are in m '

@@ -54,7 +54,7 @@ class Case:
     Attributes
     ----------
     name, group : str
-        What differs from the group's other cases; the table it stands in.
+        What differs from the other cases of the group; the table that contains it.
     overrides : mapping
         Values by node and parameter above those of the file, as `params.load` takes them.
     file : str

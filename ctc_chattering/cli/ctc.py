@@ -58,7 +58,7 @@ def make_parser() -> argparse.ArgumentParser:
     replay.add_argument('--rate', type=float, default=1.0, metavar='R',
                         help='speed, 1 by default; 2 is twice as fast')
     replay.add_argument('--delay', type=float, default=1.0, metavar='S',
-                        help='wait so long for subscribers first, 1 by default [s]')
+                        help='time to wait for subscribers first, 1 by default [s]')
 
     study = commands.add_parser(
         'study', help='compare the switchings over sample period, gain and imperfections',
@@ -81,7 +81,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_output(compare, None)
 
     repair = commands.add_parser(
-        'repair', help='make a whole bag of one that was cut off or has wrong bytes',
+        'repair', help='make a complete bag of one that was cut off or has wrong bytes',
         description='Rewrite a bag that was not closed, or is damaged, so that every tool reads '
                     'it; what was there is kept beside it.')
     repair.add_argument('bag', type=Path, metavar='BAG')
@@ -130,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Imported only now: each needs libraries that take time to load, or may not be there.
+    # Imported here: each needs libraries that take time to load, or may be missing.
     from ctc_chattering.cli import commands
     return int(getattr(commands, options.command.replace('-', '_'))(options))
 
