@@ -1,4 +1,4 @@
-"""Figures that put several runs side by side."""
+"""Figures that compare several runs."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def score_comparison(results: Sequence[Result]) -> Figure:
     scores = [result.metrics() for result in results]
     called, painted = names(results), colours(results)
     left = min(4.6, 0.5 + 0.078 * max(map(len, called)))
-    figure, grid = drawing('Tracking error and what it costs', 1, (1.0, 1.0),
+    figure, grid = drawing('Tracking error and torque variation', 1, (1.0, 1.0),
                            0.42 * len(results) + 0.3, left=left)
     units = [sorted({unit for r in results for unit in r.position_units}),
              sorted({unit for r in results for unit in r.torque_units})]

@@ -39,12 +39,13 @@ from ctc_chattering.run_names import colour, name, names
 PAPER_FIGURES = {
     ('friction', 'compensation'): (2, 4), ('friction', 'chattering'): (3, 5),
     ('disturbance', 'compensation'): (6, 8), ('disturbance', 'chattering'): (7, 9)}
-#: Length of the slices that are drawn larger: of positions, of torques [s].
+#: Length of the enlarged slices: of positions, of torques [s].
 SLICE, SHORT_SLICE = 1.0, 0.2
-#: The chattering term z as each switching has it.
+#: The chattering term z of each switching.
 _TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
           'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
-#: What a format calls the time of writing, which is left out: the same run, the same file.
+_TERM = 'chattering term z'
+#: Metadata with the date, by format; left out, so that equal runs give equal files.
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
 _WHOLE = slice(None)
@@ -53,7 +54,7 @@ _PLAIN = 'compensation'
 
 @dataclasses.dataclass(frozen=True)
 class FigureFile:
-    """A figure on disk: the SVG, what it shows, and how to read it."""
+    """A figure on disk: the SVG, its title and its caption."""
 
     path: Path
     title: str
@@ -107,8 +108,9 @@ def internals(result: Result, called: str = '') -> Figure:
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', _WHOLE)
     sheet.line(ax, terms.lyapunov, _WHOLE, linewidth=0.9)
     log_axis(ax, terms.lyapunov)
-    kinds = {_TERMS[config.switching] for _, config in result.configs if config.law != _PLAIN}
-    kind = kinds.pop() if len(kinds) == 1 else 'chattering term z'
+    kinds = {_TERMS.get(config.switching, _TERM) for _, config in result.configs
+             if config.law != _PLAIN}
+    kind = kinds.pop() if len(kinds) == 1 else _TERM
     for i, (joint, position, torque) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units)):
         ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', _WHOLE)
@@ -132,17 +134,17 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
     """
     Write every figure of `results` as SVG and return them in the order in which to show them.
 
-    Two results or more are compared as well. The directory is made if need be. Nothing is
+    Two results or more are compared as well. The directory is created if necessary. Nothing is
     written if a run has no samples; `CtcError` also if a file cannot be written.
 
     Parameters
     ----------
     results : sequence of Result
-        What to draw.
+        Runs to draw.
     directory : Path
-        Where to.
+        Directory of the files.
     extra : str
-        Another format to write each figure in beside it: ``pdf`` or ``png``.
+        A second format of each figure: ``pdf`` or ``png``.
 
     """
     for result in results:
@@ -185,8 +187,8 @@ def _all(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
         yield f'{slug}_torques', torques(result, called), (
             f'Torques sent to the joints. Right: {where}')
         yield f'{slug}_internals', internals(result, called), (
-            'Beyond the paper: the Lyapunov function V of its proof, the filtered error v that '
-            f'is to reach zero, and the chattering term. Right: {where}')
+            'Not in the paper: the Lyapunov function V of its proof, the filtered error v that '
+            f'reaches zero, and the chattering term. Right: {where}')
 
 
 class _Sheet:

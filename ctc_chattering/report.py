@@ -1,4 +1,4 @@
-"""What is left of an experiment to read: ``metrics.json`` and a page that needs no network."""
+"""The page of results, which needs no network."""
 
 from __future__ import annotations
 

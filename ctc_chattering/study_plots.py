@@ -133,9 +133,9 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[tup
     Parameters
     ----------
     outcomes : sequence of Outcome
-        As `study.perform` returns them; a figure without any of its cases is left out.
+        Result of `study.perform`; a figure without any of its cases is left out.
     directory : Path
-        Made if need be.
+        Created if necessary.
 
     Returns
     -------
