@@ -167,7 +167,7 @@ class Graph:
         rate : float
             Samples per second that must be reached.
         patience : float
-            Longest time [s], without what the processes wait for a processor.
+            Longest time, without what the processes wait for a processor [s].
 
         Returns
         -------
@@ -175,6 +175,7 @@ class Graph:
             What is still wrong at the end, and how long it took [s].
 
         """
+        begin = time.monotonic()
         watch = Stopwatch(*(child.process.pid for child in self.children.values()))
         noted = ''
         while True:
@@ -182,9 +183,8 @@ class Graph:
             if failure not in ('', noted):
                 noted = failure
                 self.note(f'   {failure}')
-            took = watch.read()
-            if not failure or took > patience:
-                return failure, took
+            if not failure or watch.read() > patience:
+                return failure, time.monotonic() - begin
             self.step()
 
     def close(self) -> None:
