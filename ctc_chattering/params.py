@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,10 @@ from ctc_chattering.core.simulation import Event
 from ctc_chattering.core.waypoints import Route
 from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.events import parse_events
 from ctc_chattering.settings import BringupSettings, LOOP, NODES, parameters_of
 from ctc_chattering.trajectory_file import read_trajectory
-from ctc_chattering.yaml_file import Dumper, parse_value, read_yaml
+from ctc_chattering.yaml_file import Dumper, read_yaml
 
 Values = dict[str, Any]
 #: Values by node and parameter that override those of a file; node ``/**`` for all nodes.
@@ -262,51 +263,3 @@ def _contradiction(name: str, node: str, value: object, other: str, expected: ob
         return list(x) if isinstance(x, tuple) else x
     return CtcError(f'{name}: {shown(value)} of {node} contradicts {shown(expected)} of {other}; '
                     'put what nodes share under /**')
-
-
-def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[Event, ...]:
-    """
-    Return the events that `lines` describe, each "time node parameter value".
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The value is YAML; empty lines are ignored.
-    configs : mapping
-        Configuration of each node that can have events, at the start of the run.
-
-    Raises
-    ------
-    CtcError
-        For a line of another form, a parameter that cannot change while the node runs,
-        or a value that is not allowed.
-
-    """
-    events = []
-    for line in filter(None, lines):
-        words = line.split(None, 3)
-        try:
-            time, (node, name, value) = float(words[0]), words[1:]
-            config = configs[node]
-        except (ValueError, IndexError, KeyError):
-            raise ParameterError(
-                'events', line, '"time node parameter value", node ' + ' | '.join(configs)
-            ) from None
-        if not 0.0 <= time < float('inf'):
-            raise ParameterError('events', line, 'a time >= 0')
-        try:
-            parsed = parse_value(value)
-        except CtcError:
-            raise ParameterError('events', line, 'a value in YAML, not null') from None
-        events.append((time, node, name, parsed, config))
-    events.sort(key=lambda event: event[0])
-    current = dict(configs)
-    result = []
-    for time, node, name, value, _ in events:
-        spec = current[node].parameters().get(name)
-        if spec is not None and spec.read_only:
-            raise ParameterError('events', name, 'a parameter that can change during the run')
-        current[node] = current[node].changed({name: value})
-        result.append(Event(time, node, {name: getattr(current[node], spec.field)}
-                            if spec else {}))
-    return tuple(result)
