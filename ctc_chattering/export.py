@@ -46,8 +46,8 @@ def write_csv(result: Result, path: Path) -> None:
     """
     Write samples as comma-separated values, a column per joint and quantity.
 
-    The first row names each column and its unit: ``q_elbow [rad]``. Numbers are exact;
-    unknown values are ``nan``.
+    The first row names each column and its unit: ``q_elbow [rad]``. Numbers are exact; what is
+    not known is ``nan``.
 
     Raises
     ------

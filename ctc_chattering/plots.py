@@ -39,13 +39,12 @@ from ctc_chattering.run_names import colour, name, names
 PAPER_FIGURES = {
     ('friction', 'compensation'): (2, 4), ('friction', 'chattering'): (3, 5),
     ('disturbance', 'compensation'): (6, 8), ('disturbance', 'chattering'): (7, 9)}
-#: Length of the enlarged slices: of positions, of torques [s].
+#: Length of the slices that are drawn larger: of positions, of torques [s].
 SLICE, SHORT_SLICE = 1.0, 0.2
-#: The chattering term z of each switching.
+#: The chattering term z as each switching has it.
 _TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
           'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
-_TERM = 'chattering term z'
-#: Metadata with the date, by format; left out, so that equal runs give equal files.
+#: What a format calls the time of writing, which is left out: the same run, the same file.
 _DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
 _WHOLE = slice(None)
@@ -54,7 +53,7 @@ _PLAIN = 'compensation'
 
 @dataclasses.dataclass(frozen=True)
 class FigureFile:
-    """A figure on disk: the SVG, its title and its caption."""
+    """A figure on disk: the SVG, what it shows, and how to read it."""
 
     path: Path
     title: str
@@ -108,9 +107,8 @@ def internals(result: Result, called: str = '') -> Figure:
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', _WHOLE)
     sheet.line(ax, terms.lyapunov, _WHOLE, linewidth=0.9)
     log_axis(ax, terms.lyapunov)
-    kinds = {_TERMS.get(config.switching, _TERM) for _, config in result.configs
-             if config.law != _PLAIN}
-    kind = kinds.pop() if len(kinds) == 1 else _TERM
+    kinds = {_TERMS[config.switching] for _, config in result.configs if config.law != _PLAIN}
+    kind = kinds.pop() if len(kinds) == 1 else 'chattering term z'
     for i, (joint, position, torque) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units)):
         ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', _WHOLE)
@@ -134,17 +132,17 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
     """
     Write every figure of `results` as SVG and return them in the order in which to show them.
 
-    Two results or more are compared as well. The directory is created if necessary. Nothing is
+    Two results or more are compared as well. The directory is made if need be. Nothing is
     written if a run has no samples; `CtcError` also if a file cannot be written.
 
     Parameters
     ----------
     results : sequence of Result
-        Runs to draw.
+        What to draw.
     directory : Path
-        Directory of the files.
+        Where to.
     extra : str
-        A second format of each figure: ``pdf`` or ``png``.
+        Another format to write each figure in beside it: ``pdf`` or ``png``.
 
     """
     for result in results:
@@ -165,13 +163,13 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
 def _all(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
     """Yield file name, figure and caption, each figure made when it is due."""
     if len(results) > 1:
-        evaluated = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
+        judged = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
         yield 'comparison_error', error_comparison(results), (
             'Sum of the absolute joint errors over time on a logarithmic axis, one panel per '
             'experiment.' + (' The legend gives the largest value within the shaded time.'
-                             if evaluated else ''))
+                             if judged else ''))
         yield 'comparison_scores', score_comparison(results), (
-            'Left: RMS error of each joint. Right: variation of each torque per second.')
+            'Left: RMS error of each joint. Right: how far each torque travels in a second.')
     used: set[str] = set()
     for result, called in zip(results, names(results)):
         text = result.slug + called.removeprefix(result.label)
@@ -187,8 +185,8 @@ def _all(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
         yield f'{slug}_torques', torques(result, called), (
             f'Torques sent to the joints. Right: {where}')
         yield f'{slug}_internals', internals(result, called), (
-            'Not in the paper: the Lyapunov function V of its proof, the filtered error v that '
-            f'reaches zero, and the chattering term. Right: {where}')
+            'Beyond the paper: the Lyapunov function V of its proof, the filtered error v that '
+            f'is to reach zero, and the chattering term. Right: {where}')
 
 
 class _Sheet:

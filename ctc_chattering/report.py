@@ -1,4 +1,4 @@
-"""The page of results, which needs no network."""
+"""What is left of an experiment to read: ``metrics.json`` and a page that needs no network."""
 
 from __future__ import annotations
 

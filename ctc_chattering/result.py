@@ -1,4 +1,4 @@
-"""A finished run with its parameters, for metrics and figures."""
+"""A finished run together with what it takes to draw it and to sum it up."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ctc_chattering.core.tree import Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.params import Setup
 
-#: Time for v to reach 0 [s].
+#: Time that v is given to reach 0 [s].
 _REACHING = 0.5
 #: Parameters that only one switching has.
 _OWN_GAINS = {'boundary_layer': ('boundary_layer',), 'implicit_observer': ('observer_bandwidth',)}
@@ -45,9 +45,9 @@ class Result:
     run : Run
         The samples.
     computed : Terms, optional
-        Terms, if they have been computed.
+        Terms, if they are known already.
     description : str
-        The URDF of the controller's model; empty for a model without one.
+        The URDF of the controller's model; empty for a model that needs none.
     source : str
         Name of the bag; empty for a simulation.
 
@@ -89,7 +89,7 @@ class Result:
 
     @property
     def marks(self) -> list[tuple[float, str]]:
-        """Times [s] at which law or switching changed during the run, with the new one."""
+        """Times [s] at which law or switching changed during the run, with what they became."""
         return [(t, new.law if new.law != old.law else new.switching)
                 for (_, old), (t, new) in zip(self.configs, self.configs[1:])
                 if (new.law, new.switching) != (old.law, old.switching)]
@@ -102,7 +102,7 @@ class Result:
 
     @property
     def slug(self) -> str:
-        """Experiment and law for a file name."""
+        """Experiment and law in a form fit for a file name."""
         return self.experiment if self.changes else f'{self.experiment}_{self.law}'
 
     @cached_property
@@ -136,8 +136,8 @@ class Result:
         """
         How often the chattering term of each joint is at its bound within the window.
 
-        The time after a start or a change of parameters in which v reaches 0 is not counted. None
-        without a sample under law ``chattering``.
+        Not counted is the time after a start or a change of parameters in which v comes to 0.
+        None without a sample under law ``chattering``.
         """
         count = TermSaturation(len(self.joint_names))
         t = self.run.t
@@ -169,17 +169,17 @@ class Result:
             'notes': list(self._notes(numbers, mixed))}
 
     def _notes(self, numbers: dict[str, Any], mixed: bool) -> Iterator[str]:
-        """Yield why numbers are missing, and warnings."""
+        """Yield why numbers are missing, and what about the run needs attention."""
         low, high = numbers['window_s']
         if numbers['rms_error_rad'] is None and len(self.run.t):
-            yield (f'errors and torques are evaluated from {low:g} s to {high:g} s; this run is '
+            yield (f'errors and torques are judged from {low:g} s to {high:g} s; this run is '
                    f'from {self.run.t[0]:.4g} s to {self.run.t[-1]:.4g} s')
         if mixed:
             yield ('no sum of errors: some joints turn, others slide, and their numbers are in m '
                    'and N')
-        absent = int(self.missing.sum())
-        if absent:
-            yield (f'{absent} of {absent + len(self.run.t)} samples are missing; errors are '
+        lacking = int(self.missing.sum())
+        if lacking:
+            yield (f'{lacking} of {lacking + len(self.run.t)} samples are missing; errors are '
                    'those of the samples that are there, the torque variation that of neighbours')
         for name, found in zip(self.joint_names, self.saturation or ()):
             if found.cause:
@@ -188,7 +188,7 @@ class Result:
 
 def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> Result:
     """
-    Simulate the experiment of a parameter file.
+    Simulate what a parameter file describes.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
     """
     Write ``{"runs": [...]}``, an object per run, as strict JSON.
 
-    A number that is not finite becomes null.
+    A number that is not finite, which JSON cannot say, becomes null.
 
     Raises
     ------

@@ -229,7 +229,7 @@ def test_what_needs_attention_is_on_the_page(tmp_path: Path) -> None:
     assert 'weak: chattering (implicit): joint2: chattering term at its bound for ' in notes
     assert 'ka too small' in notes
     assert 'lossy: chattering (implicit): 100 of 6001 samples are missing' in notes
-    assert 'short: chattering: errors and torques are evaluated from 5 s to 10 s' in notes
+    assert 'short: chattering: errors and torques are judged from 5 s to 10 s' in notes
     assert any('bag one; Kp 100, Kv 50, Ka 8, ' in text for text in page.texts['small'])
 
 
