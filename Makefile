@@ -61,4 +61,4 @@ $(READY): setup.py setup.cfg package.xml
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) results build install log *.egg-info
+	rm -rf $(VENV) results soak build install log *.egg-info

@@ -73,7 +73,7 @@ def run_variants(path: Path, backend: str | None, run: Runner,
         result = run(path, over)
         rms = result.metrics()['rms_error_rad']
         if rms is None:
-            raise CtcError(f'{path}: the run ends before the time that is judged, 5 s to 10 s')
+            raise CtcError(f'{path}: the run ends before the evaluated interval, 5 s to 10 s')
         yield Outcome(setup.plant.experiment, setup.plant.plant_backend, law, switching,
                       setup.controller.joint_names, tuple(rms), _peak(result.run))
 
@@ -100,7 +100,7 @@ def _peak(run: Run) -> float:
 
 
 def to_markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return a table for each robot and plant; `least` is how many times the worst joint wins."""
+    """Return a table for each robot and plant; `least` is the smallest ratio of all joints."""
     lines: list[str] = []
     for experiment, backend in dict.fromkeys((x.experiment, x.backend) for x in outcomes):
         mine = [x for x in outcomes if (x.experiment, x.backend) == (experiment, backend)]

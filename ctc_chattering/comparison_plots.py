@@ -1,4 +1,4 @@
-"""Figures that put several runs side by side."""
+"""Figures that compare several runs."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def score_comparison(results: Sequence[Result]) -> Figure:
     scores = [result.metrics() for result in results]
     called, painted = names(results), colours(results)
     left = min(4.6, 0.5 + 0.078 * max(map(len, called)))
-    figure, grid = drawing('Tracking error and what it costs', 1, (1.0, 1.0),
+    figure, grid = drawing('Tracking error and torque variation', 1, (1.0, 1.0),
                            0.42 * len(results) + 0.3, left=left)
     units = [sorted({unit for r in results for unit in r.position_units}),
              sorted({unit for r in results for unit in r.torque_units})]
@@ -89,9 +89,9 @@ def score_comparison(results: Sequence[Result]) -> Figure:
             ('rms_error_rad', 'RMS error', ''),
             ('torque_variation_nm_per_s', 'torque variation', '/s'))):
         low, high = scores[0]['window_s']
-        judged = any(score[key] for score in scores)
+        evaluated = any(score[key] for score in scores)
         ax = panel(figure, grid[0, column],
-                   f'{quantity}{f", {low:g} s to {high:g} s" if judged else ""} '
+                   f'{quantity}{f", {low:g} s to {high:g} s" if evaluated else ""} '
                    '(number: joint)', '')
         unit = ' or '.join(unit + suffix for unit in units[column])
         ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(results) - 0.4, -0.6))

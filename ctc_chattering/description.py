@@ -48,7 +48,7 @@ def _find(location: str) -> Path:
 
 
 def _prefixes() -> Iterator[Path]:
-    """Yield the places below which packages have their ``share``."""
+    """Yield the prefixes of installed packages, which have a ``share``."""
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
         yield Path(prefix)
     yield Path(sys.prefix)

@@ -1,4 +1,4 @@
-"""A ROS domain of one's own, so that runs side by side do not hear each other."""
+"""Exclusive ROS domains, so that concurrent runs do not exchange messages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DOMAINS = range(1, 102)
 @contextmanager
 def own_domain() -> Iterator[int]:
     """
-    Hold a domain that no other holder on this host has, confined to this host.
+    Hold a domain that no other process on this host holds, confined to this host.
 
     ``ROS_DOMAIN_ID`` and ``ROS_AUTOMATIC_DISCOVERY_RANGE`` are set meanwhile.
 

@@ -12,7 +12,7 @@ from ctc_chattering.share import config_directory
 @dataclasses.dataclass(frozen=True)
 class Experiment:
     """
-    One run: a parameter file in `config/` and what stands above it.
+    One run: a parameter file in `config/` and overrides.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Experiment:
 
     @property
     def overrides(self) -> dict[str, dict[str, Any]]:
-        """What stands above the file."""
+        """Values that override those of the file."""
         values: dict[str, Any] = {'law': self.law} if self.law else {}
         if self.switching:
             values.update(switching=self.switching, ka=list(self.ka))

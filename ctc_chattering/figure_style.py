@@ -1,4 +1,4 @@
-"""What all figures look like: sheets of panels, lines with gaps, axes, notes."""
+"""Style of all figures: sheets of panels, lines with gaps, axes, notes."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ def line(ax: Axes, t: Array, y: Array, missing: npt.NDArray[np.int64] | None = N
     Parameters
     ----------
     ax : Axes
-        Where to.
+        Axes to draw in.
     t, y : ndarray, shape (N,)
         Samples.
     missing : ndarray, shape (N - 1,), optional
         Number of samples missing after each but the last.
     style : dict
-        As matplotlib has it.
+        Arguments of matplotlib.
 
     """
     if missing is not None:
@@ -84,14 +84,14 @@ def shade_gaps(ax: Axes, t: Array, missing: npt.NDArray[np.int64]) -> None:
 
 
 def note(ax: Axes, text: str) -> None:
-    """Write `text` above the axes, on the right, where it hides nothing."""
+    """Write `text` above the axes, on the right."""
     before = ax.get_title('right')
     ax.set_title(f'{before}; {text}' if before else text, loc='right', fontsize=9,
                  color='#666666', pad=4, parse_math=False)
 
 
 def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
-    """Write `text` into axes in which it hides nothing."""
+    """Write `text` into the axes."""
     ax.text(x, y, text, transform=ax.transAxes, **style, **_NOTE)
 
 
@@ -105,7 +105,7 @@ def mark(ax: Axes, time: float, name: str = '') -> None:
 
 
 def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
-    """Make the axis of y logarithmic if it can be, without room for rare dips towards zero."""
+    """Make the axis of y logarithmic if it has positive values, without rare dips towards zero."""
     positive = y[np.isfinite(y) & (y > 0.0)]
     if len(positive):
         low = float(np.percentile(positive, 1.0)) / 5.0
@@ -116,7 +116,7 @@ def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
 
 
 def steady_axis(ax: Axes, t: Array, y: Array) -> None:
-    """Let the axis of y show the run past its start, and say so if that cuts the start."""
+    """Fit the axis of y to the run after its start, with a note if that cuts the start."""
     finite = np.isfinite(y)
     late = y[finite & (t >= t[0] + min(1.0, (t[-1] - t[0]) / 3.0))]
     if not len(late):
@@ -135,7 +135,7 @@ def steady_axis(ax: Axes, t: Array, y: Array) -> None:
 
 
 def fit_titles(figure: Figure) -> None:
-    """Shorten what stands above a panel until nothing meets."""
+    """Shorten the texts above each panel until they do not overlap."""
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]

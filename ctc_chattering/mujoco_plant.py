@@ -1,8 +1,8 @@
 """
-A second simulated robot, whose physics is not ours: MuJoCo's, from an MJCF or a URDF description.
+The plant of MuJoCo, from an MJCF or a URDF description.
 
 It has the clock, the drives and the sensors of the builtin plant (`core/robot.py`). MuJoCo is
-imported when one is made.
+imported when a plant is constructed.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ctc_chattering.core.robot import Robot
 from ctc_chattering.core.tree import parse_description
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 
-#: The largest impedance of a constraint that MuJoCo takes.
+#: The largest impedance of a constraint that MuJoCo accepts.
 _IMPEDANCE = 0.9999
-#: Sweeps of the solver that takes the softness out of friction, and the improvement, relative to
-#: the inertia, below which it ends: with the latter at 0 all sweeps would be made every time.
+#: Sweeps of the no-slip solver, and the improvement, relative to the inertia, below which it ends:
+#: with 0 it would make all sweeps every time.
 _SWEEPS = 300
 _ENOUGH = 1e-30
 #: Improvement below which MuJoCo's Newton method ends.
@@ -33,34 +33,33 @@ class MujocoPlant(Robot):
     """
     The simulated robot of MuJoCo.
 
-    Taken from the description are the bodies, their inertia, and of the joints in `joint_names`
-    the axes, armature, springs and limits of position (MuJoCo's soft ones). Everything else is
-    the configuration's: gravity (along -z), friction and damping of these joints, step,
-    disturbance. Limits of torque are `torque_saturation`, not the file's. Not used at all:
-    contacts, actuators, tendons, and geometry, but for that of an MJCF body without `inertial`.
-    Closed loops (connect, weld) are refused. The joints that are not in `joint_names` are locked,
-    by taking them out of the model and turning the body by what it is locked at: a constraint
-    would yield, and would cost time.
+    The description gives the bodies, their inertia, and for the joints in `joint_names` the axes,
+    armature, springs and limits of position (MuJoCo's soft ones). The configuration gives
+    everything else: gravity (along -z), friction and damping of these joints, step, disturbance.
+    Limits of torque are `torque_saturation`, not the file's. Contacts, actuators, tendons and
+    geometry are ignored, except the geometry of an MJCF body without `inertial`. Closed loops
+    (connect, weld) are refused. Joints that are not in `joint_names` are removed from the model,
+    with their body at the fixed position: a constraint would be soft, and would cost time.
 
-    Coulomb friction is MuJoCo's `frictionloss`, a constraint on the velocity, made as hard as it
-    gets: at the highest impedance, with the damping that takes the velocity away within a step,
-    and with the no-slip solver, which takes out the softness that is left. Without the latter a
-    stuck joint whose friction holds back an acceleration a creeps at 1e-4 a h: at 95 % of Kf and
-    a step h of 1 ms a two-link arm at 2e-6 rad/s, a Panda at 5e-5 rad/s. With it no more than
-    1e-15 rad/s were seen, on a two-link arm, a UR5 and a Panda, and no change of position.
+    Coulomb friction is MuJoCo's `frictionloss`, a constraint on the velocity, as hard as possible:
+    with the highest impedance, a damping that removes the velocity within a step, and the no-slip
+    solver, which removes the remaining softness. Without this solver a stuck joint whose friction
+    prevents an acceleration a creeps at 1e-4 a h: at 95 % of Kf and a step h of 1 ms a two-link
+    arm at 2e-6 rad/s, a Panda at 5e-5 rad/s. With it at most 1e-15 rad/s were measured, on a
+    two-link arm, a UR5 and a Panda, and no change of position.
 
-    The integrator is Runge-Kutta of fourth order, which is second order in the disturbance (taken
-    amid each step, and held over it) and first order in the instants at which a joint stops or
-    breaks away. MuJoCo's faster ones set the position half a step ahead of the velocity: at 1 ms
-    the error of a loop that should be 1e-5 rad was 1e-3 rad. Viscous friction c on an inertia I
-    needs a step below 2.7 I / c.
+    The integrator is Runge-Kutta of fourth order, which is second order in the disturbance (that
+    of the middle of each step, held over it) and first order in the instants at which a joint
+    stops or breaks away. MuJoCo's faster ones advance the position half a step ahead of the
+    velocity: at 1 ms the error of a loop that should be 1e-5 rad was 1e-3 rad. Viscous friction c
+    on an inertia I needs a step below 2.7 I / c.
 
     Parameters
     ----------
     config : PlantConfig
-        Start, friction, disturbance, drives and sensors; `model` is not consulted.
+        Start, friction, disturbance, drives and sensors; `model` is ignored.
     description : str
-        MJCF or URDF, as XML; told apart by the root element.
+        MJCF or URDF, as XML; the root element says which.
     locked : mapping, optional
         Position [rad or m] at which a joint that is not in `joint_names` is held; by default 0.
 
@@ -73,7 +72,7 @@ class MujocoPlant(Robot):
     Attributes
     ----------
     mjmodel, mjdata : mujoco.MjModel, mujoco.MjData
-        MuJoCo's own, for looking at.
+        MuJoCo's own.
 
     """
 

@@ -1,8 +1,8 @@
 """
-Standard output and error that never hold the process up: what they cannot take is dropped.
+Standard output and error that never block the process; output that they do not accept is dropped.
 
-A terminal that is stopped (Ctrl-S), or a pipe that is not read, blocks whoever writes to it. A
-controller's last torque of 0 must not wait for a line of the log.
+A terminal that is stopped (Ctrl-S), or a pipe that is not read, blocks its writers. A controller's
+last torque of 0 must not wait for a line of the log.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import threading
 
 #: Largest number of bytes that wait to be written; a system may allow less.
 _CAPACITY = 1 << 20
-#: What is waited at the end for the last lines to be written [s].
+#: Time to wait at the end until the last lines are written [s].
 _PATIENCE = 0.5
 
 
 class NonblockingOutput:
-    """A context in which threads write what the process prints, C libraries included."""
+    """A context in which threads write the output of the process, C libraries included."""
 
     def __enter__(self) -> NonblockingOutput:
-        """Put a pipe before each of the two."""
-        if os.isatty(2):  # Of a pipe rcutils believes that it takes no colours.
+        """Redirect both into pipes."""
+        if os.isatty(2):  # rcutils prints no colours into a pipe.
             os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')
         self._sinks = {descriptor: os.dup(descriptor) for descriptor in (1, 2)}
         self._threads = [self._divert(*item) for item in self._sinks.items()]
@@ -43,7 +43,7 @@ class NonblockingOutput:
         return thread
 
     def __exit__(self, *_: object) -> None:
-        """Let the last lines out, if somebody takes them soon; then print as before."""
+        """Wait a moment for the last lines; then print as before."""
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
                 stream.flush()
@@ -54,7 +54,7 @@ class NonblockingOutput:
 
 
 def _copy(source: int, sink: int) -> None:
-    """Write what comes until there is no more; go on reading where nobody takes it."""
+    """Copy until the end; after an error of the sink, read on and drop the data."""
     while data := os.read(source, 1 << 16):
         with suppress(OSError):
             while data:

@@ -1,4 +1,4 @@
-"""Directories that commands write into: nothing is overwritten unasked."""
+"""Output directories of commands; nothing is overwritten without a request."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ctc_chattering.errors import CtcError
 
 def prepare(directory: Path, names: Sequence[str], overwrite: bool = False) -> Path:
     """
-    Make `directory` ready for files and directories called `names`.
+    Prepare `directory` for files and directories with these `names`.
 
     Parameters
     ----------
     directory : Path
-        Made if it is not there.
+        Created if it does not exist.
     names : sequence of str
-        What will be written into it.
+        Names that will be written into it.
     overwrite : bool
-        Remove these first if they are there; nothing else is touched.
+        Remove these first if they exist, and nothing else.
 
     Returns
     -------
@@ -30,7 +30,7 @@ def prepare(directory: Path, names: Sequence[str], overwrite: bool = False) -> P
     Raises
     ------
     CtcError
-        If any of them is there and `overwrite` is not set, or the directory cannot be made.
+        If any of them exists and `overwrite` is not set, or the directory cannot be created.
 
     """
     try:

@@ -1,8 +1,8 @@
-"""Parameter files in the syntax of ROS 2, read and checked as a whole without ROS."""
+"""Parameter files in the syntax of ROS 2, read and checked without ROS."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -20,23 +20,24 @@ from ctc_chattering.core.simulation import Event
 from ctc_chattering.core.waypoints import Route
 from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.events import parse_events
 from ctc_chattering.settings import BringupSettings, LOOP, NODES, parameters_of
 from ctc_chattering.trajectory_file import read_trajectory
-from ctc_chattering.yaml_file import Dumper, parse_value, read_yaml
+from ctc_chattering.yaml_file import Dumper, read_yaml
 
 Values = dict[str, Any]
-#: Values by node and parameter that stand above a file's; node ``/**`` for all nodes.
+#: Values by node and parameter that override those of a file; node ``/**`` for all nodes.
 Overrides = Mapping[str, Mapping[str, Any]]
-#: Section whose parameters go to every node that knows them.
+#: Section whose parameters apply to every node that has them.
 EVERY_NODE = '/**'
-#: Parameters that every node has of ROS; without ROS they mean nothing.
+#: Parameters of every ROS node; without ROS they have no effect.
 OF_ROS = ('use_sim_time', 'start_type_description_service')
 
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """
-    Everything one parameter file says, checked.
+    The checked contents of a parameter file.
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Setup:
     values : mapping
         Every parameter's value, by executable and parameter.
     route : Route or None
-        What the reference's `trajectory_file` holds, in the order of its joints.
+        Contents of the reference's `trajectory_file`, in the order of its joints.
     descriptions : mapping
         Text of the robot's description by node, for those that need one and name a file.
 
@@ -71,14 +72,13 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     path : Path or None
         None for the defaults: the paper's first experiment.
     overrides : mapping, optional
-        What stands above the file's.
+        Values that override the file's.
 
     Raises
     ------
     CtcError
-        If the file cannot be read, names a node or a parameter that does not exist, holds a
-        value that is not allowed, or values that contradict each other; or if the file of
-        waypoints that it names is wrong.
+        If the file cannot be read, or has an unknown node or parameter, a value that is not
+        allowed, or contradictory values; or if its file of waypoints is wrong.
 
     """
     sections = read(path) if path is not None else {}
@@ -120,7 +120,7 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
 
 def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
     """
-    Write a parameter file that says everything, for nodes in `namespace`.
+    Write a parameter file with all values, for nodes in `namespace`.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _build(config: type[Config], values: Values, node: str) -> Config:
 
 def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
                      reference: ReferenceConfig) -> None:
-    """Raise `CtcError` where the nodes' values contradict each other."""
+    """Raise `CtcError` if the nodes' values contradict each other."""
     names = ['joint_names', 'gravity']
     if plant.plant_backend == 'builtin':
         names += ['model', 'locked']
@@ -263,51 +263,3 @@ def _contradiction(name: str, node: str, value: object, other: str, expected: ob
         return list(x) if isinstance(x, tuple) else x
     return CtcError(f'{name}: {shown(value)} of {node} contradicts {shown(expected)} of {other}; '
                     'put what nodes share under /**')
-
-
-def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[Event, ...]:
-    """
-    Return the events that `lines` describe, each "time node parameter value".
-
-    Parameters
-    ----------
-    lines : sequence of str
-        The value is YAML; empty lines are passed over.
-    configs : mapping
-        Configuration of each node that can have events, at the start of the run.
-
-    Raises
-    ------
-    CtcError
-        For a line that is not of this form, a parameter that cannot change while the node runs,
-        or a value that is not allowed.
-
-    """
-    events = []
-    for line in filter(None, lines):
-        words = line.split(None, 3)
-        try:
-            time, (node, name, value) = float(words[0]), words[1:]
-            config = configs[node]
-        except (ValueError, IndexError, KeyError):
-            raise ParameterError(
-                'events', line, '"time node parameter value", node ' + ' | '.join(configs)
-            ) from None
-        if not 0.0 <= time < float('inf'):
-            raise ParameterError('events', line, 'a time >= 0')
-        try:
-            parsed = parse_value(value)
-        except CtcError:
-            raise ParameterError('events', line, 'a value in YAML, not null') from None
-        events.append((time, node, name, parsed, config))
-    events.sort(key=lambda event: event[0])
-    current = dict(configs)
-    result = []
-    for time, node, name, value, _ in events:
-        spec = current[node].parameters().get(name)
-        if spec is not None and spec.read_only:
-            raise ParameterError('events', name, 'a parameter that can change during the run')
-        current[node] = current[node].changed({name: value})
-        result.append(Event(time, node, {name: getattr(current[node], spec.field)}
-                            if spec else {}))
-    return tuple(result)

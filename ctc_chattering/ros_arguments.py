@@ -1,9 +1,9 @@
 """
-The arguments after ``--ros-args``, read by one rule for every executable.
+The arguments after ``--ros-args``, parsed by one rule for every executable.
 
-ROS ignores silently what concerns no node or no parameter, and between a node's own section and
-``/**`` the one that came first in a file decides for all that follow. Here the last one wins, a
-node's own section of a file stands above ``/**`` of that file; what concerns nothing is refused.
+ROS silently ignores arguments for unknown nodes or parameters, and between a node's own section
+and ``/**`` the first one in a file has precedence for all that follow. Here the last one wins, a
+node's own section has precedence over ``/**`` of the same file, and unknown names are refused.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NAMES = {'enable', 'reset', 'rosout', 'parameter_events', 'set_parameters', 'ge
 
 
 class _Assignment(NamedTuple):
-    """What ``-p node:name:=value`` says; `node` is empty for every node."""
+    """The argument ``-p node:name:=value``; `node` is empty for every node."""
 
     node: str
     name: str
@@ -44,7 +44,7 @@ class _Assignment(NamedTuple):
 @dataclasses.dataclass(frozen=True)
 class RosArguments:
     """
-    What stands after ``--ros-args``.
+    The arguments after ``--ros-args``.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class RosArguments:
     sources : tuple of Path or _Assignment
         Parameter files and single parameters, in order.
     rest : tuple of str
-        What is left to ROS: remaps, logging, security.
+        Arguments for ROS itself: remaps, logging, security.
 
     """
 
@@ -66,7 +66,7 @@ class RosArguments:
 
     def values(self, executable: str) -> dict[str, Any]:
         """
-        Return the parameters that these arguments give to a node, the last one of each.
+        Return the parameters of a node by these arguments, the last value of each.
 
         Raises
         ------
@@ -167,7 +167,7 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
     Raises
     ------
     UsageError
-        For what is no argument of ROS.
+        For an argument that ROS does not have.
 
     """
     own, rest = [], []
@@ -184,7 +184,7 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
         elif word in _FLAGS:
             rest.append(word)
         elif word not in _WITH_VALUE:
-            raise UsageError(f'{word} is no argument of ROS (it stands after --ros-args)')
+            raise UsageError(f'{word} is no argument of ROS (it is after --ros-args)')
         elif (value := next(words, '--')).startswith('--'):
             raise UsageError(f'{word} needs a value')
         elif word == '--params-file':
@@ -199,7 +199,7 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
 
 
 def _assignment(flag: str, rule: str) -> _Assignment:
-    """Return what the value of ``-p`` says."""
+    """Return the assignment of ``-p``."""
     match = re.fullmatch(r'(?:(\w+):)?([^:=\s]+):=(.*)', rule, re.DOTALL)
     if match is None:
         raise UsageError(f'{flag} {rule}: this is not NAME:=VALUE, nor NODE:NAME:=VALUE')
@@ -211,7 +211,7 @@ def _assignment(flag: str, rule: str) -> _Assignment:
 
 
 def _remap(flag: str, rule: str) -> tuple[str, str]:
-    """Return what the value of ``-r`` renames, and to what."""
+    """Return the name that ``-r`` changes, and the new one."""
     left, separator, right = rule.partition(':=')
     name = re.sub(r'^\w+:', '', left).removeprefix('rostopic://').removeprefix('rosservice://')
     if not separator or not left or not right:

@@ -1,4 +1,4 @@
-"""Names and colours that tell several runs apart."""
+"""Distinct names and colours for several runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LAW_COLOURS = {'compensation': '#D55E00', 'chattering': '#0072B2'}
 MIXED = '#007A5A'
 #: Further colours, for runs of one experiment under the same law.
 _FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7')
-#: Parameters whose values name a run where names would be the same, with signs for them.
+#: Parameters that are added to names which would be equal, and their symbols.
 _SIGNS = {'ka': 'Ka', 'kp': 'Kp', 'kv': 'Kv', 'lambda': 'λ', 'b': 'b', 'control_period': 'h',
           'boundary_layer': 'layer', 'observer_bandwidth': 'bandwidth',
           'input_delay': 'delay', 'inertia_scale': 'inertia ×', 'gravity_scale': 'gravity ×'}
@@ -67,7 +67,7 @@ def colours(results: Sequence[Result]) -> list[str]:
 
 def colour(result: Result) -> str:
     """Return the colour of a run by itself."""
-    return MIXED if result.changes else LAW_COLOURS[result.law]
+    return MIXED if result.changes else LAW_COLOURS.get(result.law, _FURTHER[0])
 
 
 def gains(result: Result) -> str:

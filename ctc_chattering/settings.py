@@ -1,8 +1,8 @@
 """
-What the processes need besides the core's configurations.
+Parameters of the executables besides those of controller, plant and reference themselves.
 
-One class per executable; together with the core's configuration of the same name it makes up the
-parameters of that node.
+One class per executable; with the configuration class of the same title it makes up the parameters
+of that node.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def _wait_for() -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class RealTimeSettings(Config):
-    """Parameters of how a process is scheduled, with the names of ros2_control's manager."""
+    """Parameters of the scheduling of a process, named as those of ros2_control's manager."""
 
     title: ClassVar[str] = 'real time'
 
@@ -46,58 +46,58 @@ class RealTimeSettings(Config):
 
 @dataclasses.dataclass(frozen=True)
 class PlantSettings(Config):
-    """Parameters of the plant node that are none of the plant's physics."""
+    """Parameters of the plant node besides the physics."""
 
     title: ClassVar[str] = 'plant'
 
     hold_at: float = parameter(
         'hold_at', 'float', 0.0,
         'Lockstep: simulated time is held before the first state at or after this time, until the '
-        'value is set anew; 0 for never.', unit='s', minimum=0.0)
+        'value is set again; 0 for never.', unit='s', minimum=0.0)
     clock_period: float = parameter(
         'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
         unit='s', minimum=0.0, exclusive=True, read_only=True)
     command_timeout: float = parameter(
         'command_timeout', 'float', 0.02,
-        'Real time: without a command for so long (at least three control periods), the torque '
-        'is 0 and the brakes hold, until the next one. At most 1/Kv: a torque held for longer '
-        'makes the motion diverge.', unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
+        'Real time: after this time without a command (at least three control periods), the '
+        'torque is 0 and the brakes hold, until the next one. At most 1/Kv: a torque held for '
+        'longer makes the motion diverge.', unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
     wait_for: tuple[str, ...] = _wait_for()
 
 
 @dataclasses.dataclass(frozen=True)
 class ControllerSettings(Config):
-    """Parameters of the controller node that are none of the law's."""
+    """Parameters of the controller node besides the law."""
 
     title: ClassVar[str] = 'controller'
 
     state_timeout: float = parameter(
         'state_timeout', 'float', 0.02,
-        'Real time: without a state for so long (at least three control periods), or after a '
-        'gap as long in its stamps, the law begins anew.', unit='s', minimum=0.0, exclusive=True,
+        'Real time: after this time without a state (at least three control periods), or after a '
+        'gap as long in its stamps, the law restarts.', unit='s', minimum=0.0, exclusive=True,
         maximum=3600.0, read_only=True)
     reference_timeout: float = parameter(
         'reference_timeout', 'float', 0.1,
-        'A reference that is late goes on at its last velocity for so long; then the position '
-        'is held.', unit='s', minimum=0.0, maximum=3600.0, read_only=True)
+        'A late reference continues at its last velocity for this time; then the position is '
+        'held.', unit='s', minimum=0.0, maximum=3600.0, read_only=True)
     restart_duration: float = parameter(
         'restart_duration', 'float', 2.0,
-        'Time over which the desired motion leads from where the robot is back to the reference, '
-        'where no torque was sent for more than 0.1 s; 0 for none.', unit='s', minimum=0.0,
+        "Time over which the desired motion returns from the robot's position to the reference "
+        'after more than 0.1 s without a torque; 0 for none.', unit='s', minimum=0.0,
         maximum=3600.0)
     enabled: bool = parameter(
         'enabled', 'bool', True, 'Whether torques are sent from the start; see ~/enable.',
         read_only=True)
     state_decimation: int = parameter(
         'state_decimation', 'int', 10,
-        'The topics under ~/ carry every so many-th sample; all are recomputed from a bag.',
+        'The topics under ~/ carry every Nth sample; all are recomputed from a bag.',
         minimum=1, maximum=1_000_000)
     wait_for: tuple[str, ...] = _wait_for()
 
 
 @dataclasses.dataclass(frozen=True)
 class ReferenceSettings(Config):
-    """Parameters of the reference node that are none of the motion's."""
+    """Parameters of the reference node besides the motion."""
 
     title: ClassVar[str] = 'reference'
 
@@ -152,7 +152,7 @@ def parameters_of(node: str) -> dict[str, Parameter]:
     return {name: spec for config in NODES[node] for name, spec in config.parameters().items()}
 
 
-#: What each node is, for its --help.
+#: Description of each node for its --help.
 NODE_DESCRIPTIONS = {
     'plant': 'The simulated robot: torques in, joint states out.',
     'controller': 'The controller: a joint state in, the torque that answers it out.',

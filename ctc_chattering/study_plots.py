@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,11 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.figure_style import DOTS, drawing, label, panel, STEPS
 from ctc_chattering.study import BASIC, Case, GAIN, NOISE, Outcome, PERIOD, rows, SHORT_NOISE
 
-#: Colour, marker and dashes of each switching (after Okabe and Ito), told apart without colour.
-STYLES: dict[str, tuple[str, str, Any]] = {
-    'sign': ('#D55E00', 's', '-'), 'boundary_layer': ('#CC79A7', '^', (0, (5, 1.5))),
-    'implicit': ('#009E73', 'D', (0, (2.5, 1.2))), 'implicit_observer': ('#0072B2', 'o', '-')}
+#: Colour, marker and dashes of each switching (after Okabe and Ito), distinct without
+#: colour as well.
+STYLES: dict[str, tuple[str, str, Any]] = dict(zip(SWITCHINGS, itertools.cycle((
+    ('#D55E00', 's', '-'), ('#CC79A7', '^', (0, (5, 1.5))), ('#009E73', 'D', (0, (2.5, 1.2))),
+    ('#0072B2', 'o', '-'), ('#E69F00', 'v', (0, (1, 1))), ('#56B4E9', 'P', '-.')))))
 #: Attribute of an outcome, and its title and unit.
 QUANTITIES = (('error', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
@@ -131,9 +133,9 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[tup
     Parameters
     ----------
     outcomes : sequence of Outcome
-        As `study.perform` returns them; a figure without any of its cases is left out.
+        Result of `study.perform`; a figure without any of its cases is left out.
     directory : Path
-        Made if need be.
+        Created if necessary.
 
     Returns
     -------

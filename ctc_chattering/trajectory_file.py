@@ -22,7 +22,7 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
 
     The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` (a
     number of seconds, or `sec` and `nanosec`), and maybe `velocities` and `accelerations`. A
-    `header` is passed over: times count from the start of the motion.
+    `header` is ignored: times count from the start of the motion.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
     Raises
     ------
     CtcError
-        With the file, the point and what is allowed.
+        With the file, the point and the allowed values.
 
     """
     tree = read_yaml(path)

@@ -144,7 +144,7 @@ def test_overrides_go_to_every_run() -> None:
 
 
 def test_a_run_that_ends_too_early_is_refused() -> None:
-    with pytest.raises(CtcError, match='the run ends before the time that is judged, 5 s to 10 s'):
+    with pytest.raises(CtcError, match='the run ends before the evaluated interval, 5 s to 10 s'):
         next(run_variants(CONFIG / 'panda.yaml', 'mujoco', over_simulation,
                           {'plant': {'duration': 0.01}}))
 

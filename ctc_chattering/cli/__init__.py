@@ -2,6 +2,6 @@
 
 import os
 
-# A robot's matrices are too small for threads. OpenBLAS starts them all the same, one for each
-# processor, and they compute in vain for a moment at the start of every process.
+# A robot's matrices are too small for threads. OpenBLAS starts them nevertheless, one for each
+# processor, which delays the start of every process.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

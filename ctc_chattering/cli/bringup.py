@@ -19,9 +19,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog='bringup',
         description='Start plant, controller and reference with one parameter file; stop all of '
-                    'them on Ctrl-C, SIGTERM, the end of the experiment or the death of any.',
-        epilog='What stands after --ros-args is for all nodes: --params-file F, -p NAME:=VALUE or '
-               'NODE:NAME:=VALUE (they stand above the options before, the last one wins), '
+                    'them on Ctrl-C, SIGTERM, the end of the experiment, or when one exits.',
+        epilog='Arguments after --ros-args apply to all nodes: --params-file F, -p NAME:=VALUE or '
+               'NODE:NAME:=VALUE (they override the options before, the last one wins), '
                '-r __ns:=/robot1 and other remaps. The graph is confined to this host unless '
                'ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
     parser.add_argument('--version', action='version', version=__version__)

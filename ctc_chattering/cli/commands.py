@@ -1,4 +1,4 @@
-"""What the subcommands of `ctc` do; each imports what it needs when it is called."""
+"""The subcommands of `ctc`; each imports what it needs when it is called."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ctc_chattering.result import Result, simulated, write_metrics, write_text
 from ctc_chattering.run_names import names
 from ctc_chattering.settings import parameter_table
 
-#: What is simulated of a run without an end [s].
+#: Simulated duration of a run without an end [s].
 _DURATION = 10.0
-#: What is written next to each other.
+#: Names in an output directory.
 _FIGURES, _METRICS, _PAGE, _BAGS = 'figures', 'metrics.json', 'index.html', 'bags'
 
 
@@ -32,7 +32,7 @@ def simulate(options: argparse.Namespace) -> int:
     over = overrides(options)
     setup = params.load(params_file(options), over)
     if setup.plant.duration == 0.0:
-        print(f'duration is 0, for ever: simulating {_DURATION:g} s', file=sys.stderr)
+        print(f'duration is 0, no end: simulating {_DURATION:g} s', file=sys.stderr)
         over.setdefault('plant', {})['duration'] = _DURATION
         setup = params.load(params_file(options), over)
     if options.out is not None:

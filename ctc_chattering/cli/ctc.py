@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 import sys
+from typing import Any
 
 from ctc_chattering import __version__
 from ctc_chattering.cli.options import add_run_options, guarded, parameter_file
@@ -18,6 +19,13 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
 
+    _add_experiments(commands)
+    _add_bags(commands)
+    _add_models(commands)
+    return parser
+
+
+def _add_experiments(commands: Any) -> None:
     simulate = commands.add_parser(
         'simulate', help='run an experiment without ROS',
         description='Run the closed loop of a parameter file without ROS; write metrics.json and '
@@ -32,6 +40,28 @@ def make_parser() -> argparse.ArgumentParser:
                     'metrics.json and index.html.')
     _add_output(reproduce, 'results')
 
+    study = commands.add_parser(
+        'study', help='compare the switchings over sample period, gain and imperfections',
+        description='Simulate every switching over sample periods, gains and imperfections of the '
+                    'loop; write study.md, study.csv and figures.')
+    _add_output(study, 'study')
+    study.add_argument('--jobs', type=int, metavar='N',
+                       help='processes, as many as there are processors by default')
+
+    compare = commands.add_parser(
+        'compare', help='compare both laws joint by joint, on any robot',
+        description='Run every parameter file with the original law and with every switching of '
+                    'the proposed one; print the RMS error of each joint.')
+    compare.add_argument('files', nargs='+', type=parameter_file, metavar='F',
+                         help='parameter file, or the name of one of the package, such as panda')
+    compare.add_argument('--backend', action='append', metavar='X',
+                         help="plant in place of the file's: builtin | mujoco; may be repeated")
+    compare.add_argument('--ros', action='store_true',
+                         help='run the nodes and evaluate the bags, not the simulation')
+    _add_output(compare, None)
+
+
+def _add_bags(commands: Any) -> None:
     plot = commands.add_parser(
         'plot', help='draw the figures of bags',
         description='Draw the figures from bags alone; write them with metrics.json and '
@@ -58,34 +88,16 @@ def make_parser() -> argparse.ArgumentParser:
     replay.add_argument('--rate', type=float, default=1.0, metavar='R',
                         help='speed, 1 by default; 2 is twice as fast')
     replay.add_argument('--delay', type=float, default=1.0, metavar='S',
-                        help='wait so long for subscribers first, 1 by default [s]')
-
-    study = commands.add_parser(
-        'study', help='compare the switchings over sample period, gain and imperfections',
-        description='Simulate every switching over sample periods, gains and imperfections of the '
-                    'loop; write study.md, study.csv and figures.')
-    _add_output(study, 'study')
-    study.add_argument('--jobs', type=int, metavar='N',
-                       help='processes, as many as there are processors by default')
-
-    compare = commands.add_parser(
-        'compare', help='compare both laws joint by joint, on any robot',
-        description='Run every parameter file with the original law and with every switching of '
-                    'the proposed one; print the RMS error of each joint.')
-    compare.add_argument('files', nargs='+', type=parameter_file, metavar='F',
-                         help='parameter file, or the name of one of the package, such as panda')
-    compare.add_argument('--backend', action='append', metavar='X',
-                         help="plant in place of the file's: builtin | mujoco; may be repeated")
-    compare.add_argument('--ros', action='store_true',
-                         help='run the nodes and evaluate the bags, not the simulation')
-    _add_output(compare, None)
+                        help='time to wait for subscribers first, 1 by default [s]')
 
     repair = commands.add_parser(
-        'repair', help='make a whole bag of one that was cut off or has wrong bytes',
+        'repair', help='make a complete bag of one that was cut off or has wrong bytes',
         description='Rewrite a bag that was not closed, or is damaged, so that every tool reads '
                     'it; what was there is kept beside it.')
     repair.add_argument('bag', type=Path, metavar='BAG')
 
+
+def _add_models(commands: Any) -> None:
     check_model = commands.add_parser(
         'check-model', help='test the dynamics of a robot model',
         description='Test a robot model at random states: M symmetric and positive definite, '
@@ -111,7 +123,6 @@ def make_parser() -> argparse.ArgumentParser:
     commands.add_parser(
         'parameters', help='print all parameters of all nodes',
         description='Print all parameters of all nodes as a Markdown table.')
-    return parser
 
 
 def _add_output(parser: argparse.ArgumentParser, default: str | None) -> None:
@@ -130,7 +141,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Imported only now: each needs libraries that take time to load, or may not be there.
+    # Imported here: each needs libraries that take time to load, or may be missing.
     from ctc_chattering.cli import commands
     return int(getattr(commands, options.command.replace('-', '_'))(options))
 

@@ -1,8 +1,8 @@
 """
-The nodes' executables: signals are taken before anything else is imported.
+The nodes' executables: signal handlers are set before anything else is imported.
 
-Importing ROS takes a good part of a second, in which SIGINT would end in a traceback. Taking the
-interpreter apart at the end takes as long, and is left out.
+Importing ROS takes a good part of a second, in which SIGINT would cause a traceback. Finalizing
+the interpreter takes as long, and is left out.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
 
     """
     for number in signals.STOP:
-        signals.take(number, lambda *_: os._exit(0))  # There is nothing to be left in order.
+        signals.take(number, lambda *_: os._exit(0))  # No node is in the graph yet.
     from ctc_chattering.cli.options import guarded
     return guarded(name, lambda: _run(name, list(sys.argv if argv is None else argv)[1:]))
 
 
 def _run(name: str, arguments: Sequence[str]) -> int:
-    """Run a node with the arguments for ROS; heed those that are not."""
+    """Run a node with its arguments, those for ROS and its own."""
     from ctc_chattering import ros_arguments, supervisor
     own, ros = ros_arguments.parse(arguments)
     parent = _make_parser(name).parse_args(own).parent
@@ -76,7 +76,7 @@ def _make_parser(name: str) -> argparse.ArgumentParser:
 
 def leave(status: int) -> NoReturn:
     """End the process as soon as its node has left the graph."""
-    gc.collect()  # With the last reference to the node goes its DDS participant.
+    gc.collect()  # The last reference to the node holds its DDS participant.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)

@@ -1,4 +1,4 @@
-"""Arguments that several commands share, and how a command ends."""
+"""Arguments that several commands share, and exit statuses."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.share import config_directory
 
-#: Packages that may be missing, by their module, and what pip calls them.
+#: Packages that may be missing: module, and name for pip.
 _PACKAGES = {'matplotlib': 'matplotlib', 'mcap': 'mcap', 'mujoco': 'mujoco', 'numpy': 'numpy',
              'pinocchio': 'pin', 'rosbags': 'rosbags', 'tqdm': 'tqdm', 'yaml': 'PyYAML'}
-#: Modules of ROS that are not called ..._msgs.
+#: Modules of ROS whose names do not end in _msgs.
 _OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srvs')
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose complaint is one line."""
+    """A parser whose error message is one line."""
 
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""
@@ -30,7 +30,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that choose a run: the file and what stands above it."""
+    """Add the options that select a run: the file, and values that override it."""
     parser.add_argument(
         '--params-file', type=parameter_file, metavar='F',
         help='parameter file, or the name of one of the package, such as panda; friction, the '
@@ -70,9 +70,9 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 def guarded(name: str, command: Callable[[], int]) -> int:
     """
-    Run a command; an error of ours becomes one line.
+    Run a command; a `CtcError` becomes one line.
 
-    The status is then 1, or 2 where the command line means nothing or a package is missing.
+    The status is then 1, or 2 if the command line is wrong or a package is missing.
     """
     try:
         return command()
@@ -91,7 +91,7 @@ def guarded(name: str, command: Callable[[], int]) -> int:
 
 
 def _how_to_install(error: ModuleNotFoundError) -> str:
-    """Return how to get a missing package of others; an error that is none goes on."""
+    """Return how to install a missing package; raise an error that has another cause."""
     module = (error.name or '').split('.')[0]
     if module in _OF_ROS or module.endswith('_msgs'):
         return (f'ROS 2 is missing (no module {module}): source its setup file, or install the '

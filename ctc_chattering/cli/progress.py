@@ -12,18 +12,18 @@ from typing import Any
 
 from tqdm import tqdm
 
-#: Lines and times that may wait to be printed.
+#: Largest number of items that wait to be printed.
 _MANY = 1000
-#: What is waited at the end for the last ones to be printed [s].
+#: Time to wait at the end until the last items are printed [s].
 _PATIENCE = 0.5
 
 
 class Progress:
     """
-    A bar from 0 to `total` seconds, shown from the first call with the time reached on.
+    A bar from 0 to `total` seconds, shown from the first call on.
 
     A thread of its own draws it, so that a terminal that is stopped, or a pipe that is not read,
-    holds nobody up: what it cannot take is dropped.
+    does not block the caller: output that it does not accept is dropped.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Progress:
             self._queue.put_nowait(item)
 
     def _draw(self) -> None:
-        """Print what comes, until the end or until nobody takes it any more."""
+        """Print all items, until the end or until the output is closed."""
         bar = None
         with suppress(OSError):
             while (item := self._queue.get()) is not None:

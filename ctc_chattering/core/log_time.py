@@ -1,20 +1,20 @@
-"""The simulated time with which messages are logged, told by several topics."""
+"""The log time of messages in simulated time, from the stamps of several topics."""
 
 from __future__ import annotations
 
 from ctc_chattering.core.grid import NANOSECONDS
 
-#: What one topic may be behind another one, or ahead of it [ns]: less is no leap.
+#: Largest difference between the stamps of two topics that is no jump of time [ns].
 _SKEW = NANOSECONDS
 
 
 class LogTime:
     """
-    Goes with the topics that tell the time, and does not go back because one is ahead.
+    Follows the stamps of several topics, and does not go back because one of them is ahead.
 
-    A bag is read in the order of its log times, so that the order of what was received lives on
-    only if they do not decrease. Time that really leaps, as when a simulation begins anew or was
-    not heard for a while, is believed when the next message of that topic goes on from there.
+    A bag is read in the order of its log times, so they must not decrease if the order of arrival
+    is to be preserved. A jump of time, as when a simulation restarts, is accepted when the next
+    message of that topic follows it.
 
     Attributes
     ----------
@@ -26,17 +26,17 @@ class LogTime:
     def __init__(self) -> None:
         self.now = 0
         self._begun = False
-        self._leaps: dict[str, int] = {}
+        self._jumps: dict[str, int] = {}
 
-    def note(self, topic: str, said: int) -> None:
-        """Take what a message of `topic` says [ns]."""
-        leap = self._leaps.pop(topic, None)
+    def note(self, topic: str, stamp: int) -> None:
+        """Take the stamp of a message of `topic` [ns]."""
+        jump = self._jumps.pop(topic, None)
         if not self._begun:
             self._begun = True
-            self.now = said
-        elif abs(said - self.now) <= _SKEW:
-            self.now = max(self.now, said)
-        elif leap is not None and 0 <= said - leap <= _SKEW:
-            self.now = said
+            self.now = stamp
+        elif abs(stamp - self.now) <= _SKEW:
+            self.now = max(self.now, stamp)
+        elif jump is not None and 0 <= stamp - jump <= _SKEW:
+            self.now = stamp
         else:
-            self._leaps[topic] = said
+            self._jumps[topic] = stamp

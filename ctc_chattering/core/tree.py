@@ -1,9 +1,8 @@
 """
-What a URDF says of joints and links, read and checked as XML.
+Joints and links of a URDF, read and checked as XML, without dynamics.
 
-Nothing here knows how robots move: it is told which joints there are, what they are limited to,
-and whether they form a tree; and a URDF is made of it that holds no more than that and the
-inertias.
+This module lists the joints and their limits, checks that they form a tree, and makes a URDF with
+only these and the inertias.
 """
 
 from __future__ import annotations

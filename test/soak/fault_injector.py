@@ -13,7 +13,6 @@ from bags import efforts, piece, state
 from faults import JOINTS, Kind, KINDS, malformed
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -55,7 +54,6 @@ class FaultInjector:
     def __init__(self, graph: Graph, values: Mapping[str, Mapping[str, Any]]) -> None:
         self._graph, self._values = graph, values
         self._client = functools.cache(graph.probe.node.create_client)
-        self._publisher: Publisher | None = None
 
     def inject(self, fault: Fault) -> str:
         """Inject a fault to its end; return what is wrong with the answers to it, if anything."""

@@ -79,7 +79,7 @@ def memory(samples: Sequence[tuple[float, float]]) -> dict[str, Any]:
 
     """
     late = [x for x in samples if x[0] >= samples[0][0] + WARM_UP]
-    shown = late if len(late) > 1 else samples[-1:]
+    shown = late if len(late) > 1 else samples[-1:] or [(0.0, 0.0)]
     t, size = np.array(shown).T
     slope = np.polyfit(t - t[0], size, 1)[0] if len(t) > 1 else 0.0
     return {'memory_kb': [float(size[0]), float(size[-1])],

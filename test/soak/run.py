@@ -76,8 +76,7 @@ class Graph:
         self.children: dict[str, supervisor.Child] = {}
         self.at_each_step: Callable[[], None] | None = None
         self.outages: list[Outage] = []
-        self.crashes: list[str] = []
-        self.kills = dict.fromkeys(PROCESSES, 0)
+        self.crashes: dict[str, list[str]] = {name: [] for name in PROCESSES}
         self.generations: defaultdict[str, list[Report]] = defaultdict(list)
         self.memory: defaultdict[str, list[list[tuple[float, float]]]] = defaultdict(list)
         self.dropped = self.unexplained_dropped = 0
@@ -102,7 +101,6 @@ class Graph:
         """Kill a process and wait for its end."""
         self.children[name].process.kill()
         self.children[name].process.wait()
-        self.kills[name] += 1
         self._retire(name)
 
     def _retire(self, name: str) -> None:
@@ -110,6 +108,11 @@ class Graph:
         del self.children[name]
         if name in self.diagnostics.latest:
             self.generations[name].append(self.diagnostics.latest.pop(name))
+
+    def _note_crash(self, name: str) -> None:
+        report = self.children[name].exit_report()
+        self.crashes[name].append(' '.join(report.split()))
+        self.note(f'CRASH: {report}')
 
     def note(self, line: str) -> None:
         """Write a line into the log."""
@@ -130,8 +133,7 @@ class Graph:
             self.at_each_step()
         for name, child in list(self.children.items()):
             if child.status is not None:
-                self.crashes.append(' '.join(child.exit_report().split()))
-                self.note(f'CRASH: {child.exit_report()}')
+                self._note_crash(name)
                 if name in ('plant', 'recorder'):
                     t = time.time_ns()
                     self.outages.append(Outage(t - NANOSECONDS, t + _RESTART))
@@ -165,7 +167,7 @@ class Graph:
         rate : float
             Samples per second that must be reached.
         patience : float
-            Longest time [s], without what the processes wait for a processor.
+            Longest time, without what the processes wait for a processor [s].
 
         Returns
         -------
@@ -173,6 +175,7 @@ class Graph:
             What is still wrong at the end, and how long it took [s].
 
         """
+        begin = time.monotonic()
         watch = Stopwatch(*(child.process.pid for child in self.children.values()))
         noted = ''
         while True:
@@ -180,9 +183,8 @@ class Graph:
             if failure not in ('', noted):
                 noted = failure
                 self.note(f'   {failure}')
-            took = watch.read()
-            if not failure or took > patience:
-                return failure, took
+            if not failure or watch.read() > patience:
+                return failure, time.monotonic() - begin
             self.step()
 
     def close(self) -> None:
@@ -191,9 +193,9 @@ class Graph:
         for names, patience in (([x for x in self.children if x != 'recorder'], 5.0),
                                 (['recorder'], 20.0)):
             supervisor.stop([self.children[x] for x in names if x in self.children], patience)
-        self.crashes += [f'at the end, {" ".join(child.exit_report().split())}'
-                         for child in self.children.values() if child.status]
-        for name in list(self.children):
+        for name, child in list(self.children.items()):
+            if child.status:
+                self._note_crash(name)
             self._retire(name)
 
     def process(self, name: str) -> dict[str, Any]:
@@ -205,7 +207,7 @@ class Graph:
                 'timeouts': {key: count for key, count in counts.items()
                              if key.startswith('timeouts, ')},
                 'restarts': len(self.memory[name]) - 1,
-                'crashes': len(self.memory[name]) - 1 - self.kills[name],
+                'crashes': len(self.crashes[name]),
                 **measurements.memory(max(self.memory[name], key=len))}
 
 
@@ -263,7 +265,7 @@ def run(duration: float, seed: int, out: Path, control_period: float | None,
             graph.close()
     return {'seed': seed, 'asked_s': duration, 'duration_s': ran, 'machine': _machine(),
             'control_period_s': setup.plant.control_period, 'faults': faults,
-            'crashes': graph.crashes,
+            'crashes': [x for texts in graph.crashes.values() for x in texts],
             'processes': {name: graph.process(name) for name in PROCESSES},
             'bags': {**measurements.examine(sorted(bags.iterdir()), graph.outages),
                      'dropped': graph.dropped, 'unexplained_dropped': graph.unexplained_dropped}}

@@ -81,6 +81,7 @@ def test_growth_is_the_slope_after_the_warm_up() -> None:
     assert found.pop('memory_kb') == [size[late][0], size[-1]]
     assert found == pytest.approx(
         {'growth_kb_per_min': 60.0 * slope, 'fitted_s': np.ptp(t[late])}, rel=1e-6)
+    assert memory([])['memory_kb'] == [0.0, 0.0]
     for short in ([(1.0, 5.0)], [(1.0, 5.0), (2.0, 5.0)], [(1.0, 4.0), (40.0, 5.0)]):
         assert memory(short) == {
             'memory_kb': [5.0, 5.0], 'growth_kb_per_min': 0.0, 'fitted_s': 0.0}
