@@ -9,11 +9,16 @@ the time of arrival; no two clocks need agree for that, only the shortest delay 
 
 from __future__ import annotations
 
+from ctc_chattering.core.grid import seconds
+from ctc_chattering.monitoring.watchdog import BUSY
+
 #: Verdicts on stamps that are taken: the next one, one after an outage, one of a new run.
 NEXT, GAP, ANEW = 'next', 'gap', 'anew'
 #: Verdicts on stamps that are refused.
 REPEATED, BACKWARD, JUMP, STALE = 'repeated', 'backward', 'jump', 'stale'
 TAKEN = frozenset({NEXT, GAP, ANEW})
+_REASONS = {REPEATED: 'the stamp repeats', BACKWARD: 'the stamp goes back',
+            JUMP: 'the stamp leaps'}
 
 #: The shortest delay seen grows by a thousandth of time, more than clocks drift apart.
 _LEAK = 1000
@@ -88,6 +93,13 @@ class Stamps:
             self._least = None
             return self._take(t, now, ANEW if step < 0 else GAP)
         return BACKWARD if step < 0 else JUMP
+
+    def reason(self, verdict: str, t: int) -> str:
+        """Return why the state of stamp `t` [ns] was refused just now."""
+        if verdict == STALE:
+            return (f'it comes {1e3 * seconds(self.lateness):.1f} ms later than the quickest one, '
+                    f'more than {1e3 * seconds(self.limit):g} ms (state_timeout): {BUSY}')
+        return f'{_REASONS[verdict]}: {seconds(t):.9f} s'
 
     def _take(self, t: int, now: int, verdict: str) -> str:
         delay = now - t
