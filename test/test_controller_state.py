@@ -47,7 +47,8 @@ def test_every_state_and_event(name: str, happens: Event) -> None:
 
 def test_the_table_has_all_states_and_all_can_be_reached() -> None:
     assert set(TRANSITIONS) == set(State) == {state(name) for name in EXPECTED}
-    reached, ring = set(), {State.WAITING_FOR_STATE}
+    reached: set[State] = set()
+    ring = {State.WAITING_FOR_STATE}
     while ring:
         reached |= ring
         ring = {x for row in map(TRANSITIONS.__getitem__, ring) for x in row.values()} - reached

@@ -39,7 +39,9 @@ def admitted(publishers: Sequence[Publisher], every: int) -> list[tuple[int, int
 
     What was received is taken `every` so many milliseconds, as by a process that stood still.
     """
-    ownership, queue, obeyed = TopicOwnership(), [], []
+    ownership = TopicOwnership()
+    queue: list[tuple[int, int]] = []
+    obeyed: list[tuple[int, int]] = []
     for t in range(max(p.end for p in publishers) + every):
         queue += [(t, i) for i, p in enumerate(publishers) if p.sends(t)]
         if t % every:
@@ -59,7 +61,7 @@ def admitted(publishers: Sequence[Publisher], every: int) -> list[tuple[int, int
 @given(st.lists(PUBLISHERS, min_size=1, max_size=4))
 def test_a_message_is_obeyed_while_one_publisher_is_matched(publishers: list[Publisher]) -> None:
     """Check every message of every millisecond, whoever comes and goes."""
-    expected = []
+    expected: list[tuple[int, int]] = []
     contested_until = -1
     before = 0
     for t in range(max(p.end for p in publishers)):

@@ -27,7 +27,8 @@ class Log:
 
 def watched(out: range, publishers: int = 1) -> tuple[Watchdog, Log, list[int]]:
     """Let a message come every millisecond of 5 s but `out`; return also when outages began."""
-    log, begins = Log(), []
+    log = Log()
+    begins: list[int] = []
     watchdog = Watchdog('topic', 'command', 'brakes on', SECOND // 2, log)
     watchdog.timeout = 20 * MS
     watchdog.feed(0)

@@ -127,7 +127,7 @@ class ControlLoop:
 
         """
         self.simulated = simulated
-        verdict = self._stamps.judge(state.t, now, simulated)
+        verdict = self._stamps.classify(state.t, now, simulated)
         if verdict not in stamps.TAKEN:
             self._reject(verdict, state.t)
         outage = self.watchdog.out
@@ -135,7 +135,7 @@ class ControlLoop:
         if self.last is not None and (outage or verdict != stamps.NEXT):
             self.health.restart()
             self._restart_law(bumpless=not simulated)
-            if verdict == stamps.ANEW:
+            if verdict == stamps.RESTART:
                 self.restarted = True
                 self.motion.restart()
         self.handle(Event.STATE)
@@ -154,9 +154,8 @@ class ControlLoop:
     def check_silence(self, now: int, publishers: Callable[[], int]) -> None:
         """Real time: end the torques at `now` [ns] if no state has come for too long."""
         if self.watchdog.check(now, publishers):
-            self.handle(Event.SILENCE)
-        if self.watchdog.out:
             self._pending = None
+            self.handle(Event.SILENCE)
 
     def enable(self, on: bool) -> None:
         """Allow torques, or end them."""
@@ -179,13 +178,14 @@ class ControlLoop:
 
     def handle(self, event: Event) -> bool:
         """Handle an event; return whether it led to another state, and end torques if so."""
-        sent = self.state.state.sends_torque
-        changed = self.state.handle(event)
+        before = self.state.state
+        if not self.state.handle(event):
+            return False
         after = self.state.state
-        if changed and sent and not after.sends_torque and not (
+        if before.sends_torque and not after.sends_torque and not (
                 self.simulated and after is State.WAITING_FOR_REFERENCE):
             self.end_torque()
-        return changed
+        return True
 
     def end_torque(self) -> None:
         """Send no torque from now on; in real time a last one of 0, for those who hold it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ctc_chattering.core.cadence import Cadence
+from ctc_chattering.core.cadence import SampleRate
 from ctc_chattering.core.controller import ControllerConfig, Sample
 from ctc_chattering.core.grid import seconds
 from ctc_chattering.core.term_saturation import TermSaturation
@@ -33,7 +33,7 @@ class ControllerHealth:
         States taken, restarts of the law, samples with a torque at its limit.
     rates : HealthMonitor
         Of restarts and rejected states.
-    sample_rate : Cadence
+    sample_rate : SampleRate
         Of the states' stamps.
 
     """
@@ -42,7 +42,7 @@ class ControllerHealth:
         self._names, self._period = names, period
         self.taken = self.restarts = self.saturated = 0
         self.rates = HealthMonitor('restarts', 'of the states refused', *_REJECTED, period)
-        self.sample_rate = Cadence(period)
+        self.sample_rate = SampleRate(period)
         self._term_saturation = TermSaturation(len(names))
         self._rejected: Mapping[str, int] = {}
 

@@ -17,13 +17,13 @@ _BETWEEN = NANOSECONDS
 class Logger(Protocol):
     """What a watchdog needs of the logger of a node."""
 
-    def info(self, message: str) -> object:
+    def info(self, message: str, /) -> object:
         """Log what is in order."""
 
-    def warning(self, message: str) -> object:
+    def warning(self, message: str, /) -> object:
         """Log what may be wrong."""
 
-    def error(self, message: str) -> object:
+    def error(self, message: str, /) -> object:
         """Log what is wrong."""
 
 

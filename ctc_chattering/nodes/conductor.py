@@ -21,7 +21,7 @@ from ctc_chattering.core.simulation import Event
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, PARAMETERS
 from ctc_chattering.nodes.inbox import ValidatedSubscription
-from ctc_chattering.nodes.runtime import Executor, qos, Shell
+from ctc_chattering.nodes.runtime import BaseNode, Executor, qos
 from ctc_chattering.ros.messages import nanoseconds_of, read_clock
 
 #: Time after which a request without an answer is sent again [s]: the middleware drops an answer
@@ -29,7 +29,7 @@ from ctc_chattering.ros.messages import nanoseconds_of, read_clock
 _AGAIN = 1.0
 
 
-class Conductor(Shell):
+class Conductor(BaseNode):
     """
     Follows a run and carries out its events through the parameter services.
 

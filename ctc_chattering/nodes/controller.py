@@ -21,7 +21,7 @@ from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import ValidatedSubscription
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import ERROR, qos, Shell, Status, TICK
+from ctc_chattering.nodes.runtime import BaseNode, ERROR, qos, Status, TICK
 from ctc_chattering.real_time import RealTime
 from ctc_chattering.ros.messages import LATEST
 from ctc_chattering.ros.serialization import (
@@ -34,7 +34,7 @@ from ctc_chattering.ros.serialization import (
 from ctc_chattering.settings import ControllerSettings, RealTimeSettings
 
 
-class ControllerNode(Shell):
+class ControllerNode(BaseNode):
     """
     Answers every joint state with a torque, by the law (2) or (6).
 
@@ -45,17 +45,18 @@ class ControllerNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('controller')
-        self._tuning = NodeParameters(
+        self._configs = NodeParameters(
             self, (ControllerConfig, ControllerSettings, RealTimeSettings), self._on_change)
         config, settings = (
-            self._tuning.get(ControllerConfig), self._tuning.get(ControllerSettings))
-        self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
+            self._configs.get(ControllerConfig), self._configs.get(ControllerSettings))
+        self.scheduling = RealTime(self._configs.get(RealTimeSettings))
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._terms = ControlTerms(self, config.joint_names)
         writer = EffortWriter(config.joint_names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
             lambda tau: self._commands.publish(writer.write(tau)), self.get_logger())
+        self._loop.restart_duration = settings.restart_duration
         self._settings = settings
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
@@ -67,9 +68,8 @@ class ControllerNode(Shell):
 
     def _begin(self, description: str) -> None:
         """Make the law for a robot, and begin to listen."""
-        config = self._tuning.get(ControllerConfig)
+        config = self._configs.get(ControllerConfig)
         self._loop.law = Controller(config, model_of(config, description))
-        self._on_change()
         if description:
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
@@ -91,7 +91,7 @@ class ControllerNode(Shell):
 
     def introduction(self) -> str:
         """Return the law, and what must come before the first torque."""
-        config = self._tuning.get(ControllerConfig)
+        config = self._configs.get(ControllerConfig)
         switching = f', switching {config.switching}' if config.law == 'chattering' else ''
         waits = self._description.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return (f'law {config.law}{switching}, model {config.model}, '
@@ -111,7 +111,7 @@ class ControllerNode(Shell):
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
-        self.hurried = self._clock_published
+        self.lockstep = self._clock_published
         self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published)
         if self._loop.restarted:
             self._restart(state.t)
@@ -121,7 +121,7 @@ class ControllerNode(Shell):
         """Begin to count samples, and to say what is in force, again at `t` [ns]."""
         self._loop.restarted = False
         self._terms.restart()
-        self._tuning.news = True
+        self._configs.changed = True
         self.get_logger().info(
             f'time begins again at {seconds(t):.3f} s', throttle_duration_sec=1.0)
 
@@ -145,13 +145,13 @@ class ControllerNode(Shell):
             return
         if answer is None:
             if not self._loop.state.state.sends_torque:
-                self.pace.pause()
+                self.statistics.pause()
             return
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self.pace.sample(now, end)
+        self.statistics.sample(now, end)
         if self.in_real_time and end - now > self._loop.period:
-            self.pace.misses += 1
+            self.statistics.misses += 1
 
     def _publish_terms(self, answer: Answer) -> None:
         self._loop.note(answer)
@@ -159,8 +159,8 @@ class ControllerNode(Shell):
         if self._terms.due(self._settings.state_decimation) and law is not None:
             self._terms.publish(t, answer.point, answer.sample,
                                 law.lyapunov(answer.state.q, answer.sample.v))
-        if self._tuning.news:
-            self._tuning.announce(t)
+        if self._configs.changed:
+            self._configs.announce(t)
 
     def finish(self) -> None:
         """Leave no torque behind."""
@@ -182,14 +182,14 @@ class ControllerNode(Shell):
         return response
 
     def _on_change(self) -> None:
-        self._settings = self._tuning.get(ControllerSettings)
+        self._settings = self._configs.get(ControllerSettings)
         self._loop.restart_duration = self._settings.restart_duration
         if self._loop.law is not None:
-            self._loop.law.configure(self._tuning.get(ControllerConfig))
+            self._loop.law.configure(self._configs.get(ControllerConfig))
 
     def status(self) -> Status:
         """Return what the controller does and why."""
-        config, loop = self._tuning.get(ControllerConfig), self._loop
+        config, loop = self._configs.get(ControllerConfig), self._loop
         level, message = loop.status(
             time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {})
         if self._description.problem:

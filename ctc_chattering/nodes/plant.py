@@ -13,7 +13,7 @@ from ctc_chattering.core.model import Vector
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import limits_of, make_plant
 from ctc_chattering.core.robot import Robot
-from ctc_chattering.core.ticks import Ticks
+from ctc_chattering.core.ticks import TimerGrid
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.monitoring.lockstep import LockstepExchange
@@ -22,7 +22,7 @@ from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import ValidatedSubscription
 from ctc_chattering.nodes.joints import Joints
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import ERROR, OK, qos, Shell, Status, WARN
+from ctc_chattering.nodes.runtime import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.real_time import RealTime
 from ctc_chattering.ros.messages import stamp
 from ctc_chattering.ros.serialization import EffortReader, Efforts, StateWriter
@@ -34,7 +34,7 @@ _CATCH_UP = 100
 _SILENCE = NANOSECONDS // 2
 
 
-class PlantNode(Shell):
+class PlantNode(BaseNode):
     """
     Publishes the robot's state and holds the torques it is sent.
 
@@ -45,10 +45,10 @@ class PlantNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('plant')
-        self._tuning = NodeParameters(
+        self._configs = NodeParameters(
             self, (PlantConfig, PlantSettings, RealTimeSettings), self._on_change)
-        config, self._settings = self._tuning.get(PlantConfig), self._tuning.get(PlantSettings)
-        self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
+        config, self._settings = self._configs.get(PlantConfig), self._configs.get(PlantSettings)
+        self.scheduling = RealTime(self._configs.get(RealTimeSettings))
         if config.pacing == 'real_time' and self.get_parameter('use_sim_time').value:
             raise UsageError('use_sim_time: true contradicts real_time, the pacing: the plant '
                              'gives the time itself, in lockstep on clock')
@@ -63,7 +63,7 @@ class PlantNode(Shell):
         self._subscribers = 0
         #: Time of sample 0 [ns]; that of lockstep is 0.
         self._start = 0
-        self._ticks = Ticks(self._period)
+        self._timer_grid = TimerGrid(self._period)
         self._exchange = LockstepExchange(time.monotonic_ns())
         #: Real time: when the first state was sent after which no torque has come yet [ns].
         self._sent: int | None = None
@@ -73,7 +73,7 @@ class PlantNode(Shell):
             'outages', 'of the samples without a new command', 0.2, 0.5, self._period)
         self._on_change()
         self._writer = StateWriter(config.joint_names)
-        lockstep = self.hurried = config.pacing == 'lockstep'
+        lockstep = self.lockstep = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
         self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())
@@ -82,7 +82,7 @@ class PlantNode(Shell):
 
     def _begin(self, description: str) -> None:
         """Make the robot, and begin to listen."""
-        config = self._tuning.get(PlantConfig)
+        config = self._configs.get(PlantConfig)
         self._plant = make_plant(config, description)
         self._limits = limits_of(config, description)
         self.inputs = [ValidatedSubscription(
@@ -93,7 +93,7 @@ class PlantNode(Shell):
 
     def introduction(self) -> str:
         """Return what moves the robot, and what comes first."""
-        config = self._tuning.get(PlantConfig)
+        config = self._configs.get(PlantConfig)
         first = COMMANDS if self._ticker is None else f'those who are to hear {JOINT_STATES}'
         waits = self._description.problem or f'waits for {first}'
         return (f'simulated robot, {config.plant_backend}, model {config.model}, '
@@ -176,11 +176,11 @@ class PlantNode(Shell):
         return health.level, f'running, but {health}' if health.level else 'running'
 
     def _on_change(self) -> None:
-        self._settings = self._tuning.get(PlantSettings)
+        self._settings = self._configs.get(PlantSettings)
         self._watchdog.timeout = max(
             round(self._settings.command_timeout * NANOSECONDS), 3 * self._period)
         if self._plant is not None:
-            self._plant.configure(self._tuning.get(PlantConfig))
+            self._plant.configure(self._configs.get(PlantConfig))
         if self._held:
             self._held = False
             self._publish_sample()
@@ -189,11 +189,11 @@ class PlantNode(Shell):
         tau = self._torques(efforts)
         if not self._begun or self._held or not self._exchange.accept(tau):
             return
-        self.pace.answer(self._exchange.asked, now)
+        self.statistics.answer(self._exchange.asked, now)
         if self._at_end():
             return
         if self._step(tau):
-            self.pace.sample(now, time.monotonic_ns())
+            self.statistics.sample(now, time.monotonic_ns())
             self._publish_sample()
 
     def _publish_sample(self) -> None:
@@ -206,8 +206,8 @@ class PlantNode(Shell):
         self._publish_state()
         if k % self._clock_every == 0 or k == self._last:
             self._publish_clock()
-        if self._tuning.news:
-            self._tuning.announce(k * self._period)
+        if self._configs.changed:
+            self._configs.announce(k * self._period)
 
     def _publish_clock(self) -> None:
         assert self._ticker is not None
@@ -217,13 +217,13 @@ class PlantNode(Shell):
         self._latest = self._torques(efforts)
         self._watchdog.feed(now)
         if self._sent is not None:
-            self.pace.answer(self._sent, now)
+            self.statistics.answer(self._sent, now)
             self._sent = None
         if not self._begun:
             self._begun = True
-            if self._ticks.start is None:
+            if self._timer_grid.start is None:
                 self._anchor()
-            self._tuning.announce(self._start)
+            self._configs.announce(self._start)
         self._robot.braking = False
 
     def _on_tick(self) -> None:
@@ -236,8 +236,8 @@ class PlantNode(Shell):
             if self._watchdog.check(begin, lambda: self.count_publishers(COMMANDS)):
                 plant.braking = True
                 self._latest, self._sent = (0.0,) * len(self._names), None
-            due = self._ticks.due(now, plant.k)
-            self.pace.misses += max(0, due - 1)
+            due = self._timer_grid.due(now, plant.k)
+            self.statistics.misses += max(0, due - 1)
             for _ in range(min(due, _CATCH_UP)):
                 if self._at_end():
                     return
@@ -246,20 +246,20 @@ class PlantNode(Shell):
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
                 self._anchor()
-            if self._tuning.news:
-                self._tuning.announce(self._start + plant.k * self._period)
+            if self._configs.changed:
+                self._configs.announce(self._start + plant.k * self._period)
             if due < 1:
                 return
         self._publish_state()
         end = time.monotonic_ns()
-        self.pace.sample(begin, end)
+        self.statistics.sample(begin, end)
         if self._sent is None and self._begun and not plant.braking:
             self._sent = end
 
     def _anchor(self) -> None:
         """Have the present sample be that of the tick that was due last."""
-        now = self.get_clock().now().nanoseconds  # Of just now, as what is left from then on.
-        self._start = self._ticks.anchor(now, self._timer.time_until_next_call(), self._robot.k)
+        now, left = self.get_clock().now().nanoseconds, self._timer.time_until_next_call()
+        self._start = self._timer_grid.anchor(now, left, self._robot.k)
 
     def _step(self, tau: Vector) -> bool:
         """Go on by one period; return whether the robot still has a motion, and end if not."""

@@ -14,14 +14,14 @@ from rosbags.interfaces import Qos
 
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.log_time import LogTime
-from ctc_chattering.core.numbering import Numbering
+from ctc_chattering.core.numbering import SequenceTracker
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.middleware import enlarge_receive_buffers
 from ctc_chattering.nodes.inbox import ValidatedSubscription
 from ctc_chattering.nodes.matching import MatchingSubscription
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import ERROR, NAP, OK, qos, Shell, Status, WARN
+from ctc_chattering.nodes.runtime import BaseNode, ERROR, NAP, OK, qos, Status, WARN
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.settings import RecorderSettings
@@ -58,7 +58,7 @@ class _Recorded:
         Whence its messages are taken.
     timing : ValidatedSubscription or None
         What reads the time out of them, where they tell it.
-    numbering : Numbering
+    numbering : SequenceTracker
         What finds missing messages.
 
     """
@@ -68,7 +68,7 @@ class _Recorded:
     offered: list[Qos]
     matching: MatchingSubscription
     timing: ValidatedSubscription[int] | None
-    numbering: Numbering
+    numbering: SequenceTracker
 
 
 def _stamp(data: bytes) -> int:
@@ -79,7 +79,7 @@ def _stamp(data: bytes) -> int:
     return stamp
 
 
-class RecorderNode(Shell):
+class RecorderNode(BaseNode):
     """
     Records all topics of `graph.TOPICS`.
 
@@ -135,7 +135,7 @@ class RecorderNode(Shell):
         return _Recorded(
             name, topic.kind, [offered_qos(100 if topic.latched else 1000, topic.latched)],
             timing.subscription if timing else MatchingSubscription(
-                self, kind, topic.name, lambda _: None, profile), timing, Numbering())
+                self, kind, topic.name, lambda _: None, profile), timing, SequenceTracker())
 
     def _record(self, topic: _Recorded, data: bytes, info: Mapping[str, Any]) -> None:
         """Record a message."""

@@ -23,7 +23,7 @@ from ctc_chattering.graph import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENC
 from ctc_chattering.nodes.description import Description
 from ctc_chattering.nodes.inbox import ValidatedSubscription
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import ERROR, OK, qos, Shell, Status, WARN
+from ctc_chattering.nodes.runtime import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.real_time import RealTime
 from ctc_chattering.ros.messages import LATEST, read_clock
 from ctc_chattering.ros.serialization import (
@@ -42,7 +42,7 @@ _RETRY = 5 * NANOSECONDS
 _IN_STEP = NANOSECONDS // 4
 
 
-class ReferenceNode(Shell):
+class ReferenceNode(BaseNode):
     """
     Publishes pieces of the motion, each before it is needed.
 
@@ -55,12 +55,12 @@ class ReferenceNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('reference')
-        self._tuning = NodeParameters(
+        self._configs = NodeParameters(
             self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), self._on_change,
             self._check)
-        config = self._tuning.get(ReferenceConfig)
-        self._settings = self._tuning.get(ReferenceSettings)
-        self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
+        config = self._configs.get(ReferenceConfig)
+        self._settings = self._configs.get(ReferenceSettings)
+        self.scheduling = RealTime(self._configs.get(RealTimeSettings))
         route = None
         if config.trajectory_file:
             route = read_trajectory(Path(config.trajectory_file), config.joint_names)
@@ -106,8 +106,8 @@ class ReferenceNode(Shell):
 
     def _on_change(self) -> None:
         """Try again to begin, where that was refused; `_extend` sees what else has changed."""
-        self._settings = self._tuning.get(ReferenceSettings)
-        self._plan.config = self._tuning.get(ReferenceConfig)
+        self._settings = self._configs.get(ReferenceSettings)
+        self._plan.config = self._configs.get(ReferenceConfig)
         self._retry = 0
         if self._plan.limits is not None or not self._plan.config.described:
             self._plan.prepare()
@@ -254,10 +254,10 @@ class ReferenceNode(Shell):
         begin = self._after_published(self._now)
         if self._plan.update(self._now, begin):
             self._next = begin // self._period
-        if self._tuning.news:
+        if self._configs.changed:
             if not self.subscribers_matched((self._publisher,), self._settings.wait_for):
                 return
-            self._tuning.announce((self._start or 0) + self._plan.in_force)
+            self._configs.announce((self._start or 0) + self._plan.in_force)
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:

@@ -15,7 +15,7 @@ from ctc_chattering import signals
 from ctc_chattering.deadline import end_after
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.middleware import use_profile
-from ctc_chattering.nodes.runtime import Executor, Shell
+from ctc_chattering.nodes.runtime import BaseNode, Executor
 from ctc_chattering.real_time import garbage_off_the_loop
 from ctc_chattering.security import check_security
 
@@ -27,7 +27,7 @@ _FAREWELL, _PATIENCE, _SLICE = 0.25, 5.0, 0.1
 _LEAVE = 0.3
 
 
-def run(make_node: Callable[[], Shell], name: str,
+def run(make_node: Callable[[], BaseNode], name: str,
         arguments: Sequence[str] = (), stop: list[int] | None = None) -> int:
     """
     Run a node until it is done, or SIGINT or SIGTERM comes; the process then ends, too.
@@ -68,8 +68,8 @@ def run(make_node: Callable[[], Shell], name: str,
     return 1 if node.failure else status
 
 
-def prepare(make_node: Callable[[], Shell], name: str, arguments: Sequence[str],
-            stop: Sequence[int]) -> Shell:
+def prepare(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[str],
+            stop: Sequence[int]) -> BaseNode:
     """Start ROS and make the node; the arguments are those of `run`."""
     check_security()
     use_profile()
@@ -80,7 +80,7 @@ def prepare(make_node: Callable[[], Shell], name: str, arguments: Sequence[str],
     return node
 
 
-def spin_until_stopped(node: Shell) -> None:
+def spin_until_stopped(node: BaseNode) -> None:
     """Serve a node until it is done or a signal comes."""
     executor = Executor()
     executor.add_node(node)
@@ -96,7 +96,7 @@ def spin_until_stopped(node: Shell) -> None:
         executor.remove_node(node)
 
 
-def shut_down(node: Shell, status: int) -> None:
+def shut_down(node: BaseNode, status: int) -> None:
     """Have a node send its last messages and leave the graph; `status` if that hangs."""
     node.finish()
     if node.scheduling:  # Whatever holds the end up must not hold up others.

@@ -13,7 +13,7 @@ from rclpy.publisher import Publisher
 from rclpy.task import Future
 
 from ctc_chattering.core.grid import NANOSECONDS
-from ctc_chattering.core.pace import Pace
+from ctc_chattering.core.pace import LoopStatistics
 from ctc_chattering.graph import DIAGNOSTICS, TOPICS
 from ctc_chattering.nodes.inbox import ValidatedSubscription
 from ctc_chattering.nodes.matching import compatible, qos
@@ -25,11 +25,11 @@ try:
 except ImportError:  # An rclpy from before it was there: slower, but the same.
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ['ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'Executor', 'Shell', 'Status', 'qos']
+__all__ = ['ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'BaseNode', 'Executor', 'Status', 'qos']
 
 #: Levels of a `Status`, as `DiagnosticStatus` has them.
 OK, WARN, ERROR = range(3)
-#: Longest time between two looks at signals and at `Shell.idle` [s]. It must be finite: see
+#: Longest time between two looks at signals and at `BaseNode.idle` [s]. It must be finite: see
 #: docs/design.md.
 TICK = 0.05
 #: Sleep between two batches [s].
@@ -49,19 +49,19 @@ class Status(NamedTuple):
     values: Mapping[str, object]
 
 
-class Shell(Node):
+class BaseNode(Node):
     """
     A node that `run` can drive, and that reports on ``/diagnostics`` once a second.
 
     Attributes
     ----------
-    pace : Pace
+    statistics : LoopStatistics
         Of its samples, where it has any.
     inputs : list of ValidatedSubscription
         The topics that it obeys, for the report.
     tick : float
         Longest time between two calls of `idle` [s].
-    hurried : bool
+    lockstep : bool
         Whether simulated time waits for it.
     done : Future
         Complete it to end the process with status 0.
@@ -81,8 +81,8 @@ class Shell(Node):
         self.failure: str | None = None
         self.stop: Sequence[int] = ()
         self.tick = TICK
-        self.hurried = False
-        self.pace = Pace()
+        self.lockstep = False
+        self.statistics = LoopStatistics()
         self.inputs: list[ValidatedSubscription[Any]] = []
         self.scheduling: RealTime | None = None
         # A spin for simulated time does not come back while there are messages: see `serve`.
@@ -122,7 +122,7 @@ class Shell(Node):
         if now < self._report_due:
             return
         self._report_due = max(self._report_due + _REPORT, now + _REPORT // 2)
-        self.pace.rotate(now)
+        self.statistics.rotate(now)
         level, message, values = self.status()
         if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
             level = max(level, WARN)
@@ -131,8 +131,8 @@ class Shell(Node):
         everything = dict(values)
         if self.scheduling:
             everything['scheduling'] = self.scheduling.outcome
-        if self.pace.samples:
-            everything |= self.pace.values()
+        if self.statistics.samples:
+            everything |= self.statistics.values()
         for subscription in self.inputs:
             names, topic = subscription.publishers(), subscription.topic
             everything[f'{topic}: publishers'] = ', '.join(names) or 'none'
@@ -141,7 +141,8 @@ class Shell(Node):
                 everything[f'{topic}: refused, {kind}'] = count
             contention = subscription.contention(names)
             if contention:
-                level, message = ERROR, f'{message}; {contention}'
+                told = subscription.ownership.owner is not None
+                level, message = max(level, WARN if told else ERROR), f'{message}; {contention}'
         name = self.get_fully_qualified_name()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=bytes([level]), name=name, message=message, hardware_id=name,
@@ -157,11 +158,11 @@ class Shell(Node):
         In real time it ends with a sample, if there is one: what is done before the next spin has
         the most time then.
         """
-        if self.hurried:
+        if self.lockstep:
             executor.spin_until_future_complete(self.done, self.tick)
         else:
             self.serve(executor, self.tick / 2)
-            self.serve(executor, self.tick / 2, self.pace.samples)
+            self.serve(executor, self.tick / 2, self.statistics.samples)
 
     def serve(self, executor: Any, lasts: float, samples: int = -1) -> None:
         """
@@ -173,7 +174,7 @@ class Shell(Node):
         end = time.monotonic() + lasts
         while (left := end - time.monotonic()) > 0.0 and not self.done.done():
             executor.spin_once(left)
-            if 0 <= samples < self.pace.samples:
+            if 0 <= samples < self.statistics.samples:
                 return
 
     def spin_in_batches(self, executor: Any) -> None:
