@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
-from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
+from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog, WINDOW
 
 SECOND, MS = 10 ** 9, 10 ** 6
 
@@ -90,6 +92,21 @@ def test_the_level_is_that_of_the_last_reports(events: int, part: int, level: in
         health.note(k * SECOND, 4 * events, 4 * part, k * 1000, '')
     assert health.level == 0
     assert '(' not in str(health)
+
+
+@given(st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 1000)), min_size=2, max_size=20))
+def test_a_rate_is_that_of_the_last_reports(steps: list[tuple[int, int]]) -> None:
+    """Check rates and fractions against sums over the last steps, two seconds each."""
+    health = HealthMonitor('restarts', 'refused', 0.01, 0.1, MS)
+    assert (health.level, health.events_per_second, health.fraction) == (0, 0.0, 0.0)
+    events = part = 0
+    for i, (one, other) in enumerate(steps):
+        events, part = events + one, part + other
+        health.note(2 * i * SECOND, events, part, 5 * part, '')
+        assert i or (health.level, health.events_per_second, health.fraction) == (0, 0.0, 0.0)
+    last = steps[1:][-WINDOW:]
+    assert health.events_per_second == pytest.approx(sum(x for x, _ in last) / (2 * len(last)))
+    assert health.fraction == pytest.approx(0.2 if sum(x for _, x in last) else 0.0)
 
 
 def test_one_event_in_three_seconds_is_a_warning() -> None:

@@ -138,9 +138,9 @@ class MotionPlan:
         if (motion is None or self._shape == _shape(self.config) or self._route is not None
                 or isinstance(motion, (_Then, Transition))):
             return False
-        after = make_motion(self.config.changed({'start_duration': 0.0}))
+        before, after = motion, make_motion(self.config.changed({'start_duration': 0.0}))
         self.motion = self._fitting(
-            lambda duration: Transition(motion, after, begin, duration), begin, _CHANGE)
+            lambda duration: Transition(before, after, begin, duration), begin, _CHANGE)
         self._shape, self.in_force = _shape(self.config), begin
         return True
 

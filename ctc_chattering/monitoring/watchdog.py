@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
 from ctc_chattering.core.grid import NANOSECONDS, seconds
-from ctc_chattering.core.rates import Rates
 
 #: Likely cause of messages that come too late.
 BUSY = 'this computer is too busy, or processes are stopped'
 #: Time between two lines on short outages [ns].
 _BETWEEN = NANOSECONDS
+#: Reports that rates are the mean over: a total says nothing about the present.
+WINDOW = 3
 
 
 class Logger(Protocol):
@@ -137,7 +139,8 @@ class HealthMonitor:
         self._events, self._part = events, part
         self._warning, self._error = warning, error
         self._period = period
-        self._rates = Rates()
+        #: Time [ns], events, faults of the other kind, and what those are a part of.
+        self._reports: deque[tuple[int, int, int, int]] = deque(maxlen=WINDOW + 1)
         self._detail = ''
 
     def note(self, now: int, events: int, part: int, whole: int, detail: str) -> None:
@@ -157,17 +160,21 @@ class HealthMonitor:
 
         """
         self._detail = detail
-        self._rates.note(now, {'events': events, 'part': part, 'whole': whole})
+        self._reports.append((now, events, part, whole))
+
+    def _increase(self, column: int) -> int:
+        """Return by how much a number has grown over the reports kept."""
+        return self._reports[-1][column] - self._reports[0][column] if self._reports else 0
 
     @property
     def events_per_second(self) -> float:
         """Events per second over the last reports [1/s]."""
-        return self._rates.per_second('events')
+        return self._increase(1) / max(seconds(self._increase(0)), 1e-9)
 
     @property
     def fraction(self) -> float:
         """Fraction of the other faults over the last reports, 0 to 1."""
-        return self._rates.fraction('part', 'whole')
+        return self._increase(2) / max(self._increase(3), 1)
 
     @property
     def level(self) -> int:
