@@ -15,7 +15,7 @@ from ros import PATIENCE, Probe, probe
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from test_ros_nodes import COMMANDS, ControllerUnderTest, MS, reference, state, torques
-from test_ros_watchdogs import ns
+from test_ros_watchdogs import ns, PERIOD
 
 from ctc_chattering.core.controller import Controller, ControllerConfig
 from ctc_chattering.graph import JOINT_STATES
@@ -58,9 +58,10 @@ class Loop:
     def __init__(self, it: Probe, pacing: str) -> None:
         self.probe, self.lockstep = it, pacing == 'lockstep'
         self.diagnostics = Diagnostics(it)
+        period = '-p', f'control_period:={PERIOD}'
         self.children = [
-            it.start('plant', '-p', f'pacing:={pacing}', '-p', 'command_timeout:=0.1'),
-            it.start('controller', '-p', 'state_timeout:=0.25'), it.start('reference')]
+            it.start('plant', *period, '-p', f'pacing:={pacing}', '-p', 'command_timeout:=0.1'),
+            it.start('controller', *period, '-p', 'state_timeout:=0.25'), it.start('reference')]
         self.states = it.listen(JointState, JOINT_STATES, 1000)
         self.until_driven()
 
