@@ -42,6 +42,24 @@ class ParameterError(CtcError, ValueError):
         return ParameterError, (self.name, self.value, self.allowed)
 
 
+class RejectedMessage(CtcError):
+    """
+    A message that is not used.
+
+    Parameters
+    ----------
+    kind : str
+        One word, under which it is counted.
+    reason : str
+        What is wrong and what is allowed; empty where the count says enough.
+
+    """
+
+    def __init__(self, kind: str, reason: str = '') -> None:
+        super().__init__(reason)
+        self.kind = kind
+
+
 @contextmanager
 def refused_as(what: str) -> Iterator[None]:
     """

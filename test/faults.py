@@ -73,12 +73,7 @@ class Diagnostics:
 
 
 class Kind(NamedTuple):
-    """
-    A topic with its type, a valid message, and a maker of messages that may be wrong.
-
-    The torques are not labelled as the controller labels its own: where the numbers of two
-    publishers meet, that is what they are told apart by.
-    """
+    """A topic with its type, a valid message, and a maker of messages that may be wrong."""
 
     topic: str
     type: Any
@@ -108,7 +103,7 @@ def _state(dice: random.Random) -> bytes:
 
 
 def _efforts(dice: random.Random) -> bytes:
-    names = dice.choice([x for x in NAMES if x != JOINTS])
+    names = dice.choice(NAMES)
     return efforts(names, _row(dice, len(names)))
 
 

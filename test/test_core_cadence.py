@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from ctc_chattering.core.cadence import Cadence
+from ctc_chattering.core.cadence import SampleRate
 
 MS = 1_000_000
 
 
-def windows(cadence: Cadence, t: int, steps: Sequence[int], count: int = 1) -> int:
+def windows(cadence: SampleRate, t: int, steps: Sequence[int], count: int = 1) -> int:
     """Note stamps in these steps, once for every window; return the last one."""
     for _ in range(count):
         for step in steps:
@@ -27,7 +27,7 @@ def windows(cadence: Cadence, t: int, steps: Sequence[int], count: int = 1) -> i
        st.integers(1, 20 * MS))
 def test_the_mean_is_that_of_the_steps_across_windows(
         steps: list[int], start: int, period: int) -> None:
-    cadence = Cadence(period)
+    cadence = SampleRate(period)
     cadence.note(start)
     for k in range(4):
         start = windows(cadence, start, steps)
@@ -41,7 +41,7 @@ def test_the_mean_is_that_of_the_steps_across_windows(
     (5 * MS, True), (2 * MS, True), (1_190_000, False), (1_210_000, True), (MS, False),
     (810_000, False), (790_000, True), (MS // 2, True)])
 def test_a_fifth_is_too_much_after_three_windows(step: int, wrong: bool) -> None:
-    cadence = Cadence(MS)
+    cadence = SampleRate(MS)
     assert not cadence.wrong
     t = windows(cadence, 0, [step] * 100, 2)
     assert not cadence.wrong
@@ -53,7 +53,7 @@ def test_a_fifth_is_too_much_after_three_windows(step: int, wrong: bool) -> None
 
 def test_jitter_and_a_burst_are_none_of_its_business() -> None:
     """Only the mean counts, and a single window does not."""
-    cadence = Cadence(MS)
+    cadence = SampleRate(MS)
     t = windows(cadence, 0, [MS // 10, 19 * MS // 10] * 50, 5)
     assert not cadence.wrong
     for _ in range(5):
@@ -64,7 +64,7 @@ def test_jitter_and_a_burst_are_none_of_its_business() -> None:
 
 def test_a_pause_and_silence_are_no_period() -> None:
     """Neither says that all is well, either."""
-    cadence = Cadence(MS)
+    cadence = SampleRate(MS)
     cadence.rotate()
     cadence.note(0)
     cadence.rotate()

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import random
 
-from ctc_chattering.core.numbering import Numbering
+from ctc_chattering.core.numbering import SequenceTracker
 
 
-def lost(numbering: Numbering, number: int, publishers: int) -> int:
+def lost(numbering: SequenceTracker, number: int, publishers: int) -> int:
     """Return what the recorder counts."""
     return 0 if numbering.follows(number) else numbering.lost(number, publishers)
 
 
 def test_what_one_publisher_loses_is_counted() -> None:
     rng = random.Random(1)
-    numbering, found, expected = Numbering(), 0, 0
+    numbering, found, expected = SequenceTracker(), 0, 0
     lost(numbering, 41, 1)  # Who comes late has missed nothing.
     for number in range(42, 1000):
         if number < 999 and rng.random() < 0.3:
@@ -26,7 +26,7 @@ def test_what_one_publisher_loses_is_counted() -> None:
 
 def test_a_second_publisher_loses_nothing_by_coming_and_going() -> None:
     """The last words of one that has gone are told from the next ones of the one that stays."""
-    numbering = Numbering()
+    numbering = SequenceTracker()
     assert not any(lost(numbering, k, 1) for k in range(1, 1000))
     for k in range(1, 50):
         assert lost(numbering, 999 + k, 2) == lost(numbering, k, 2) == 0
@@ -36,7 +36,7 @@ def test_a_second_publisher_loses_nothing_by_coming_and_going() -> None:
 
 
 def test_a_publisher_that_begins_anew_loses_nothing() -> None:
-    numbering = Numbering()
+    numbering = SequenceTracker()
     for _ in range(40):
         assert not any(lost(numbering, k, 1) for k in range(1, 20))
     assert lost(numbering, 22, 1) == 2

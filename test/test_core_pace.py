@@ -5,13 +5,13 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from ctc_chattering.core.pace import Pace
+from ctc_chattering.core.pace import LoopStatistics
 
 MS = 1_000_000
 
 
-def _loop(begins: list[int], ends: list[int]) -> Pace:
-    pace = Pace()
+def _loop(begins: list[int], ends: list[int]) -> LoopStatistics:
+    pace = LoopStatistics()
     for begin, end in zip(begins, ends):
         pace.sample(begin, end)
     return pace
@@ -39,7 +39,7 @@ def test_a_pause_is_no_period() -> None:
     """Check that the time over a pause is left out, and only that; without it, it counts."""
     begins = [k * MS for k in range(10)] + [(900 + k) * MS for k in range(10)]
     for paused in (True, False):
-        pace = Pace()
+        pace = LoopStatistics()
         for k, begin in enumerate(begins):
             if paused and k == 10:
                 pace.pause()
@@ -51,7 +51,7 @@ def test_a_pause_is_no_period() -> None:
 
 def test_rate_is_that_of_the_last_window() -> None:
     """Check samples per second between two rotations; none before the second one."""
-    pace, t = Pace(), 5 * MS
+    pace, t = LoopStatistics(), 5 * MS
     for period, count in ((1 * MS, 400), (2 * MS, 300), (10 * MS, 50)):
         assert pace.values()['rate [Hz]'] == pace.rate
         for _ in range(count):
@@ -69,7 +69,7 @@ def test_rate_is_that_of_the_last_window() -> None:
 
 def test_old_windows_are_forgotten_and_totals_are_not() -> None:
     """Check that ten windows on, a slow one has left the mean but not the count."""
-    pace = Pace()
+    pace = LoopStatistics()
     for k in range(5):
         pace.sample(100 * k * MS, 100 * k * MS + 50 * MS)
     pace.misses += 3
@@ -86,7 +86,7 @@ def test_old_windows_are_forgotten_and_totals_are_not() -> None:
 
 def test_answers_and_the_histogram() -> None:
     """Check the numbers shown for answers of known times."""
-    pace = Pace()
+    pace = LoopStatistics()
     for k in range(1000):
         pace.answer(k * MS, k * MS + (300_000 if k < 998 else 3 * MS))
     values = pace.values()

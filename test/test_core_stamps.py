@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from ctc_chattering.core.stamps import (
-    ANEW,
     BACKWARD,
     GAP,
     JUMP,
     NEXT,
     REPEATED,
+    RESTART,
     STALE,
     Stamps,
     TAKEN,
@@ -53,7 +53,7 @@ class Line:
     def say(self, late: int = 0, jump: int = 0, simulated: bool = False) -> str:
         """Return the verdict on the state of now, which comes `late` [ns] after it should."""
         self.offset += jump
-        return self.stamps.judge(
+        return self.stamps.classify(
             self.t + self.offset, self.t + self.delay + late, simulated)
 
     def go(self, count: int, simulated: bool = False) -> list[str]:
@@ -84,7 +84,7 @@ def test_regular_with_jitter(period: int, offset: int, late: list[int]) -> None:
         line.t += period
         arrived = max(arrived, line.t + x)
         found.append(line.say(arrived - line.t))
-    assert found == [ANEW] + [NEXT] * (len(late) - 1)
+    assert found == [RESTART] + [NEXT] * (len(late) - 1)
 
 
 @pytest.mark.parametrize('simulated', [False, True])
@@ -179,7 +179,7 @@ def test_a_clock_that_is_set(period: int, jump: int, simulated: bool) -> None:
         assert [first, *after] == [GAP] + [NEXT] * 20
     else:
         assert first == (BACKWARD if step < 0 else JUMP)
-        assert after == [ANEW if step < 0 else GAP] + [NEXT] * 19
+        assert after == [RESTART if step < 0 else GAP] + [NEXT] * 19
     if abs(jump) > LIMIT and not simulated:
         line.t += period
         assert line.say(late=LIMIT // 2) == NEXT
@@ -194,7 +194,7 @@ def test_lateness_is_measured_by_the_new_clock(jump: int) -> None:
     line.go(100)
     line.t += MS
     line.say(jump=jump)
-    assert line.go(50) == [ANEW if jump < 0 else GAP] + [NEXT] * 49
+    assert line.go(50) == [RESTART if jump < 0 else GAP] + [NEXT] * 49
     line.t += MS
     assert line.say(late=LIMIT + 2 * MS) == STALE
     assert line.go(1) == [NEXT]
@@ -205,10 +205,10 @@ def test_a_simulation_that_is_reset(again: bool) -> None:
     """Check time that begins at 0 anew, also by a plant that says its first state again."""
     stamps = Stamps(LIMIT)
     for k in range(1000):
-        assert stamps.judge(k * MS, 7 * k, True) == (NEXT if k else ANEW)
-    assert stamps.judge(0, 10 ** 10, True) == BACKWARD
-    assert stamps.judge(0 if again else MS, 10 ** 10 + 1, True) == ANEW
-    assert stamps.judge(2 * MS, 10 ** 10 + 1, True) == NEXT
+        assert stamps.classify(k * MS, 7 * k, True) == (NEXT if k else RESTART)
+    assert stamps.classify(0, 10 ** 10, True) == BACKWARD
+    assert stamps.classify(0 if again else MS, 10 ** 10 + 1, True) == RESTART
+    assert stamps.classify(2 * MS, 10 ** 10 + 1, True) == NEXT
 
 
 @given(st.integers(2, 60), st.integers(-10 ** 12, -LIMIT) | st.integers(2 * LIMIT, 10 ** 12),
@@ -218,7 +218,7 @@ def test_a_single_message_out_of_order(at: int, away: int, simulated: bool) -> N
     line = Line()
     line.go(at, simulated)
     now = line.t + line.delay + 1000
-    verdict = line.stamps.judge(line.t + line.offset + away, now, simulated)
+    verdict = line.stamps.classify(line.t + line.offset + away, now, simulated)
     assert verdict == (BACKWARD if away < 0 else JUMP)
     assert line.go(60, simulated) == [NEXT] * 60
 
@@ -240,7 +240,7 @@ def _drifting(rate: float, minutes: float, period: int = 10 * MS) -> list[str]:
     sent = np.arange(round(minutes * 60e9 / period)) * period
     arrivals = np.round(sent * (1.0 + rate)).astype(np.int64)
     arrivals += rng.integers(0, period // 2, len(sent))
-    return [stamps.judge(t, now, False) for t, now in zip(sent.tolist(), arrivals.tolist())]
+    return [stamps.classify(t, now, False) for t, now in zip(sent.tolist(), arrivals.tolist())]
 
 
 @pytest.mark.parametrize('rate', [200e-6, -200e-6, 500e-6, -5e-3])
@@ -262,10 +262,10 @@ def test_drift_over_an_outage(rate: float, minutes: int) -> None:
     """Check that the first state after a long silence is taken, whatever the clocks did."""
     stamps, start = Stamps(LIMIT), minutes * 60_000 * MS
     for k in range(100):
-        stamps.judge(k * MS, k * MS, False)
+        stamps.classify(k * MS, k * MS, False)
     for k in range(100):
         now = start + k * MS
-        assert stamps.judge(round((1.0 + rate) * start) + k * MS, now, False) == (
+        assert stamps.classify(round((1.0 + rate) * start) + k * MS, now, False) == (
             NEXT if k else GAP)
 
 
@@ -307,10 +307,10 @@ def test_a_clock_set_back_in_an_outage_is_believed_at_last() -> None:
 def test_simulated_time_is_never_late(steps: list[tuple[int, int]]) -> None:
     """Check that arrival says nothing there: whatever goes on by a limit at most is taken."""
     stamps, t, now = Stamps(LIMIT), 0, 0
-    stamps.judge(t, now, True)
+    stamps.classify(t, now, True)
     for step, wait in steps:
         t, now = t + step, now + wait
-        assert stamps.judge(t, now, True) == NEXT
+        assert stamps.classify(t, now, True) == NEXT
 
 
 @settings(max_examples=200)
@@ -320,9 +320,9 @@ def test_nothing_is_taken_twice(steps: Sequence[tuple[int, int]], simulated: boo
     stamps, t, now, last = Stamps(LIMIT), 0, 0, None
     for step, wait in steps:
         t, now = t + step * MS, now + wait * MS
-        verdict = stamps.judge(t, now, simulated)
+        verdict = stamps.classify(t, now, simulated)
         if verdict in TAKEN:
-            assert last is None or verdict == ANEW or t > last
+            assert last is None or verdict == RESTART or t > last
             assert (verdict == NEXT) <= (last is not None and t - last <= LIMIT)
             last = t
         else:
@@ -338,5 +338,5 @@ def test_forget_takes_anything_as_the_first() -> None:
     line.go(10)
     line.stamps.forget()
     line.t += MS
-    assert line.say(jump=-10 ** 15) == ANEW
+    assert line.say(jump=-10 ** 15) == RESTART
     assert line.go(5) == [NEXT] * 5

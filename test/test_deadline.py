@@ -51,7 +51,7 @@ def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
             import ctypes
             import sys
             from ctc_chattering.nodes.plant import PlantNode
-            from ctc_chattering.nodes.runtime import run
+            from ctc_chattering.nodes.run import run
 
             class Stuck(PlantNode):
                 def idle(self):

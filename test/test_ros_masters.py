@@ -1,26 +1,26 @@
-"""Two who want to command: the first one keeps control, the other one is refused and named."""
+"""Two publishers where only one may command: none is obeyed, and both are named."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import itertools
 import signal
 import time
-from typing import Any
 
 from faults import Diagnostics, ERROR, JOINTS, Report, WARN
 import pytest
 import rclpy
 from rclpy.node import Node
-from ros import Probe, probe
+from ros import PATIENCE, Probe, probe
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from test_ros_nodes import COMMANDS, ControllerUnderTest, MS, reference, state, torques
-from test_ros_watchdogs import ns
+from test_ros_watchdogs import ns, PERIOD
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.graph import JOINT_STATES
+from ctc_chattering.nodes.inbox import ValidatedSubscription
+from ctc_chattering.nodes.runtime import qos
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]
@@ -40,138 +40,218 @@ def intruder(it: Probe) -> Iterator[Node]:
         node.destroy_node()
 
 
-class Torques:
-    """Sends `TORQUE`, 200 times a second at the most, so that its numbers meet nobody's."""
-
-    def __init__(self, node: Node) -> None:
-        self._publisher = node.create_publisher(Float64MultiArray, COMMANDS, 10)
-        self._sent = 0.0
-        self.count = 0
-
-    def send(self) -> bool:
-        if time.monotonic() - self._sent > 0.005:
-            self._sent = time.monotonic()
-            self._publisher.publish(torques(TORQUE))
-            self.count += 1
-        return True
+def contested(topic: str, *names: str) -> Callable[[Report], bool]:
+    """Return whether a report says that several publish on a topic, and who."""
+    def said(report: Report) -> bool:
+        return report.level == ERROR and report.message.endswith(
+            f'{topic} has several publishers, none is obeyed: {", ".join(names)}')
+    return said
 
 
-def running(it: Probe, pacing: str) -> tuple[Diagnostics, list[Any], dict[str, Any]]:
-    """Start the loop and wait for motion; return what it says, its states and processes."""
-    diagnostics = Diagnostics(it)
-    children = {'plant': it.start(
-                    'plant', '-p', f'pacing:={pacing}', '-p', 'command_timeout:=0.1'),
-                'controller': it.start('controller', '-p', 'state_timeout:=0.25'),
-                'reference': it.start('reference')}
-    states = it.listen(JointState, JOINT_STATES, 200)
-    it.until(lambda: any(any(m.effort) for m in states), 'motion')
-    return diagnostics, states, children
+def healthy(report: Report) -> bool:
+    return report.level <= WARN and report.message.startswith('running')
 
 
-def alone(report: Report, topic: str, owner: str) -> bool:
-    """Return whether nothing is said of a second publisher, and none is there."""
-    return 'beside' not in report.message and report.values[f'{topic}: publishers'] == owner
+class Loop:
+    """Plant, controller and reference, and all states of the plant."""
+
+    def __init__(self, it: Probe, pacing: str) -> None:
+        self.probe, self.lockstep = it, pacing == 'lockstep'
+        self.diagnostics = Diagnostics(it)
+        period = '-p', f'control_period:={PERIOD}'
+        self.children = [
+            it.start('plant', *period, '-p', f'pacing:={pacing}', '-p', 'command_timeout:=0.1'),
+            it.start('controller', *period, '-p', 'state_timeout:=0.25'), it.start('reference')]
+        self.states = it.listen(JointState, JOINT_STATES, 1000)
+        self.until_driven()
+
+    def until_driven(self) -> None:
+        """Wait until new states are driven by torques, and the plant says that all is well."""
+        seen = len(self.states)
+        self.probe.until(
+            lambda: len([m for m in self.states[seen:] if any(m.effort)]) > 50, 'motion')
+        self.diagnostics.until('plant', healthy, 'health')
+
+    def until_refused(self, names: tuple[str, ...], send: Callable[[], None]) -> None:
+        """Wait until both publishers are named, and see that commands are refused and counted."""
+        said = contested(COMMANDS, *names)
+        before = self.diagnostics.until('plant', said, 'a report of both')
+        line = f'{COMMANDS} has several publishers, none is obeyed: {", ".join(names)}'
+        self.probe.until(lambda: any(line in x for x in self.probe.lines), 'the line')
+
+        def refused(report: Report) -> bool:
+            send()
+            return report.refused(COMMANDS).get('second_publisher', 0) > (
+                before.refused(COMMANDS).get('second_publisher', 0) + 20)
+
+        report = self.diagnostics.until('plant', refused, 'that it is refused')
+        assert said(report)
+        assert self.lockstep or 'torque 0, brakes on' in report.message
+
+    def assert_safe(self) -> None:
+        """Check states that are sent from now on."""
+        if self.lockstep:  # Time stands still: the state is sent again and again.
+            self.probe.until(lambda: len({ns(m.header.stamp) for m in self.states[-5:]}) == 1,
+                             'the same state, five times')
+            last, seen = self.states[-1], len(self.states)
+            self.probe.until(lambda: len(self.states) > seen + 5, 'states')
+            assert all(m == last for m in self.states[seen:])
+        else:  # After command_timeout the brakes are on.
+            begin = time.time_ns() + 150 * MS
+            self.probe.until(lambda: ns(self.states[-1].header.stamp) > begin + 50 * MS, 'states')
+            assert all(list(m.effort) == ZERO for m in self.states
+                       if ns(m.header.stamp) > begin)
+
+    def end(self) -> None:
+        """See that nothing else has happened."""
+        assert [x.status for x in self.children] == [None] * 3
+        assert not any('Traceback' in line for line in self.probe.lines)
 
 
-def contested(report: Report, topic: str, owner: str, other: str, before: int = 0) -> bool:
-    """Return whether a second publisher is named and refused, more often than `before`."""
-    return (report.level >= WARN and report.refused(topic).get('second_publisher', 0) > before + 50
-            and f'{topic} has publishers beside {owner}: {other}' in report.message)
+@pytest.mark.parametrize('pacing', ['lockstep', 'real_time'])
+def test_with_two_publishers_of_torques_none_is_obeyed_until_one_has_left(pacing: str) -> None:
+    with probe() as it:
+        loop = Loop(it, pacing)
+        with intruder(it) as node:
+            publisher = node.create_publisher(Float64MultiArray, COMMANDS, 1000)
+
+            def send() -> None:
+                for _ in range(20):
+                    publisher.publish(torques(TORQUE))
+
+            it.until(publisher.get_subscription_count, 'the plant')
+            loop.until_refused(('/controller', '/intruder'), send)
+            loop.assert_safe()
+            send()  # It leaves right after.
+        loop.until_driven()
+        it.until(lambda: any('obeyed again: /controller' in x for x in it.lines), 'the line')
+        assert not any(list(m.effort) == TORQUE for m in loop.states)
+        loop.end()
 
 
 @pytest.mark.parametrize(
-    'pacing', [pytest.param('lockstep', marks=pytest.mark.slow), 'real_time'])
-def test_the_first_publisher_of_torques_moves_the_robot_until_it_is_silent(pacing: str) -> None:
+    'pacing', ['real_time', pytest.param('lockstep', marks=pytest.mark.slow)])
+def test_a_second_controller_stops_the_robot_until_its_lease_has_run_out(pacing: str) -> None:
+    """It is killed: for the middleware it goes on publishing until its lease has run out."""
     with probe() as it:
-        diagnostics, states, children = running(it, pacing)
-        report = diagnostics.until(
-            'plant', lambda r: alone(r, COMMANDS, '/controller') and r.level < ERROR, 'health')
-        assert 'second_publisher' not in report.refused(COMMANDS)
-        with intruder(it) as node:
-            second = Torques(node)
-            diagnostics.latest.clear()
-            states.clear()
-            it.until(lambda: second.send() and 'plant' in diagnostics.latest and contested(
-                diagnostics.latest['plant'], COMMANDS, '/controller', '/intruder'), 'a warning')
-            assert second.count > 50
-            assert len(states) > 50
-            assert not any(list(m.effort) == TORQUE for m in states)
-            if pacing == 'real_time':
-                states.clear()
-                children['controller'].signal(signal.SIGSTOP)
-                it.until(lambda: second.send() and states
-                         and list(states[-1].effort) == TORQUE, 'the change of control')
-                times = [ns(m.header.stamp) for m in states if any(m.effort)]
-                # The last torque is held for 0.1 s, then the brakes are on for the rest.
-                assert max(b - a for a, b in itertools.pairwise(times)) > 350 * MS
-                states.clear()
-                children['controller'].signal(signal.SIGCONT)
-                it.until(lambda: second.send() and len(states) > 500, 'states')
-                driven = [list(m.effort) for m in states if any(m.effort)]
-                assert driven and all(x == TORQUE for x in driven)
-                it.until(lambda: second.send() and contested(
-                    diagnostics.latest['plant'], COMMANDS, '/intruder', '/controller'),
-                    'who has control now')
-        states.clear()
-        it.until(lambda: any(any(m.effort) and list(m.effort) != TORQUE for m in states),
-                 'the first again')
-        report = diagnostics.until('plant', lambda r: alone(r, COMMANDS, '/controller')
-                                   and r.level < ERROR, 'health')
-
-        children['second'] = it.start(
-            'controller', '-r', '__node:=second', '-p', f'effort_limit:=[{LITTLE}, {LITTLE}]')
-        before = report.refused(COMMANDS)['second_publisher']
-        states.clear()
-        report = diagnostics.until('plant', lambda r: contested(
-            r, COMMANDS, '/controller', '/second', before), 'a warning')
-        assert report.values[f'{COMMANDS}: publishers'] == '/controller, /second'
-        assert any(any(m.effort) for m in states)
-        for message in states:
+        loop = Loop(it, pacing)
+        second = it.start('controller', '-r', '__node:=second', '-p',
+                          f'effort_limit:=[{LITTLE}, {LITTLE}]')
+        loop.until_refused(('/controller', '/second'), lambda: None)
+        loop.assert_safe()
+        second.signal(signal.SIGKILL)
+        second.process.wait(PATIENCE)
+        loop.diagnostics.until('plant', contested(COMMANDS, '/controller', '/second'), 'the dead')
+        loop.until_driven()
+        for message in loop.states:
             assert not 0.0 < max(abs(x) for x in message.effort) <= LITTLE
-        assert not any(x.status is not None for x in children.values())
-        assert not any('Traceback' in line for line in it.lines)
+        loop.end()
 
 
-def test_a_second_source_of_states_is_not_answered() -> None:
-    law = Controller(ControllerConfig())
-    with probe() as it, intruder(it) as node:
-        diagnostics = Diagnostics(it)
-        controller = ControllerUnderTest(it)
-        controller.references.publish(reference(list(JOINTS), [[[1.0, -0.5], ZERO, ZERO]]))
-        k = 0
+class States:
+    """The test as the only source of states in simulated time, and the law that answers."""
 
-        def answered() -> None:
-            """Send the next state; the answer must be the law's."""
-            nonlocal k
-            q, dq = [0.1, 0.2 + 0.001 * (k % 7)], [0.3, -0.1]
-            assert controller.answer(state(
-                k * MS, joint1=(q[0], dq[0]), joint2=(q[1], dq[1]))) == list(
-                    law.step(q, dq, [1.0, -0.5], ZERO, ZERO).tau)
-            k += 1
+    def __init__(self, it: Probe) -> None:
+        self.probe = it
+        self.diagnostics = Diagnostics(it)
+        self.law = Controller(ControllerConfig())
+        self.controller = ControllerUnderTest(it)
+        self.controller.references.publish(reference(list(JOINTS), [[[1.0, -0.5], ZERO, ZERO]]))
+        self.k = 0
 
-        def until(done: Any, what: str) -> Report:
-            """Go on until a new report is as wanted."""
-            diagnostics.latest.clear()
+    def message(self) -> JointState:
+        q = [0.1, 0.2 + 0.001 * (self.k % 7)]
+        return state(self.k * MS, joint1=(q[0], 0.3), joint2=(q[1], -0.1))
 
-            def told() -> bool:
-                answered()
-                report = diagnostics.latest.get('controller')
-                return report is not None and bool(done(report))
+    def answered(self, message: JointState) -> None:
+        """Take the next torque as the answer to a state, which must be the law's."""
+        before = self.k
+        self.probe.until(lambda: len(self.controller.commands) > before, 'a torque')
+        expected = self.law.step(message.position, message.velocity, [1.0, -0.5], ZERO, ZERO)
+        assert list(self.controller.commands[before].data) == list(expected.tau)
+        self.k += 1
 
-            it.until(told, what)
-            return diagnostics.latest['controller']
+    def go(self, count: int) -> None:
+        """Send states, each answered before the next."""
+        for _ in range(count):
+            message = self.message()
+            self.controller.states.publish(message)
+            self.answered(message)
 
-        until(lambda r: alone(r, JOINT_STATES, '/probe') and r.count('restarts') == 0, 'health')
-        other = node.create_publisher(JointState, JOINT_STATES, 1000)
-        it.until(other.get_subscription_count, 'the controller')
-        for _ in range(200):
-            other.publish(state(k * MS, joint1=(1.5, 0.0), joint2=(-2.5, 0.0)))
-            answered()
-        report = until(lambda r: contested(r, JOINT_STATES, '/probe', '/intruder')
-                       and r.refused(JOINT_STATES)['second_publisher'] == 200, 'a warning')
-        assert report.level == WARN
-        assert report.values[f'{JOINT_STATES}: publishers'] == '/probe, /intruder'
-        assert set(report.refused(JOINT_STATES)) == {'second_publisher'}
-        report = until(lambda r: 'beside' not in r.message, 'silence')
+
+def test_with_two_sources_of_states_none_is_answered_until_one_has_left() -> None:
+    """The run goes on as if nothing had been: a state that is sent again gets its torque."""
+    with probe() as it:
+        source = States(it)
+        source.go(100)
+        with intruder(it) as node:
+            other = node.create_publisher(JointState, JOINT_STATES, 1000)
+            it.until(other.get_subscription_count, 'the controller')
+            source.diagnostics.until('controller', contested(JOINT_STATES, '/intruder', '/probe'),
+                                     'a report of both')
+            for k in range(200):  # Meanwhile their numbers are equal now and then.
+                other.publish(state((100 + k) * MS, joint1=(1.5, 0.0), joint2=(-2.5, 0.0)))
+                source.controller.states.publish(source.message())
+            report = source.diagnostics.until(
+                'controller', lambda r: r.refused(JOINT_STATES).get('second_publisher') == 400,
+                'that all are refused')
+            assert set(report.refused(JOINT_STATES)) == {'second_publisher'}
+            assert len(source.controller.commands) == 100
+        report = source.diagnostics.until('controller', healthy, 'health')
+        message = source.message()
+
+        def again() -> bool:
+            """Send the state again, as a plant in lockstep does."""
+            source.controller.states.publish(message)
+            time.sleep(0.01)
+            return len(source.controller.commands) > 100
+
+        it.until(again, 'a torque')
+        source.answered(message)
+        report = source.diagnostics.next('controller')
         assert report.count('restarts') == 0
-        assert len(controller.commands) == k
+
+
+def test_a_publisher_of_other_joints_changes_nothing() -> None:
+    """Only until its first message is it unknown whether it speaks of our joints."""
+    with probe() as it, intruder(it) as node:
+        source = States(it)
+        source.go(10)
+        gripper = node.create_publisher(JointState, JOINT_STATES, 1000)
+        it.until(gripper.get_subscription_count, 'the controller')
+        source.diagnostics.until(
+            'controller', contested(JOINT_STATES, '/intruder', '/probe'), 'a report of both')
+        gripper.publish(state(0, finger=(0.1, 0.0)))
+        source.diagnostics.until('controller', healthy, 'health')
+        source.go(10)
+        for k in range(50):
+            gripper.publish(state(k * MS, finger=(0.1, 0.0)))
+            source.go(1)
+        report = source.diagnostics.next('controller')
+        assert report.refused(JOINT_STATES) == {}
+        gripper.publish(state(60 * MS, joint1=(0.1, 0.0), finger=(0.1, 0.0)))
+        source.diagnostics.until(
+            'controller', contested(JOINT_STATES, '/intruder', '/probe'), 'a report of both')
+
+
+def test_where_rclpy_tells_the_publisher_the_first_one_keeps_control() -> None:
+    """With the information of newer releases: `publisher_gid`, the same as the graph tells."""
+    with probe() as it, intruder(it) as node:
+        used: list[str] = []
+        subscription = ValidatedSubscription(
+            it.node, String, 'topic', bytes.decode, lambda text, _: used.append(text), qos())
+        for owner in (it.node, node):
+            owner.create_publisher(String, 'topic', 10)
+        it.until(lambda: subscription.subscription.current.get_publisher_count() == 2
+                 and len(it.node.get_publishers_info_by_topic('/topic')) == 2, 'both')
+        gids = {x.node_name: bytes(x.endpoint_gid)
+                for x in it.node.get_publishers_info_by_topic('/topic')}
+        for name in ('probe', 'intruder', 'probe', 'intruder'):
+            subscription.receive(name.encode(), {'publisher_gid': {
+                'implementation_identifier': 'rmw_fastrtps_cpp', 'data': gids[name]}})
+        assert used == ['probe', 'probe']
+        assert subscription.rejected == {'second_publisher': 2}
+        names = subscription.publishers()
+        assert names == ['/probe', '/intruder']
+        assert subscription.contention(names) == (
+            'topic has several publishers, only the first is obeyed: /probe, /intruder')

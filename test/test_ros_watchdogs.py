@@ -219,7 +219,7 @@ def test_without_commands_the_plant_brakes(graph: Graph) -> None:
         assert list(message.velocity) == pytest.approx(robot.dq, abs=1e-9)
     graph.start('controller')
     graph.until_well()
-    assert graph.log('plant', 'commands again, brakes off')
+    assert graph.log('plant', 'commands again, after')
 
 
 def test_an_error_beyond_its_limit_trips_until_reset(graph: Graph) -> None:

@@ -52,9 +52,9 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     ros.check([name])
     values = ros.values(name)
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
-    runtime = importlib.import_module('ctc_chattering.nodes.runtime')
+    run = importlib.import_module('ctc_chattering.nodes.run').run
     with NonblockingOutput():
-        return int(runtime.run(
+        return int(run(
             module.NODE, name, ['--ros-args', *ros.rest, *ros_arguments.assignments(values)],
             signals.collect()))
 

@@ -10,7 +10,7 @@ TOLERANCE = 0.2
 PATIENCE = 3
 
 
-class Cadence:
+class SampleRate:
     """
     Compares the mean period of stamps with what it should be.
 

@@ -1,54 +1,23 @@
-"""Whether torques may be sent: the controller is enabled, and no error has tripped it."""
+"""Whether the position error is within its limit."""
 
 from __future__ import annotations
 
 from ctc_chattering.core.model import Vector
 
 
-class Guard:
+def joint_beyond(e: Vector, limit: Vector) -> int | None:
     """
-    Keeps the controller silent while it is disabled, or after it tripped until it is reset.
+    Return the first joint whose error is beyond its limit; None if all are within.
 
     Parameters
     ----------
-    enabled : bool
-
-    Attributes
-    ----------
-    enabled : bool
-        Whether torques are wanted.
-    tripped : int or None
-        Index of the joint whose error was beyond the limit.
+    e : sequence of float, shape (n,)
+        Position error [rad]; NaN is beyond any limit.
+    limit : sequence of float, shape (n,)
+        Largest magnitude allowed [rad].
 
     """
-
-    def __init__(self, enabled: bool) -> None:
-        self.enabled = enabled
-        self.tripped: int | None = None
-
-    @property
-    def allows(self) -> bool:
-        """Whether torques may be sent."""
-        return self.enabled and self.tripped is None
-
-    def check(self, e: Vector, limit: Vector) -> bool:
-        """
-        Return whether the position error is within its limit, and trip if it is not.
-
-        Parameters
-        ----------
-        e : sequence of float, shape (n,)
-            Position error [rad].
-        limit : sequence of float, shape (n,)
-            Largest magnitude allowed [rad].
-
-        """
-        for i, (x, most) in enumerate(zip(e, limit)):
-            if not -most <= x <= most:
-                self.tripped = i
-                return False
-        return True
-
-    def reset(self) -> None:
-        """Go on after a trip."""
-        self.tripped = None
+    for i, (x, most) in enumerate(zip(e, limit)):
+        if not -most <= x <= most:
+            return i
+    return None

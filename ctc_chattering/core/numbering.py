@@ -11,7 +11,7 @@ from __future__ import annotations
 _MANY = 16
 
 
-class Numbering:
+class SequenceTracker:
     """Follows the numbers of one topic's messages."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ _NANO = 1e-9
 _SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 
-class Pace:
+class LoopStatistics:
     """
     Counts samples, their periods, their computing times and the times until they are answered.
 

@@ -59,6 +59,11 @@ class Rejoining:
                 self._reference, t, (q, dq, (0.0,) * len(q)), duration)
         return paused
 
+    @property
+    def active(self) -> bool:
+        """Whether the desired motion is another one than the reference."""
+        return self._transition is not None
+
     def at(self, t: int, point: Point) -> Point:
         """Return what is desired at `t` [ns], where the reference has `point`."""
         if self._transition is None:

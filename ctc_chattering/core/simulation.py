@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import period_ns, samples, seconds
-from ctc_chattering.core.guard import Guard
+from ctc_chattering.core.guard import joint_beyond
 from ctc_chattering.core.model import Model
 from ctc_chattering.core.plant import PlantConfig
 from ctc_chattering.core.plants import make_plant
@@ -136,7 +136,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
     robot = robot or make_plant(plant)
-    law, guard = Controller(controller, model), Guard(enabled=True)
+    law = Controller(controller, model)
     motion = make_motion(
         reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
@@ -166,8 +166,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         sample = law.try_step(q, dq, *desired, coming)
         if sample is None:
             raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
-        if not guard.check(sample.e, law.config.error_limit):
-            i = guard.tripped or 0
+        i = joint_beyond(sample.e, law.config.error_limit)
+        if i is not None:
             raise CtcError(
                 f'the position error of {controller.joint_names[i]} at t = {t:g} s, '
                 f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')

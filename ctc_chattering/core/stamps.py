@@ -9,11 +9,16 @@ the time of arrival; no two clocks need agree for that, only the shortest delay 
 
 from __future__ import annotations
 
+from ctc_chattering.core.grid import seconds
+from ctc_chattering.monitoring.watchdog import BUSY
+
 #: Verdicts on stamps that are taken: the next one, one after an outage, one of a new run.
-NEXT, GAP, ANEW = 'next', 'gap', 'anew'
+NEXT, GAP, RESTART = 'next', 'gap', 'restart'
 #: Verdicts on stamps that are refused.
 REPEATED, BACKWARD, JUMP, STALE = 'repeated', 'backward', 'jump', 'stale'
-TAKEN = frozenset({NEXT, GAP, ANEW})
+TAKEN = frozenset({NEXT, GAP, RESTART})
+_REASONS = {REPEATED: 'the stamp repeats', BACKWARD: 'the stamp goes back',
+            JUMP: 'the stamp leaps'}
 
 #: The shortest delay seen grows by a thousandth of time, more than clocks drift apart.
 _LEAK = 1000
@@ -51,7 +56,7 @@ class Stamps:
         self._least: int | None = None
         self._stale_since: int | None = None
 
-    def judge(self, t: int, now: int, simulated: bool) -> str:
+    def classify(self, t: int, now: int, simulated: bool) -> str:
         """
         Return the verdict on a state.
 
@@ -67,7 +72,7 @@ class Stamps:
         """
         last = self._last
         if last is None:
-            return self._take(t, now, ANEW)
+            return self._take(t, now, RESTART)
         step = t - last
         if simulated:
             if 0 < step <= self.limit:
@@ -86,8 +91,15 @@ class Stamps:
         candidate, self._candidate = self._candidate, t
         if candidate is not None and (0 if simulated else 1) <= t - candidate <= self.limit:
             self._least = None
-            return self._take(t, now, ANEW if step < 0 else GAP)
+            return self._take(t, now, RESTART if step < 0 else GAP)
         return BACKWARD if step < 0 else JUMP
+
+    def reason(self, verdict: str, t: int) -> str:
+        """Return why the state of stamp `t` [ns] was refused just now."""
+        if verdict == STALE:
+            return (f'it comes {1e3 * seconds(self.lateness):.1f} ms later than the quickest one, '
+                    f'more than {1e3 * seconds(self.limit):g} ms (state_timeout): {BUSY}')
+        return f'{_REASONS[verdict]}: {seconds(t):.9f} s'
 
     def _take(self, t: int, now: int, verdict: str) -> str:
         delay = now - t

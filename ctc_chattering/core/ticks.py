@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Ticks:
+class TimerGrid:
     """
     A grid of samples on a timer's own grid.
 

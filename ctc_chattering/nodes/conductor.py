@@ -20,8 +20,8 @@ from ctc_chattering.core.grid import NANOSECONDS, seconds
 from ctc_chattering.core.simulation import Event
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, PARAMETERS
-from ctc_chattering.nodes.inbox import Inbox
-from ctc_chattering.nodes.runtime import Executor, qos, Shell
+from ctc_chattering.nodes.inbox import ValidatedSubscription
+from ctc_chattering.nodes.runtime import BaseNode, Executor, qos
 from ctc_chattering.ros.messages import nanoseconds_of, read_clock
 
 #: Time after which a request without an answer is sent again [s]: the middleware drops an answer
@@ -29,7 +29,7 @@ from ctc_chattering.ros.messages import nanoseconds_of, read_clock
 _AGAIN = 1.0
 
 
-class Conductor(Shell):
+class Conductor(BaseNode):
     """
     Follows a run and carries out its events through the parameter services.
 
@@ -54,18 +54,15 @@ class Conductor(Shell):
         self._asked = 0.0
         self._start: int | None = None
         self.time = 0.0
-        self._last = 0
         if lockstep:
-            self.inboxes = [Inbox(
-                self, Clock, CLOCK, read_clock, self._on_clock, qos(), trusting=True,
-                plausible=lambda now: 0 <= now - self._last < NANOSECONDS)]
+            self.inputs = [ValidatedSubscription(
+                self, Clock, CLOCK, read_clock, self._on_clock, qos())]
         else:
-            self.inboxes = [Inbox(
+            self.inputs = [ValidatedSubscription(
                 self, ParameterEvent, f'plant/{PARAMETERS}', _read_start, self._on_start,
                 qos(100, latched=True))]
 
     def _on_clock(self, now: int, _arrival: int) -> None:
-        self._last = now
         self.time = seconds(now)
 
     def _on_start(self, start: int, _arrival: int) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite
 from operator import itemgetter
+
+from ctc_chattering.errors import RejectedMessage
 
 Pick = Callable[[Sequence[float]], Sequence[float]]
 
@@ -28,6 +31,38 @@ class Joints:
     def concerned(self, names: Sequence[str]) -> bool:
         """Return whether any joint of ours is among `names`."""
         return names is self._theirs or not self._known.isdisjoint(names)
+
+    def select(self, names: tuple[str, ...], *rows: Sequence[float]) -> list[Sequence[float]]:
+        """
+        Return our joints' values out of each row of a message.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Joints of the message.
+        *rows : sequence of float
+            A value for each of them.
+
+        Raises
+        ------
+        RejectedMessage
+            If a joint of ours is missing, a name stands there twice, a row has another length,
+            or a value of ours is not finite.
+
+        """
+        pick = self.pick(names)
+        if pick is None:
+            raise RejectedMessage('joints', (
+                f'joints {list(names)}; needed: each of {list(self._ours)} once'))
+        n = len(names)
+        if any(len(row) != n for row in rows):
+            lengths = sorted({len(row) for row in rows})
+            raise RejectedMessage('length', (
+                f'{" or ".join(map(str, lengths))} values for {n} joints'))
+        values = [pick(row) for row in rows]
+        if not isfinite(sum([sum(row) for row in values])):
+            raise RejectedMessage('not_finite', f'{[list(row) for row in values[:3]]}')
+        return values
 
     def pick(self, names: tuple[str, ...]) -> Pick | None:
         """

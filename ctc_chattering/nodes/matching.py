@@ -19,6 +19,12 @@ from rclpy.qos import (
 _PERIOD = 0.5
 
 
+def qos(depth: int = 1000, latched: bool = False) -> QoSProfile:
+    """Return a reliable profile; `latched` keeps messages for those who subscribe later."""
+    return QoSProfile(depth=depth, durability=(
+        DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
+
+
 def compatible(offered: QoSProfile, requested: QoSProfile) -> bool:
     """
     Return whether a publisher and a subscription with these profiles find each other.

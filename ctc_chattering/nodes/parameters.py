@@ -48,6 +48,11 @@ class NodeParameters:
     check : callable, optional
         Called with the configurations that a set would make; refuses it by `CtcError`.
 
+    Attributes
+    ----------
+    changed : bool
+        Whether something has changed that has not been announced yet.
+
     Raises
     ------
     CtcError
@@ -77,9 +82,9 @@ class NodeParameters:
         self._publisher = node.create_publisher(
             ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
         self._announced: dict[str, Any] = {}
-        self.news = True
+        self.changed = True
         node.add_pre_set_parameters_callback(self._coerce)
-        node.add_on_set_parameters_callback(self._judge)
+        node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
 
     def get(self, kind: type[C]) -> C:
@@ -101,7 +106,7 @@ class NodeParameters:
         else:
             message.new_parameters = changed
         self._announced = now
-        self.news = False
+        self.changed = False
         if changed:
             self._publisher.publish(message)
 
@@ -129,7 +134,7 @@ class NodeParameters:
             name: value for name, value in values.items() if name in config.parameters()})
             for config in self._configs]
 
-    def _judge(self, parameters: list[RosParameter]) -> SetParametersResult:
+    def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
             for parameter in parameters:  # One that is not set would be undeclared.
                 spec = self._specs.get(parameter.name)
@@ -148,7 +153,7 @@ class NodeParameters:
         new = self._candidates(parameters)
         if new != self._configs:
             self._configs = new
-            self.news = True
+            self.changed = True
             self._changed()
 
 

@@ -19,7 +19,7 @@ from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK
 from ctc_chattering.middleware import use_profile
-from ctc_chattering.nodes.runtime import wait_for_all_acked
+from ctc_chattering.nodes.run import wait_for_all_acked
 from ctc_chattering.ros.messages import message_type, stamp
 from ctc_chattering.salvage import BagReader
 

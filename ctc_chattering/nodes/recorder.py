@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+import dataclasses
 from operator import itemgetter
 from pathlib import Path
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from rosbags.interfaces import Qos
 
-from ctc_chattering.core.arbiter import Arbiter
 from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.core.log_time import LogTime
-from ctc_chattering.core.numbering import Numbering
+from ctc_chattering.core.numbering import SequenceTracker
+from ctc_chattering.errors import CtcError
 from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
 from ctc_chattering.middleware import enlarge_receive_buffers
-from ctc_chattering.nodes.inbox import LAPSE, PATIENCE
+from ctc_chattering.nodes.inbox import ValidatedSubscription
 from ctc_chattering.nodes.matching import MatchingSubscription
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import NAP, qos, Shell, Status
+from ctc_chattering.nodes.runtime import BaseNode, ERROR, NAP, OK, qos, Status, WARN
 from ctc_chattering.recording import offered_qos, Recording
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.settings import RecorderSettings
@@ -34,8 +35,6 @@ _RECEIVE_BUFFER = 1 << 22
 _FLUSH = 0.3
 #: How long a message may still be on its way at the end [s].
 _SLICE = 0.02
-#: How far states may be behind the clock [ns].
-_BEHIND = NANOSECONDS // 50
 #: So many messages wait until a state or a clock tells what the time is.
 _EARLY = 500
 #: Without a state of those who publish them, for so long, something is worth a word [ns].
@@ -44,11 +43,43 @@ _SILENCE = 3 * NANOSECONDS
 _DRAIN = NANOSECONDS // 5
 
 
-def _no_callback(_data: bytes) -> None:
-    """Mark a subscription whose messages `RecorderNode` takes itself."""
+@dataclasses.dataclass
+class _Recorded:
+    """
+    A topic that is recorded.
+
+    Attributes
+    ----------
+    name, kind : str
+        Full name and message type.
+    offered : list of Qos
+        What its publishers offer.
+    matching : MatchingSubscription
+        Whence its messages are taken.
+    timing : ValidatedSubscription or None
+        What reads the time out of them, where they tell it.
+    numbering : SequenceTracker
+        What finds missing messages.
+
+    """
+
+    name: str
+    kind: str
+    offered: list[Qos]
+    matching: MatchingSubscription
+    timing: ValidatedSubscription[int] | None
+    numbering: SequenceTracker
 
 
-class RecorderNode(Shell):
+def _stamp(data: bytes) -> int:
+    """Return the stamp of a serialized message [ns]."""
+    stamp = read_stamp(data)
+    if stamp is None:
+        raise CtcError('no stamp')
+    return stamp
+
+
+class RecorderNode(BaseNode):
     """
     Records all topics of `graph.TOPICS`.
 
@@ -75,13 +106,12 @@ class RecorderNode(Shell):
         self._received_before = 0
         self._time = LogTime()
         self._simulated: bool | None = None
-        self._early: list[tuple[str, str, int, bytes, str]] = []
-        #: What was taken and came after the batch began: arrival [ns], handler, data, information.
-        self._pending: list[tuple[int, Callable[..., None], bytes, Mapping[str, Any]]] = []
-        self._topics = [
-            (MatchingSubscription(self, message_type(topic.kind), topic.name, _no_callback,
-                                  qos(_DEPTH, topic.latched)), self._handler(topic))
-            for topic in TOPICS.values()]
+        self._early: list[tuple[_Recorded, int, bytes]] = []
+        #: What was taken and came after the batch began: arrival [ns], topic, data, information.
+        self._pending: list[tuple[int, _Recorded, bytes, Mapping[str, Any]]] = []
+        self._topics: list[_Recorded] = []
+        for topic in TOPICS.values():
+            self._topics.append(self._subscribe(topic))
         enlarge_receive_buffers(_RECEIVE_BUFFER)
 
     def introduction(self) -> str:
@@ -91,57 +121,59 @@ class RecorderNode(Shell):
     @property
     def subscriptions(self) -> Iterator[Any]:
         """Yield those that an executor serves; `_take` serves the others."""
-        return (x for x in super().subscriptions if x.callback is not _no_callback)
+        taken = [topic.matching.current for topic in self._topics]
+        return (x for x in super().subscriptions if x not in taken)
 
-    def _handler(self, topic: Topic) -> Callable[[bytes, Mapping[str, Any]], None]:
-        name = self.resolve_topic_name(topic.name)
-        offered = offered_qos(100 if topic.latched else 1000, topic.latched)
-        is_state, is_clock = topic.name == JOINT_STATES, topic.name == CLOCK
-        numbering = Numbering()
-        arbiter = Arbiter(PATIENCE if is_clock else LAPSE, trusting=True)
+    def _subscribe(self, topic: Topic) -> _Recorded:
+        name, kind = self.resolve_topic_name(topic.name), message_type(topic.kind)
+        profile = qos(_DEPTH, topic.latched)
+        timing = None
+        if topic.name in (JOINT_STATES, CLOCK):
+            timing = ValidatedSubscription(
+                self, kind, topic.name, _stamp,
+                lambda stamp, _now: self._time.note(name, stamp), profile)
+        return _Recorded(
+            name, topic.kind, [offered_qos(100 if topic.latched else 1000, topic.latched)],
+            timing.subscription if timing else MatchingSubscription(
+                self, kind, topic.name, lambda _: None, profile), timing, SequenceTracker())
 
-        def alone() -> bool:
-            return bool(self.count_publishers(topic.name) <= 1)
-
-        def on_message(data: bytes, info: Mapping[str, Any]) -> None:
-            number = info.get('publication_sequence_number')
-            if number and not numbering.follows(number):
-                lost = numbering.lost(number, self.count_publishers(topic.name))
-                if lost:
-                    self._lose(name, lost)
-            if is_state or is_clock:
-                instant, said = time.monotonic_ns(), read_stamp(data)
-                if is_state:
-                    self._heard = instant
-                if said is None:
-                    arbiter.reject(number, instant, alone)
-                elif arbiter.admits(number, instant, alone,
-                                    lambda: -_BEHIND <= said - self._time.now <= NANOSECONDS):
-                    self._time.note(name, said)
-                if self._simulated and is_state:
-                    arbiter.lapse = PATIENCE
-            if self._simulated is None and (
-                    is_state or is_clock or len(self._early) >= _EARLY):
-                self._begin(is_clock or self.count_publishers(CLOCK) > 0)
-            t = self._time.now if self._simulated else (
-                info.get('received_timestamp') or self.get_clock().now().nanoseconds)
+    def _record(self, topic: _Recorded, data: bytes, info: Mapping[str, Any]) -> None:
+        """Record a message."""
+        number = info.get('publication_sequence_number')
+        if number and not topic.numbering.follows(number):
+            self._lose(topic.name, topic.numbering.lost(
+                number, self.count_publishers(topic.name)))
+        if topic.timing is not None:
+            topic.timing.receive(data, info)
+            is_clock = topic.timing.topic == CLOCK
+            if not is_clock:
+                self._heard = time.monotonic_ns()
             if self._simulated is None:
-                self._early.append((name, topic.kind, t, data, offered))
-            else:
-                self._attempt(self._recording.write, name, topic.kind, t, data, offered)
-
-        return on_message
+                self._begin(is_clock or self.count_publishers(CLOCK) > 0)
+        elif self._simulated is None and len(self._early) >= _EARLY:
+            self._begin(self.count_publishers(CLOCK) > 0)
+        t = self._time.now if self._simulated else (
+            info.get('received_timestamp') or self.get_clock().now().nanoseconds)
+        if self._simulated is None:
+            self._early.append((topic, t, data))
+        else:
+            self._write(topic, t, data)
 
     def _begin(self, simulated: bool) -> None:
         """Write what came before it could be known whether time is simulated."""
         self._simulated = simulated
         early, self._early = self._early, []
-        for name, kind, t, data, offered in early:
-            self._attempt(self._recording.write, name, kind,
-                          self._time.now if simulated else t, data, offered)
+        for topic, t, data in early:
+            self._write(topic, self._time.now if simulated else t, data)
+
+    def _write(self, topic: _Recorded, t: int, data: bytes) -> None:
+        self._attempt(
+            self._recording.write, topic.name, topic.kind, t, data, topic.offered)
 
     def _lose(self, topic: str, count: int) -> None:
         """Count messages that never came."""
+        if not count:
+            return
         self._dropped[topic] += count
         self._recording.note('dropped', str(dict(self._dropped)))
         self.get_logger().error(
@@ -152,15 +184,15 @@ class RecorderNode(Shell):
         now, lost = time.monotonic(), sum(self._dropped.values())
         rate = (self._received - self._received_before) / max(now - self._reported, 1e-3)
         self._received_before, self._reported = self._received, now
-        level, message = DiagnosticStatus.OK, f'recording to {self._recording.path}'
+        level, message = OK, f'recording to {self._recording.path}'
         if self.failure is not None:
-            level, message = DiagnosticStatus.ERROR, self.failure
+            level, message = ERROR, self.failure
         elif (time.monotonic_ns() - self._heard > _SILENCE and not self._simulated
               and self.count_publishers(JOINT_STATES)):
-            level = DiagnosticStatus.WARN
+            level = WARN
             message = f'{JOINT_STATES}: nothing comes, though it is published'
         elif lost:
-            level, message = DiagnosticStatus.ERROR, f'{lost} messages were dropped'
+            level, message = ERROR, f'{lost} messages were dropped'
         return Status(level, message, {
             'messages': sum(self._recording.counts.values()), 'rate [Hz]': rate, 'dropped': lost,
             **{f'dropped, {topic}': count for topic, count in self._dropped.items()}})
@@ -174,22 +206,22 @@ class RecorderNode(Shell):
         """Record what had arrived when this was called, in the order of arrival."""
         begin = time.time_ns()
         pending = self._pending
-        for subscription, handler in self._topics:
-            current = subscription.current
+        for topic in self._topics:
+            current = topic.matching.current
             take, kind = current.handle.take_message, current.msg_type
             while (taken := take(kind, True)) is not None:
                 data, info = taken
                 arrival = info.get('received_timestamp') or 0
-                pending.append((arrival, handler, data, info))
+                pending.append((arrival, topic, data, info))
                 self._received += 1
                 if arrival > begin:
                     break
         pending.sort(key=itemgetter(0))
         self._pending = [x for x in pending if x[0] > begin]
-        for _, handler, data, info in pending[:len(pending) - len(self._pending)]:
+        for _, topic, data, info in pending[:len(pending) - len(self._pending)]:
             self._sent = info.get('source_timestamp') or 0
             if self.failure is None:
-                handler(data, info)
+                self._record(topic, data, info)
 
     def _drain(self) -> None:
         """Take all that was sent before now, but not for ever."""

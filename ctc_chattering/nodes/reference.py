@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from math import inf, isfinite
+from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.core.limits import check_limits, Limits
+from ctc_chattering.core.limits import Limits
+from ctc_chattering.core.motion_plan import MotionPlan
 from ctc_chattering.core.parameters import Config
-from ctc_chattering.core.reference import make_motion, ReferenceConfig, shortest
-from ctc_chattering.core.smooth_start import Motion, smooth_start, Transition
-from ctc_chattering.core.trajectory import Point
-from ctc_chattering.core.waypoints import Route, Waypoints
-from ctc_chattering.errors import CtcError
+from ctc_chattering.core.reference import ReferenceConfig
+from ctc_chattering.core.waypoints import Route
+from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.graph import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
 from ctc_chattering.nodes.description import Description
-from ctc_chattering.nodes.inbox import Inbox, PATIENCE, Refused
+from ctc_chattering.nodes.inbox import ValidatedSubscription
 from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import qos, Shell, Status
+from ctc_chattering.nodes.runtime import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.real_time import RealTime
 from ctc_chattering.ros.messages import LATEST, read_clock
 from ctc_chattering.ros.serialization import (
@@ -38,16 +36,13 @@ from ctc_chattering.ros.serialization import (
 from ctc_chattering.settings import RealTimeSettings, ReferenceSettings
 from ctc_chattering.trajectory_file import read_trajectory
 
-#: Without a start duration: time over which waypoints that begin in the past are joined, and over
-#: which the motion passes into one with changed parameters [s].
-_JOIN, _CHANGE = 0.5, 2.0
 #: Time between two attempts to begin, where the start is refused [ns].
 _RETRY = 5 * NANOSECONDS
 #: A stamp that is further from the node's clock is from another clock, or wrong [ns].
 _IN_STEP = NANOSECONDS // 4
 
 
-class ReferenceNode(Shell):
+class ReferenceNode(BaseNode):
     """
     Publishes pieces of the motion, each before it is needed.
 
@@ -60,21 +55,18 @@ class ReferenceNode(Shell):
 
     def __init__(self) -> None:
         super().__init__('reference')
-        self._tuning = NodeParameters(
+        self._configs = NodeParameters(
             self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), self._on_change,
             self._check)
-        config = self._tuning.get(ReferenceConfig)
-        self._settings = self._tuning.get(ReferenceSettings)
-        self.scheduling = RealTime(self._tuning.get(RealTimeSettings))
-        self._route = None
+        config = self._configs.get(ReferenceConfig)
+        self._settings = self._configs.get(ReferenceSettings)
+        self.scheduling = RealTime(self._configs.get(RealTimeSettings))
+        route = None
         if config.trajectory_file:
-            self._route = read_trajectory(Path(config.trajectory_file), config.joint_names)
-        self._limits: Limits | None = None
+            route = read_trajectory(Path(config.trajectory_file), config.joint_names)
+        self._plan = MotionPlan(config, route)
         #: Why the motion does not begin, and when to try again [ns].
         self._refusal, self._retry = '', 0
-        #: Parameters of the sinusoid that the motion has, or passes into, and since when [ns].
-        self._shape, self._in_force = _shape(config), 0
-        self._motion: Motion | None = None
         self._period = period_ns(config.control_period)
         horizon = round(self._settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
@@ -91,51 +83,34 @@ class ReferenceNode(Shell):
         self._other = 0, 0
         self._next = self._pieces = 0
         self._subscribers = 0
-        self._clock_inbox = Inbox(
-            self, Clock, CLOCK, read_clock, self._on_clock, qos(), trusting=True,
-            plausible=self._is_next, lapse=PATIENCE)
-        self._states: Inbox[State] | None = None
-        self._route_inbox = Inbox(
-            self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
-            self._on_route, qos(10))
-        self.inboxes = [self._clock_inbox, self._route_inbox]
+        self._states: ValidatedSubscription[State] | None = None
+        self.inputs = [
+            ValidatedSubscription(self, Clock, CLOCK, read_clock, self._on_clock, qos()),
+            ValidatedSubscription(
+                self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
+                self._on_route, qos(10))]
         self._description = Description(
             self, config.described, config.description, self._begin)
 
-    @property
-    def _config(self) -> ReferenceConfig:
-        return self._tuning.get(ReferenceConfig)
-
     def _begin(self, description: str) -> None:
         """Know the limits, and make the motion if the robot's state is not needed for it."""
-        config = self._config
         if description:
-            self._limits = Limits(description, config.joint_names)
-        self._prepare()
-
-    def _prepare(self) -> None:
-        """Make the motion, if it does not depend on the robot's state."""
-        if self._motion is None and not self._from_state:
-            self._motion = make_motion(self._config, limits=self._limits)
-            self._shape = _shape(self._config)
-
-    @property
-    def _from_state(self) -> bool:
-        """Whether the motion begins where the robot is."""
-        return self._route is not None or self._config.start_duration > 0.0
+            self._plan.limits = Limits(description, self._plan.config.joint_names)
+        self._plan.prepare()
 
     def _check(self, configs: Sequence[Config]) -> None:
         """Raise `CtcError` if a set would lead beyond the limits."""
         for config in configs:
-            if isinstance(config, ReferenceConfig) and not config.trajectory_file:
-                make_motion(config.changed({'start_duration': 0.0}), limits=self._limits)
+            if isinstance(config, ReferenceConfig):
+                self._plan.check(config)
 
     def _on_change(self) -> None:
         """Try again to begin, where that was refused; `_extend` sees what else has changed."""
-        self._settings = self._tuning.get(ReferenceSettings)
+        self._settings = self._configs.get(ReferenceSettings)
+        self._plan.config = self._configs.get(ReferenceConfig)
         self._retry = 0
-        if self._limits is not None or not self._config.described:
-            self._prepare()
+        if self._plan.limits is not None or not self._plan.config.described:
+            self._plan.prepare()
             self._description.problem = self._refusal = ''
 
     def spin(self, executor: Any) -> None:
@@ -149,7 +124,7 @@ class ReferenceNode(Shell):
 
     def introduction(self) -> str:
         """Return the motion, and what begins it."""
-        config = self._config
+        config = self._plan.config
         motion = config.trajectory_file or 'sinusoid'
         start = (f', smooth start of {config.start_duration:g} s' if config.start_duration > 0.0
                  else '')
@@ -158,11 +133,11 @@ class ReferenceNode(Shell):
 
     def idle(self) -> None:
         """Publish what the node's own clock asks for, and again for a new subscriber."""
-        begun = self._start is not None and self._motion is not None
+        begun = self._start is not None and self._plan.motion is not None
         if self._states is None and not begun:
-            self._states = Inbox(
+            self._states = ValidatedSubscription(
                 self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
-                lambda state: not self._mine.isdisjoint(state.names))
+                lambda state: (state.names, not self._mine.isdisjoint(state.names)))
         elif self._states is not None and begun:
             self._states.subscription.destroy()
             self._states = None
@@ -177,26 +152,22 @@ class ReferenceNode(Shell):
     def status(self) -> Status:
         """Return what the motion does."""
         if self._description.problem:
-            return Status(DiagnosticStatus.ERROR, self._description.problem, {})
+            return Status(ERROR, self._description.problem, {})
         if self._refusal:
-            return Status(DiagnosticStatus.ERROR, self._refusal, {})
-        if self._now is None or self._motion is None:
-            return Status(DiagnosticStatus.WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
+            return Status(ERROR, self._refusal, {})
+        if self._now is None or self._plan.motion is None:
+            return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
         values = {'time of the motion [s]': seconds(self._now), 'published pieces': self._pieces,
                   'time': 'simulated' if self._simulated else 'real'}
         if not self._subscribers:
-            return Status(DiagnosticStatus.WARN, f'nobody listens to {REFERENCE}', values)
-        return Status(DiagnosticStatus.OK, 'running', values)
-
-    def _is_next(self, now: int) -> bool:
-        """Return whether a time is within the motion that is published already."""
-        return self._now is not None and self._now <= now < self._next * self._period
+            return Status(WARN, f'nobody listens to {REFERENCE}', values)
+        return Status(OK, 'running', values)
 
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
-            raise Refused('real_time', 'the motion follows real time since its start')
+            raise RejectedMessage('real_time', 'the motion follows real time since its start')
         if now > LATEST:
-            raise Refused('stamp', f'no time is as late as {seconds(now):.9f} s')
+            raise RejectedMessage('stamp', f'no time is as late as {seconds(now):.9f} s')
         if self._simulated and now == self._now:
             # Time stands still, maybe because what was published has not been taken.
             self._next = now // self._period
@@ -208,14 +179,13 @@ class ReferenceNode(Shell):
         """Note the time of the motion [ns]; if it went back, begin anew from there."""
         if self._now is not None and now < self._now:
             self._next = now // self._period
-            if self._from_state:
-                self._motion = None
+            self._plan.restart()
         self._now = now
 
     def _on_state(self, state: State, _arrival: int) -> None:
         t = state.t
         if self.count_publishers(CLOCK) == 0:
-            if not self._publisher.get_subscription_count() or not self.heard(
+            if not self._publisher.get_subscription_count() or not self.subscribers_matched(
                     (self._publisher,), self._settings.wait_for):
                 return
             if not self._is_in_step(t, self.get_clock().now().nanoseconds):
@@ -223,7 +193,7 @@ class ReferenceNode(Shell):
             if self._start is None:
                 self._start = t
             t -= self._start
-        if self._motion is None and not self._description.problem:
+        if self._plan.motion is None and not self._description.problem:
             self._begin_at(state, t)
 
     def _begin_at(self, state: State, t: int) -> None:
@@ -235,8 +205,8 @@ class ReferenceNode(Shell):
         start = {name: (q, dq) for name, q, dq in zip(
             state.names, state.position, velocities) if isfinite(q + dq)}
         try:
-            self._motion = make_motion(self._config, self._route, start, t, self._limits)
-            self._shape, self._refusal = _shape(self._config), ''
+            self._plan.begin(start, t)
+            self._refusal = ''
         except CtcError as error:
             self._refusal, self._retry = str(error), now + _RETRY
             self.get_logger().error(self._refusal)
@@ -262,71 +232,32 @@ class ReferenceNode(Shell):
 
     def _on_route(self, piece: TrajectoryChunk, _arrival: int) -> None:
         """Go through waypoints, after what has been published already."""
-        if self._now is None or self._motion is None:
-            raise Refused('early', 'the motion has not begun')
-        begin = self._after_published()
-        stamped = piece.start != 0
-        shift = self._lead - (self._start or 0) if stamped else begin
+        if self._now is None or self._plan.motion is None:
+            raise RejectedMessage('early', 'the motion has not begun')
+        begin = self._after_published(self._now)
+        shift = self._lead - (self._start or 0) if piece.start != 0 else begin
         try:
-            route = Route(*piece[:3])._replace(times=[t + shift for t in piece.times]).ordered(
-                self._config.joint_names)
-            before = self._motion
-            if isinstance(before, _Then) and before.begin == begin:
-                before = before.before  # What was to come at that instant never does.
-            self._motion = _Then(before, begin, self._through(route, begin, before.at(begin)))
+            self._plan.follow(
+                Route(*piece[:3])._replace(times=[t + shift for t in piece.times]), begin)
         except CtcError as error:
-            raise Refused('waypoints', str(error)) from None
+            raise RejectedMessage('waypoints', str(error)) from None
         self._next = begin // self._period
 
-    def _through(self, route: Route, begin: int, state: Point) -> Motion:
-        """Return the way from a state at `begin` [ns] through waypoints, some past, maybe."""
-        way = Waypoints(route.times, route.points, (begin, state))
-        if self._limits is not None:
-            check_limits('the motion', self._limits, way.extremes())
-        if route.times[0] > begin:
-            return way
-        return self._fitting(
-            lambda duration: smooth_start(way, begin, state, duration), begin, _JOIN)
-
-    def _change(self) -> None:
-        """Have the motion pass into the one that is set now, after what has been published."""
-        assert self._motion is not None and self._now is not None
-        before, after = self._motion, make_motion(self._config.changed({'start_duration': 0.0}))
-        begin = self._after_published()
-        self._motion = self._fitting(
-            lambda duration: Transition(before, after, begin, duration), begin, _CHANGE)
-        self._shape, self._in_force = _shape(self._config), begin
-        self._next = begin // self._period
-
-    def _after_published(self) -> int:
+    def _after_published(self, now: int) -> int:
         """Return an instant that the controller surely hears of in time [ns]."""
-        assert self._now is not None
-        return (self._now // self._period + self._piece) * self._period
-
-    def _fitting(self, make: Callable[[float], Transition], begin: int, least: float
-                 ) -> Transition:
-        """Return a transition that lasts `start_duration`, or longer if the limits ask for it."""
-        duration = self._config.start_duration or least
-        if self._limits is None:
-            return make(duration)
-        longer = shortest(make, begin, duration, self._limits)
-        return make(longer if longer < inf else duration)
+        return (now // self._period + self._piece) * self._period
 
     def _extend(self) -> None:
         """Publish pieces until the motion is known far enough ahead."""
-        if self._now is None or self._motion is None or not self._subscribers:
+        if self._now is None or self._plan.motion is None or not self._subscribers:
             return
-        if isinstance(self._motion, _Then) and self._now > self._motion.begin:
-            self._motion = self._motion.after
-        if isinstance(self._motion, Transition) and self._now >= self._motion.end:
-            self._motion = self._motion.after
-        if (self._shape != _shape(self._config) and self._route is None
-                and not isinstance(self._motion, (_Then, Transition))):
-            self._change()
-        if self._tuning.news:
-            if not self.heard((self._publisher,), self._settings.wait_for):
+        begin = self._after_published(self._now)
+        if self._plan.update(self._now, begin):
+            self._next = begin // self._period
+        if self._configs.changed:
+            if not self.subscribers_matched((self._publisher,), self._settings.wait_for):
                 return
-            self._tuning.announce((self._start or 0) + self._in_force)
+            self._configs.announce((self._start or 0) + self._plan.in_force)
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
@@ -335,26 +266,12 @@ class ReferenceNode(Shell):
 
     def _publish(self, first: int) -> None:
         """Publish a piece from grid index `first` on."""
-        assert self._motion is not None
+        motion = self._plan.motion
+        assert motion is not None
         self._pieces += 1
         self._publisher.publish(self._writer.write(
             (self._start or 0) + first * self._period,
-            [self._motion.at((first + k) * self._period) for k in range(self._piece)]))
-
-
-class _Then:
-    """One motion until an instant, and another one from there on."""
-
-    def __init__(self, before: Motion, begin: int, after: Motion) -> None:
-        self.before, self.begin, self.after = before, begin, after
-
-    def at(self, t: int) -> Point:
-        return (self.before if t < self.begin else self.after).at(t)
-
-
-def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:
-    """Return the parameters of the sinusoid."""
-    return config.center, config.amplitude, config.frequency, config.phase
+            [motion.at((first + k) * self._period) for k in range(self._piece)]))
 
 
 #: What the executable runs.

@@ -105,7 +105,7 @@ def reports(t: int = 2 * S, **messages: str) -> dict[str, Report]:
 
 def test_an_unhealthy_graph() -> None:
     assert unhealthy(reports(), S, 900.0) == ''
-    assert unhealthy(reports(plant='running; x has publishers beside'), S, 900.0) == ''
+    assert unhealthy(reports(plant='running; x has several publishers'), S, 900.0) == ''
     assert unhealthy(reports(recorder='3 messages were dropped'), S, 900.0) == ''
     assert unhealthy(reports(), 3 * S, 900.0) == 'recorder does not report'
     assert unhealthy(reports(), S, 990.0) == 'controller: 950 samples per second of 990'

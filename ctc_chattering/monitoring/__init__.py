@@ -1,0 +1,1 @@
+"""What is watched while the nodes run, without ROS: publishers, silence, rates, states."""

@@ -1,0 +1,99 @@
+"""What goes wrong while a controller runs: rates of faults, sample rate, chattering term."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ctc_chattering.core.cadence import SampleRate
+from ctc_chattering.core.controller import ControllerConfig, Sample
+from ctc_chattering.core.grid import seconds
+from ctc_chattering.core.term_saturation import TermSaturation
+from ctc_chattering.monitoring.watchdog import HealthMonitor
+
+#: Part of the states rejected that is a warning, and an error.
+_REJECTED = 0.01, 0.1
+#: Rejected messages that say nothing about the states of the robot.
+_UNRELATED = 'second_publisher'
+
+
+class ControllerHealth:
+    """
+    Counts what a controller takes and sends, for a report once a second.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The joints.
+    period : int
+        Control period [ns].
+
+    Attributes
+    ----------
+    taken, restarts, saturated : int
+        States taken, restarts of the law, samples with a torque at its limit.
+    rates : HealthMonitor
+        Of restarts and rejected states.
+    sample_rate : SampleRate
+        Of the states' stamps.
+
+    """
+
+    def __init__(self, names: Sequence[str], period: int) -> None:
+        self._names, self._period = names, period
+        self.taken = self.restarts = self.saturated = 0
+        self.rates = HealthMonitor('restarts', 'of the states refused', *_REJECTED, period)
+        self.sample_rate = SampleRate(period)
+        self._term_saturation = TermSaturation(len(names))
+        self._rejected: Mapping[str, int] = {}
+
+    def take(self, t: int) -> None:
+        """Count a state of stamp `t` [ns]."""
+        self.taken += 1
+        self.sample_rate.note(t)
+
+    def restart(self) -> None:
+        """Count a restart: the next state does not follow the last one."""
+        self.restarts += 1
+        self.sample_rate.pause()
+
+    def pause(self) -> None:
+        """Note that the next torque does not follow the last one."""
+        self._term_saturation.pause()
+
+    def add(self, sample: Sample, config: ControllerConfig) -> None:
+        """Count a sample of the law."""
+        self.saturated += sample.excess is not None
+        if config.law == 'chattering':
+            self._term_saturation.add(sample.chattering, config.ka, config.switching)
+
+    def report(self, now: int, rejected: Mapping[str, int], simulated: bool
+               ) -> list[tuple[int, str]]:
+        """
+        Return what goes wrong at present: level (1 warning, 2 error) and text.
+
+        Parameters
+        ----------
+        now : int
+            Time [ns].
+        rejected : mapping
+            Messages rejected so far, by kind.
+        simulated : bool
+            Whether time is simulated: then it is no matter how late states come.
+
+        """
+        before, self._rejected = self._rejected, {
+            kind: n for kind, n in rejected.items() if kind != _UNRELATED}
+        total = sum(self._rejected.values())
+        self.rates.note(now, self.restarts, total, self.taken + total, ', '.join(
+            kind for kind, n in self._rejected.items() if n > before.get(kind, 0)))
+        self.sample_rate.rotate()
+        found = []
+        if self.rates.level and not simulated:
+            found.append((self.rates.level, str(self.rates)))
+        if self.sample_rate.wrong:
+            found.append((1, f'states come every {1e3 * self.sample_rate.mean:.3g} ms; '
+                          f'control_period is {1e3 * seconds(self._period):g} ms'))
+        found += [(1, f'{name}: {joint}') for name, joint in zip(
+            self._names, self._term_saturation.found()) if joint.cause]
+        self._term_saturation.clear()
+        return found

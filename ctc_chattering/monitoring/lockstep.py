@@ -1,0 +1,57 @@
+"""A state for an answer: what a plant in lockstep waits for, by times given from outside."""
+
+from __future__ import annotations
+
+from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.core.model import Vector
+
+#: Time after which a state without an answer is sent again, and after which is said what is
+#: waited for [ns].
+_REPEAT, _REPORT = NANOSECONDS // 5, 3 * NANOSECONDS
+
+
+class LockstepExchange:
+    """
+    Tells the answer to a state from further answers to the state before, which was repeated.
+
+    Parameters
+    ----------
+    now : int
+        Time [ns].
+
+    Attributes
+    ----------
+    asked : int
+        When the present state was sent first [ns].
+
+    """
+
+    def __init__(self, now: int) -> None:
+        self.asked = self._repeated = self._reported = now
+        self._latest: Vector | None = None
+        #: Times that the present state was repeated, and further answers that the one before may
+        #: still get.
+        self._repeats = self._surplus = 0
+
+    def repeat_due(self, now: int) -> bool:
+        """Return whether the state is to be sent again at `now` [ns]."""
+        due = now - max(self.asked, self._repeated) > _REPEAT
+        if due:
+            self._repeated = now
+            self._repeats += 1
+        return due
+
+    def report_due(self, now: int) -> bool:
+        """Return whether to say at `now` [ns] what is waited for."""
+        due = now - max(self.asked, self._reported) > _REPORT
+        if due:
+            self._reported = now
+        return due
+
+    def accept(self, tau: Vector) -> bool:
+        """Return whether a torque, shape (n,) [N·m], answers the present state."""
+        if self._surplus and tau == self._latest:
+            self._surplus -= 1
+            return False
+        self._latest, self._surplus, self._repeats = tau, self._repeats, 0
+        return True

@@ -1,0 +1,78 @@
+"""The topics under ``~/`` of the controller: what a torque was made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from ctc_chattering.core.controller import Sample
+from ctc_chattering.core.trajectory import Point
+from ctc_chattering.graph import FILTER, TORQUES, TRACKING
+from ctc_chattering.nodes.runtime import qos
+from ctc_chattering.ros.serialization import StateWriter
+
+
+class ControlTerms:
+    """
+    Publishes the terms of every Nth sample.
+
+    Parameters
+    ----------
+    node : Node
+        Who publishes.
+    names : sequence of str
+        The joints.
+
+    Attributes
+    ----------
+    publishers : tuple of Publisher
+        Of tracking, filter and torques.
+
+    """
+
+    def __init__(self, node: Node, names: Sequence[str]) -> None:
+        self.publishers = tuple(
+            node.create_publisher(JointState, f'~/{name}', qos())
+            for name in (TRACKING, FILTER, TORQUES))
+        self._writers = (
+            StateWriter([f'{j}/{x}' for x in ('desired', 'error') for j in names],
+                             ('position', 'velocity')),
+            StateWriter(names, ('velocity',)),
+            StateWriter([
+                *(f'{j}/{x}' for x in ('inverse_dynamics', 'compensation', 'chattering')
+                  for j in names), 'V'], ('effort',)))
+        self._count = 0
+
+    def restart(self) -> None:
+        """Count from the next sample again."""
+        self._count = 0
+
+    def due(self, decimation: int) -> bool:
+        """Count a sample; return whether its terms are to be published."""
+        due = self._count % decimation == 0
+        self._count += 1
+        return due
+
+    def publish(self, t: int, point: Point, s: Sample, lyapunov: float) -> None:
+        """
+        Publish the terms of a sample.
+
+        Parameters
+        ----------
+        t : int
+            Stamp of the state [ns].
+        point : tuple of sequence of float, each of shape (n,)
+            Desired position [rad], velocity [rad/s] and acceleration [rad/s²].
+        s : Sample
+            Of the law.
+        lyapunov : float
+            Value of the Lyapunov function [J].
+
+        """
+        rows = (((*point[0], *s.e), (*point[1], *s.de)), (s.v,), ((
+            *s.inverse_dynamics, *(-x for x in s.compensation), *(-x for x in s.chattering),
+            lyapunov),))
+        for publisher, writer, row in zip(self.publishers, self._writers, rows):
+            publisher.publish(writer.write(t, *row))

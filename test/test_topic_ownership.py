@@ -1,0 +1,196 @@
+"""Who is obeyed on a topic, against publishers of which the truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+import itertools
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from ctc_chattering.monitoring.topic_ownership import LEASE_DURATION, TopicOwnership
+
+MS = 1_000_000
+SECOND = 1000 * MS
+
+
+@dataclasses.dataclass(frozen=True)
+class Publisher:
+    """One that is matched from `begin` to `end` [ms] and publishes every `period` [ms]."""
+
+    begin: int
+    end: int
+    period: int
+
+    def sends(self, t: int) -> bool:
+        return self.begin <= t < self.end and (t - self.begin) % self.period == 0
+
+
+PUBLISHERS = st.builds(
+    lambda begin, lasts, period: Publisher(begin, begin + lasts, period),
+    st.integers(0, 300), st.integers(1, 300), st.integers(1, 20))
+
+
+def admitted(publishers: Sequence[Publisher], every: int) -> list[tuple[int, int]]:
+    """
+    Return time [ms] and sender of the messages that are obeyed.
+
+    What was received is taken `every` so many milliseconds, as by a process that stood still.
+    """
+    ownership = TopicOwnership()
+    queue: list[tuple[int, int]] = []
+    obeyed: list[tuple[int, int]] = []
+    for t in range(max(p.end for p in publishers) + every):
+        queue += [(t, i) for i, p in enumerate(publishers) if p.sends(t)]
+        if t % every:
+            continue
+        # Of the middleware only the present count is known, and only when a message is taken.
+        count = sum(p.begin <= t < p.end for p in publishers)
+        for received, sender in queue:
+            if count != ownership.publishers:
+                ownership.update(count, t * MS)
+            if ownership.admits(None, received * MS, t * MS):
+                ownership.confirm(None, t * MS)
+                obeyed.append((received, sender))
+        queue = []
+    return obeyed
+
+
+@given(st.lists(PUBLISHERS, min_size=1, max_size=4))
+def test_a_message_is_obeyed_while_one_publisher_is_matched(publishers: list[Publisher]) -> None:
+    """Check every message of every millisecond, whoever comes and goes."""
+    expected: list[tuple[int, int]] = []
+    contested_until = -1
+    before = 0
+    for t in range(max(p.end for p in publishers)):
+        matched = [i for i, p in enumerate(publishers) if p.begin <= t < p.end]
+        sending = [i for i in matched if publishers[i].sends(t)]
+        if sending:  # The count is looked at with each message.
+            if before > 1 and len(matched) <= 1:
+                contested_until = t
+            before = len(matched)
+        if len(matched) == 1 and t > contested_until:
+            expected += [(t, i) for i in sending]
+    assert admitted(publishers, 1) == expected
+
+
+@given(st.lists(PUBLISHERS, min_size=2, max_size=2), st.integers(2, 200))
+def test_what_was_queued_while_there_were_two_is_not_obeyed(
+        publishers: list[Publisher], every: int) -> None:
+    """The process stands still again and again; one leaves meanwhile, its messages are there."""
+    seen_two = {t for t in range(0, 1000, every)
+                if all(p.begin <= t < p.end for p in publishers)}
+    for received, _ in admitted(publishers, every):
+        taken = -(-received // every) * every
+        assert taken not in seen_two
+        assert taken - every not in seen_two
+
+
+def test_a_clock_that_was_set_does_not_silence_a_topic() -> None:
+    ownership = TopicOwnership()
+    ownership.update(2, 1000 * SECOND)
+    ownership.update(1, 1001 * SECOND)
+    assert not ownership.admits(None, 1001 * SECOND - MS, 0)
+    assert ownership.admits(None, 500 * SECOND, 0)
+    assert ownership.admits(None, 0, 0)  # The middleware does not tell.
+
+
+ARM, GRIPPER, CAMERA = ('joint1', 'joint2'), ('finger',), ('pan', 'tilt')
+
+
+def heard(ownership: TopicOwnership, *parts: tuple[str, ...]) -> bool:
+    """Note parts; return whether the last one would be obeyed."""
+    for part in parts:
+        ownership.note_part(part, bool(set(part) & set(ARM)), SECOND)
+    return ownership.admits(None, 2 * SECOND, 0)
+
+
+@pytest.mark.parametrize('order', itertools.permutations((ARM, GRIPPER, CAMERA)))
+def test_publishers_of_other_joints_share_a_topic(order: tuple[tuple[str, ...], ...]) -> None:
+    ownership = TopicOwnership()
+    ownership.update(3, 0)
+    assert [heard(ownership, part) for part in order] == [False, False, True]
+    ownership.update(4, SECOND)  # One more, of which nothing is known yet.
+    assert not heard(ownership, *order)
+    assert heard(ownership, ('wheel',))
+
+
+@pytest.mark.parametrize('second', [
+    (), (ARM,), (ARM[::-1],), (('joint1',),), (GRIPPER, ARM[::-1]), (GRIPPER, CAMERA),
+    (GRIPPER, ('joint2', 'finger'))])
+def test_a_second_publisher_of_our_joints_does_not(second: tuple[tuple[str, ...], ...]) -> None:
+    """Nor does one that speaks of several parts, as then it may speak of ours as well."""
+    ownership = TopicOwnership()
+    ownership.update(2, 0)
+    assert not heard(ownership, ARM, *second, ARM)
+    ownership.update(1, SECOND)
+    assert heard(ownership, ARM)
+
+
+def test_a_publisher_of_two_parts_shares_with_nobody() -> None:
+    """Arm and gripper from one, and then a second arm: there are two parts and two publishers."""
+    ownership = TopicOwnership()
+    ownership.update(1, 0)
+    assert heard(ownership, ARM, GRIPPER)
+    ownership.update(2, SECOND)
+    assert not heard(ownership, ARM, GRIPPER, ARM)
+
+
+def test_after_one_has_left_all_parts_must_be_heard_again() -> None:
+    """Arm, gripper and camera; the camera leaves, and another arm comes in its place."""
+    ownership = TopicOwnership()
+    ownership.update(3, 0)
+    assert heard(ownership, ARM, GRIPPER, CAMERA)
+    ownership.update(2, SECOND)
+    assert not heard(ownership, ARM)
+    assert heard(ownership, GRIPPER)
+    ownership.update(3, SECOND)
+    assert not heard(ownership, ARM, GRIPPER, ARM)
+
+
+A, B = b'a', b'b'
+
+
+def told(ownership: TopicOwnership, publisher: bytes, now: int) -> bool:
+    """Return whether a message is obeyed of which the publisher is known, and use it."""
+    admitted = ownership.admits(publisher, now, now)
+    if admitted:
+        ownership.confirm(publisher, now)
+    return admitted
+
+
+@given(st.lists(st.tuples(st.sampled_from((A, B)), st.integers(1, 400)), min_size=1))
+def test_the_first_publisher_keeps_control_where_it_is_told(
+        messages: list[tuple[bytes, int]]) -> None:
+    """No pause is as long as the lease: whoever was first is obeyed to the end."""
+    ownership = TopicOwnership()
+    ownership.update(2, 0)
+    now, owner, last = 0, messages[0][0], 0
+    for publisher, pause in messages:
+        now += pause * MS
+        if now - last > LEASE_DURATION:
+            owner = publisher
+        if publisher == owner:
+            last = now
+        assert told(ownership, publisher, now) == (publisher == owner)
+        assert ownership.owner == owner
+
+
+def test_a_message_that_was_not_used_gives_no_control() -> None:
+    ownership = TopicOwnership()
+    ownership.update(2, 0)
+    assert ownership.admits(A, 0, 0)  # And then it turns out to be no good.
+    assert told(ownership, B, MS)
+    assert not told(ownership, A, 2 * MS)
+
+
+def test_a_publisher_alone_is_obeyed_at_once() -> None:
+    """The owner has left: its lease is of no matter."""
+    ownership = TopicOwnership()
+    ownership.update(2, 0)
+    assert told(ownership, A, 0)
+    assert not told(ownership, B, MS)
+    ownership.update(1, MS)
+    assert told(ownership, B, 2 * MS)
