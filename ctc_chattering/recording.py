@@ -209,7 +209,7 @@ class Recording:
         try:
             self._end_file()
             file = self.path / 'metadata.yaml.tmp'
-            file.write_dump(_dump({'rosbag2_bagfile_information': self._information()}), 'utf8')
+            file.write_text(_dump({'rosbag2_bagfile_information': self._information()}), 'utf8')
             file.replace(self.path / 'metadata.yaml')
         except OSError:
             self.abandon()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.monitoring.control_loop import ControlLoop, JointSample

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core import stamps
-from ctc_chattering.core.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.core.desired_motion import DesiredMotion
 from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.core.guard import joint_beyond

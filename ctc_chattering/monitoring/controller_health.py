@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from ctc_chattering.control.controller import ControllerConfig, Sample
 from ctc_chattering.core.cadence import SampleRate
-from ctc_chattering.core.controller import ControllerConfig, Sample
 from ctc_chattering.core.grid import seconds
 from ctc_chattering.core.term_saturation import TermSaturation
 from ctc_chattering.monitoring.watchdog import HealthMonitor
@@ -62,7 +62,7 @@ class ControllerHealth:
 
     def add(self, sample: Sample, config: ControllerConfig) -> None:
         """Count a sample of the law."""
-        self.saturated += sample.excess is not None
+        self.saturated += sample.saturation_error is not None
         if config.law == 'chattering':
             self._term_saturation.add(sample.chattering, config.ka, config.switching)
 

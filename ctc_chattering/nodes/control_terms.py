@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from ctc_chattering.core.controller import Sample
+from ctc_chattering.control.controller import Sample
 from ctc_chattering.core.trajectory import Point
 from ctc_chattering.graph import FILTER, TORQUES, TRACKING
 from ctc_chattering.nodes.runtime import qos

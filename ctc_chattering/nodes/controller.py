@@ -9,7 +9,7 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from ctc_chattering.core.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.core.grid import seconds
 from ctc_chattering.core.models import model_of
 from ctc_chattering.errors import RejectedMessage

@@ -133,7 +133,7 @@ class RecorderNode(BaseNode):
                 self, kind, topic.name, _stamp,
                 lambda stamp, _now: self._time.note(name, stamp), profile)
         return _Recorded(
-            name, topic.kind, [offered_qos(100 if topic.latched else 1000, topic.latched)],
+            name, topic.kind, offered_qos(100 if topic.latched else 1000, topic.latched),
             timing.subscription if timing else MatchingSubscription(
                 self, kind, topic.name, lambda _: None, profile), timing, SequenceTracker())
 

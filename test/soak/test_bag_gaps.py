@@ -45,7 +45,7 @@ def test_states_of_others_are_left_out(tmp_path: Path) -> None:
     for k in range(1000):
         for t, frame in ((k * MS, ''), (k * MS - S, 'intruder'), (k * MS + 3600 * S, '')):
             recording.write('/joint_states', 'sensor_msgs/msg/JointState', k * MS,
-                            state(NAMES, rows, divmod(t, S), frame), [offered_qos(10, False)])
+                            state(NAMES, rows, divmod(t, S), frame), offered_qos(10, False))
     recording.close()
     found = examine([tmp_path / 'bag'], [])
     assert (found['messages'], found['states'], found['gaps']) == (3000, 1000, 0)
