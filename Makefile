@@ -24,7 +24,7 @@ test: $(READY) lint
 LOOPS ?= 2
 ROUNDS ?= 1
 test-load: $(READY)
-	$(BIN)/python test/load.py --loops $(LOOPS) --rounds $(ROUNDS)
+	$(BIN)/python test/support/load.py --loops $(LOOPS) --rounds $(ROUNDS)
 
 # Studies that take a minute or more each, and properties with random examples.
 slow: $(READY)

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 import sys
 
-from ctc_chattering import __version__, params, ros_arguments
+from ctc_chattering import __version__
 from ctc_chattering.cli.options import add_run_options, guarded, overrides, params_file, Parser
-from ctc_chattering.core.plant import PACINGS
-from ctc_chattering.orchestra import perform, Stopped
-from ctc_chattering.ros_arguments import RosArguments
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.launch.graph import perform, Stopped
+from ctc_chattering.ros import ros_arguments
+from ctc_chattering.ros.ros_arguments import RosArguments
+from ctc_chattering.simulation.plant import PACINGS
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -51,7 +53,7 @@ def bringup(options: argparse.Namespace, ros: RosArguments) -> int:
     for node, values in ros_arguments.bringup_values(ros).items():
         over.setdefault(node, {}).update(values)
     file = params_file(options)
-    setup = params.load(file, over)
+    setup = parameter_file.load(file, over)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         try:
             perform(file, over, options.record, ['--ros-args', *ros.rest], progress,

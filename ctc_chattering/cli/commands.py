@@ -9,17 +9,17 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from ctc_chattering import params
+from ctc_chattering.analysis.export import write_csv, write_npz
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.result import Result, simulated, write_metrics, write_text
+from ctc_chattering.analysis.run_names import names
 from ctc_chattering.cli.options import overrides, params_file
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.description import read_description
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.export import write_csv, write_npz
-from ctc_chattering.output import prepare
-from ctc_chattering.result import Result, simulated, write_metrics, write_text
-from ctc_chattering.run_names import names
-from ctc_chattering.settings import parameter_table
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.node_parameters import parameter_table
+from ctc_chattering.experiment.robot_description import read_description
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
@@ -30,11 +30,11 @@ _FIGURES, _METRICS, _PAGE, _BAGS = 'figures', 'metrics.json', 'index.html', 'bag
 def simulate(options: argparse.Namespace) -> int:
     """Run `ctc simulate`."""
     over = overrides(options)
-    setup = params.load(params_file(options), over)
+    setup = parameter_file.load(params_file(options), over)
     if setup.plant.duration == 0.0:
         print(f'duration is 0, no end: simulating {_DURATION:g} s', file=sys.stderr)
         over.setdefault('plant', {})['duration'] = _DURATION
-        setup = params.load(params_file(options), over)
+        setup = parameter_file.load(params_file(options), over)
     if options.out is not None:
         prepare(options.out, (_METRICS, 'trajectory.npz'), options.overwrite)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
@@ -49,23 +49,23 @@ def simulate(options: argparse.Namespace) -> int:
 
 def reproduce(options: argparse.Namespace) -> int:
     """Run `ctc reproduce`."""
-    from ctc_chattering.domain import own_domain
-    from ctc_chattering.experiments import EXPERIMENTS
-    from ctc_chattering.orchestra import perform
+    from ctc_chattering.experiment.paper import EXPERIMENTS
+    from ctc_chattering.launch.graph import perform
+    from ctc_chattering.ros.domain import own_domain
 
     out = prepare(options.out, (_BAGS, _FIGURES, _METRICS, _PAGE), options.overwrite)
     bags = []
     width = max(len(experiment.name) for experiment in EXPERIMENTS)
     with own_domain():
         for experiment in EXPERIMENTS:
-            setup = params.load(experiment.path, experiment.overrides)
+            setup = parameter_file.load(experiment.path, experiment.overrides)
             bag = out / _BAGS / experiment.name
             with Progress(f'{experiment.name:{width}}', setup.plant.duration) as progress:
                 perform(experiment.path, experiment.overrides, bag, progress=progress,
                         show=lambda _: None)
                 progress.complete()
             bags.append(bag)
-    from ctc_chattering.bag import read_bag
+    from ctc_chattering.bags.reader import read_bag
 
     return _present([read_bag(bag) for bag in bags], bags, out)
 
@@ -75,7 +75,7 @@ def plot(options: argparse.Namespace) -> int:
     for bag in options.bags:
         if not bag.exists():
             raise CtcError(f'{bag}: no such bag')
-    from ctc_chattering.bag import find_bags, read_bag
+    from ctc_chattering.bags.reader import find_bags, read_bag
 
     bags, results = [], []
     for path in options.bags:
@@ -97,7 +97,7 @@ def plot(options: argparse.Namespace) -> int:
 
 def export(options: argparse.Namespace) -> int:
     """Run `ctc export`."""
-    from ctc_chattering.bag import read_bag
+    from ctc_chattering.bags.reader import read_bag
 
     result = read_bag(options.bag)
     name, write = ('trajectory.csv', write_csv) if options.csv else ('trajectory.npz', write_npz)
@@ -112,8 +112,8 @@ def _present(results: Sequence[Result], bags: Sequence[Path], out: Path,
     """Write figures, metrics and page into `out`; the figures as `extra` as well."""
     import os
 
-    from ctc_chattering.plots import save_figures
-    from ctc_chattering.report import write_page
+    from ctc_chattering.analysis.figures import save_figures
+    from ctc_chattering.analysis.report import write_page
 
     print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
     figures = save_figures(results, out / _FIGURES, extra)
@@ -131,8 +131,8 @@ def study(options: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from ctc_chattering.study import CASES, perform, to_csv, to_markdown
-    from ctc_chattering.study_plots import save_study_figures
+    from ctc_chattering.studies.study import CASES, perform, to_csv, to_markdown
+    from ctc_chattering.studies.study_figures import save_study_figures
 
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs
     if jobs < 1:
@@ -157,7 +157,7 @@ def compare(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
     from tqdm import tqdm
 
-    from ctc_chattering.comparison import (
+    from ctc_chattering.studies.comparison import (
         over_ros,
         over_simulation,
         run_variants,
@@ -190,9 +190,9 @@ def replay(options: argparse.Namespace) -> int:
         raise ParameterError('--rate', options.rate, 'a finite number > 0')
     if not 0.0 <= options.delay < float('inf'):
         raise ParameterError('--delay', options.delay, 'a finite number >= 0')
-    from ctc_chattering.salvage import open_bag
+    from ctc_chattering.bags.repair import open_bag
     with closing(open_bag(options.bag)) as reader:
-        from ctc_chattering.nodes.player import play
+        from ctc_chattering.bags.replay import play
         count = play(reader, options.rate, options.delay)
     print(f'{count} messages')
     return 0
@@ -200,7 +200,7 @@ def replay(options: argparse.Namespace) -> int:
 
 def repair(options: argparse.Namespace) -> int:
     """Run `ctc repair`."""
-    from ctc_chattering.salvage import repair as repair_bag
+    from ctc_chattering.bags.repair import repair as repair_bag
     done = repair_bag(options.bag)
     if done is None:
         print(f'{options.bag}: nothing to repair')
@@ -211,9 +211,9 @@ def repair(options: argparse.Namespace) -> int:
 
 def check_model(options: argparse.Namespace) -> int:
     """Run `ctc check-model`."""
-    from ctc_chattering.core.check import check_dynamics
-    from ctc_chattering.core.models import make_model
-    from ctc_chattering.core.parameters import check_joint_names
+    from ctc_chattering.dynamics.model_check import check_dynamics
+    from ctc_chattering.dynamics.registry import make_model
+    from ctc_chattering.parameters import check_joint_names
 
     for name, least in (('samples', 1), ('seed', 0)):
         if getattr(options, name) < least:
@@ -228,7 +228,7 @@ def check_model(options: argparse.Namespace) -> int:
             raise CtcError('the model urdf needs --urdf FILE')
         urdf = read_description(options.urdf)
         if options.joints is None:
-            from ctc_chattering.core.tree import movable_joints
+            from ctc_chattering.dynamics.urdf_parser import movable_joints
             joints = movable_joints(urdf)
             if not joints:
                 raise CtcError(f'{options.urdf}: no joint moves')
@@ -248,7 +248,7 @@ def check_model(options: argparse.Namespace) -> int:
         print(f'{x.name}: worst at q = {_numbers(list(x.q))}, dq = {_numbers(list(x.dq))}'
               + (f': {x.error}' if x.error else ''))
     if name == 'urdf':
-        from ctc_chattering.core.inertia import inertia_faults
+        from ctc_chattering.dynamics.inertia_check import inertia_faults
         for fault in inertia_faults(urdf, joints):
             print(f'warning: {fault}')
     return 1 if failed else 0

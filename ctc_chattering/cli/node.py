@@ -15,8 +15,9 @@ import os
 import sys
 from typing import NoReturn
 
-from ctc_chattering import __version__, signals
-from ctc_chattering.nonblocking_output import NonblockingOutput
+from ctc_chattering import __version__
+from ctc_chattering.ros import signals
+from ctc_chattering.ros.nonblocking_output import NonblockingOutput
 
 
 def main(name: str, argv: Sequence[str] | None = None) -> int:
@@ -44,15 +45,16 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
 
 def _run(name: str, arguments: Sequence[str]) -> int:
     """Run a node with its arguments, those for ROS and its own."""
-    from ctc_chattering import ros_arguments, supervisor
+    from ctc_chattering.launch import child_process
+    from ctc_chattering.ros import ros_arguments
     own, ros = ros_arguments.parse(arguments)
     parent = _make_parser(name).parse_args(own).parent
     if parent is not None:
-        supervisor.end_with(parent)
+        child_process.end_with(parent)
     ros.check([name])
     values = ros.values(name)
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
-    run = importlib.import_module('ctc_chattering.nodes.run').run
+    run = importlib.import_module('ctc_chattering.ros.run').run
     with NonblockingOutput():
         return int(run(
             module.NODE, name, ['--ros-args', *ros.rest, *ros_arguments.assignments(values)],
@@ -62,7 +64,7 @@ def _run(name: str, arguments: Sequence[str]) -> int:
 def _make_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of the arguments that are not for ROS."""
     from ctc_chattering.cli.options import Parser
-    from ctc_chattering.settings import NODE_DESCRIPTIONS, parameter_help
+    from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS, parameter_help
     parser = Parser(
         prog=name, description=NODE_DESCRIPTIONS[name],
         usage='%(prog)s [--help] [--version] [--ros-args [--params-file F] [-p NAME:=VALUE] '

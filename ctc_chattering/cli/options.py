@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.share import config_directory
+from ctc_chattering.experiment.package_share import config_directory
 
 #: Packages that may be missing: module, and name for pip.
 _PACKAGES = {'matplotlib': 'matplotlib', 'mcap': 'mcap', 'mujoco': 'mujoco', 'numpy': 'numpy',

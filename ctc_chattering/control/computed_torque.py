@@ -12,8 +12,8 @@ from typing import NamedTuple
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.limiter import Limiter
 from ctc_chattering.control.switching.base import Switching
-from ctc_chattering.core.linear_algebra import Array
-from ctc_chattering.core.model import Model
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class State(NamedTuple):

@@ -15,13 +15,13 @@ from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.limiter import Limiter
 from ctc_chattering.control.perturbation_observer import PerturbationObserver
 from ctc_chattering.control.switching import make_switching, Sign, SWITCHINGS
-from ctc_chattering.core.grid import period_ns, seconds
-from ctc_chattering.core.linear_algebra import Vector
-from ctc_chattering.core.model import Model
-from ctc_chattering.core.models import check_model, locked_positions, model_of
-from ctc_chattering.core.parameters import Config, matrix, parameter
-from ctc_chattering.core.scaled import Scaled
-from ctc_chattering.core.trajectory import Point
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import check_model, locked_positions, model_of
+from ctc_chattering.dynamics.scaled_model import Scaled
+from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.parameters import Config, matrix, parameter
+from ctc_chattering.trajectory.buffer import Point
 
 #: Values of the parameter ``law``: equation (2), equation (6).
 LAWS = ('compensation', 'chattering')

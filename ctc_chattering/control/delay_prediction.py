@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ctc_chattering.control.computed_torque import ComputedTorque, State, Torque
-from ctc_chattering.core.linear_algebra import Array
-from ctc_chattering.core.model import Model
-from ctc_chattering.core.trajectory import Point
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.trajectory.buffer import Point
 
 
 class DelayPrediction:

@@ -13,7 +13,7 @@ from math import exp, expm1
 
 import numpy as np
 
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class ErrorFilter:

@@ -12,7 +12,7 @@ from math import inf
 
 import numpy as np
 
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class Limiter:

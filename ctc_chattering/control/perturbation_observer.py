@@ -26,8 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctc_chattering.core.box import nearest
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class _Prediction(NamedTuple):

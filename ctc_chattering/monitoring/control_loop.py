@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.core import stamps
-from ctc_chattering.core.desired_motion import DesiredMotion
-from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.core.guard import joint_beyond
-from ctc_chattering.core.model import Vector
-from ctc_chattering.core.trajectory import Point
+from ctc_chattering.control.error_monitor import joint_beyond
+from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import RejectedMessage
+from ctc_chattering.monitoring import stamps
 from ctc_chattering.monitoring.controller_health import ControllerHealth
 from ctc_chattering.monitoring.controller_state import ControllerState, Event, State
 from ctc_chattering.monitoring.watchdog import Logger, Watchdog
+from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.desired_motion import DesiredMotion
 
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MOST_POINTS = 60_000

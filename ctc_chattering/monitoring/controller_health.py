@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ctc_chattering.control.controller import ControllerConfig, Sample
-from ctc_chattering.core.cadence import SampleRate
-from ctc_chattering.core.grid import seconds
-from ctc_chattering.core.term_saturation import TermSaturation
+from ctc_chattering.monitoring.sample_rate import SampleRate
+from ctc_chattering.monitoring.term_saturation import TermSaturation
 from ctc_chattering.monitoring.watchdog import HealthMonitor
+from ctc_chattering.numerics.time_grid import seconds
 
 #: Part of the states rejected that is a warning, and an error.
 _REJECTED = 0.01, 0.1

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.core.grid import NANOSECONDS
-from ctc_chattering.core.model import Vector
+from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 
 #: Time after which a state without an answer is sent again, and after which is said what is
 #: waited for [ns].

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 
-from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 
 #: Silence of the owner after which another publisher may take control [ns].
 LEASE_DURATION = 2 * NANOSECONDS

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from ctc_chattering.core.grid import NANOSECONDS, seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 
 #: Likely cause of messages that come too late.
 BUSY = 'this computer is too busy, or processes are stopped'

@@ -8,10 +8,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from ctc_chattering.control.controller import Sample
-from ctc_chattering.core.trajectory import Point
-from ctc_chattering.graph import FILTER, TORQUES, TRACKING
-from ctc_chattering.nodes.runtime import qos
+from ctc_chattering.ros.node import qos
 from ctc_chattering.ros.serialization import StateWriter
+from ctc_chattering.ros.topics import FILTER, TORQUES, TRACKING
+from ctc_chattering.trajectory.buffer import Point
 
 
 class ControlTerms:
@@ -38,7 +38,7 @@ class ControlTerms:
             for name in (TRACKING, FILTER, TORQUES))
         self._writers = (
             StateWriter([f'{j}/{x}' for x in ('desired', 'error') for j in names],
-                             ('position', 'velocity')),
+                        ('position', 'velocity')),
             StateWriter(names, ('velocity',)),
             StateWriter([
                 *(f'{j}/{x}' for x in ('inverse_dynamics', 'compensation', 'chattering')

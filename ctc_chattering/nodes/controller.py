@@ -10,20 +10,19 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.core.grid import seconds
-from ctc_chattering.core.models import model_of
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES, REFERENCE, ROBOT_DESCRIPTION
+from ctc_chattering.experiment.node_parameters import ControllerSettings, RealTimeSettings
 from ctc_chattering.monitoring import controller_state
 from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
 from ctc_chattering.nodes.control_terms import ControlTerms
-from ctc_chattering.nodes.description import Description
-from ctc_chattering.nodes.inbox import ValidatedSubscription
-from ctc_chattering.nodes.joints import Joints
-from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import BaseNode, ERROR, qos, Status, TICK
-from ctc_chattering.real_time import RealTime
+from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.ros.description import Description
+from ctc_chattering.ros.joint_order import Joints
 from ctc_chattering.ros.messages import LATEST
+from ctc_chattering.ros.node import BaseNode, ERROR, qos, Status, TICK
+from ctc_chattering.ros.parameters import NodeParameters
+from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.serialization import (
     EffortWriter,
     State,
@@ -31,7 +30,8 @@ from ctc_chattering.ros.serialization import (
     TrajectoryChunk,
     TrajectoryReader,
 )
-from ctc_chattering.settings import ControllerSettings, RealTimeSettings
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE, ROBOT_DESCRIPTION
 
 
 class ControllerNode(BaseNode):

@@ -8,25 +8,25 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from ctc_chattering.core.grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.core.model import Vector
-from ctc_chattering.core.plant import PlantConfig
-from ctc_chattering.core.plants import limits_of, make_plant
-from ctc_chattering.core.robot import Robot
-from ctc_chattering.core.ticks import TimerGrid
+from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.graph import CLOCK, COMMANDS, JOINT_STATES
+from ctc_chattering.experiment.node_parameters import PlantSettings, RealTimeSettings
 from ctc_chattering.monitoring.lockstep import LockstepExchange
+from ctc_chattering.monitoring.timer_grid import TimerGrid
 from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
-from ctc_chattering.nodes.description import Description
-from ctc_chattering.nodes.inbox import ValidatedSubscription
-from ctc_chattering.nodes.joints import Joints
-from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import BaseNode, ERROR, OK, qos, Status, WARN
-from ctc_chattering.real_time import RealTime
+from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
+from ctc_chattering.ros.description import Description
+from ctc_chattering.ros.joint_order import Joints
 from ctc_chattering.ros.messages import stamp
+from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
+from ctc_chattering.ros.parameters import NodeParameters
+from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.serialization import EffortReader, Efforts, StateWriter
-from ctc_chattering.settings import PlantSettings, RealTimeSettings
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.registry import limits_of, make_plant
+from ctc_chattering.simulation.simulated_robot import Robot
 
 #: Periods that one tick of the real-time clock makes good at the most.
 _CATCH_UP = 100

@@ -10,21 +10,19 @@ from pathlib import Path
 import time
 from typing import Any
 
-from rosbags.interfaces import Qos
-
-from ctc_chattering.core.grid import NANOSECONDS
-from ctc_chattering.core.log_time import LogTime
-from ctc_chattering.core.numbering import SequenceTracker
+from ctc_chattering.bags.writer import offered_qos, Recording
 from ctc_chattering.errors import CtcError
-from ctc_chattering.graph import CLOCK, JOINT_STATES, Topic, TOPICS
-from ctc_chattering.middleware import enlarge_receive_buffers
-from ctc_chattering.nodes.inbox import ValidatedSubscription
-from ctc_chattering.nodes.matching import MatchingSubscription
-from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import BaseNode, ERROR, NAP, OK, qos, Status, WARN
-from ctc_chattering.recording import offered_qos, Recording
+from ctc_chattering.experiment.node_parameters import RecorderSettings
+from ctc_chattering.monitoring.log_clock import LogTime
+from ctc_chattering.monitoring.message_loss import SequenceTracker
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.fastdds import enlarge_receive_buffers
+from ctc_chattering.ros.matching import MatchingSubscription
 from ctc_chattering.ros.messages import message_type, read_stamp
-from ctc_chattering.settings import RecorderSettings
+from ctc_chattering.ros.node import BaseNode, ERROR, NAP, OK, qos, Status, WARN
+from ctc_chattering.ros.parameters import NodeParameters
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, Topic, TOPICS
 
 #: Messages that DDS keeps for us while we sleep, or the disk does.
 _DEPTH = 100_000
@@ -52,7 +50,7 @@ class _Recorded:
     ----------
     name, kind : str
         Full name and message type.
-    offered : list of Qos
+    offered : str
         What its publishers offer.
     matching : MatchingSubscription
         Whence its messages are taken.
@@ -65,7 +63,7 @@ class _Recorded:
 
     name: str
     kind: str
-    offered: list[Qos]
+    offered: str
     matching: MatchingSubscription
     timing: ValidatedSubscription[int] | None
     numbering: SequenceTracker

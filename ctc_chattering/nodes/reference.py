@@ -12,20 +12,16 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from ctc_chattering.core.grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.core.limits import Limits
-from ctc_chattering.core.motion_plan import MotionPlan
-from ctc_chattering.core.parameters import Config
-from ctc_chattering.core.reference import ReferenceConfig
-from ctc_chattering.core.waypoints import Route
 from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.graph import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
-from ctc_chattering.nodes.description import Description
-from ctc_chattering.nodes.inbox import ValidatedSubscription
-from ctc_chattering.nodes.parameters import NodeParameters
-from ctc_chattering.nodes.runtime import BaseNode, ERROR, OK, qos, Status, WARN
-from ctc_chattering.real_time import RealTime
+from ctc_chattering.experiment.node_parameters import RealTimeSettings, ReferenceSettings
+from ctc_chattering.experiment.trajectory_file import read_trajectory
+from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.parameters import Config
+from ctc_chattering.ros.description import Description
 from ctc_chattering.ros.messages import LATEST, read_clock
+from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
+from ctc_chattering.ros.parameters import NodeParameters
+from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.serialization import (
     State,
     StateReader,
@@ -33,8 +29,12 @@ from ctc_chattering.ros.serialization import (
     TrajectoryReader,
     TrajectoryWriter,
 )
-from ctc_chattering.settings import RealTimeSettings, ReferenceSettings
-from ctc_chattering.trajectory_file import read_trajectory
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
+from ctc_chattering.trajectory.joint_limits import Limits
+from ctc_chattering.trajectory.motion_plan import MotionPlan
+from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
 
 #: Time between two attempts to begin, where the start is refused [ns].
 _RETRY = 5 * NANOSECONDS

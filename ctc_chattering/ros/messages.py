@@ -7,8 +7,8 @@ from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 
-from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.cdr import read_time
 
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].

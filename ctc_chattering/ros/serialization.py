@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ctc_chattering.core.grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.cdr import DOUBLES, STRING, Template, TIME
 
 _JOINT_STATE = (TIME, STRING, [STRING], DOUBLES, DOUBLES, DOUBLES)

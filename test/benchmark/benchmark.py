@@ -14,16 +14,16 @@ import sys
 import tempfile
 import time
 
-from ctc_chattering import params
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.core.models import model_of
-from ctc_chattering.core.plant import Plant
-from ctc_chattering.core.reference import make_motion
-from ctc_chattering.core.simulation import simulate
-from ctc_chattering.domain import own_domain
-from ctc_chattering.experiments import EXPERIMENTS
-from ctc_chattering.orchestra import one_processor, perform
-from ctc_chattering.share import config_directory
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.experiment.paper import EXPERIMENTS
+from ctc_chattering.launch.graph import one_processor, perform
+from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.trajectory.reference import make_motion
 
 #: Round trips of one measurement of the ping-pong.
 TRIPS = 10_000
@@ -55,7 +55,7 @@ def ping_pong_rate(processors: set[int] | None) -> float:
 def lockstep_rate(bag: Path | None) -> float:
     """Return control cycles per second of the first experiment between t = 1 s and t = 9 s."""
     experiment = EXPERIMENTS[1]
-    period = params.load(experiment.path).plant.control_period
+    period = parameter_file.load(experiment.path).plant.control_period
     passed: list[tuple[float, float]] = []
 
     def progress(t: float) -> None:
@@ -73,7 +73,7 @@ def step_time(path: Path) -> float:
 
     It is that of the fastest of many batches: what else the machine does makes them slower.
     """
-    setup = params.load(path)
+    setup = parameter_file.load(path)
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     robot = Plant(setup.plant.changed({'duration': 0.0}),
                   model_of(setup.plant, setup.descriptions.get('plant', '')))
@@ -96,7 +96,7 @@ def step_time(path: Path) -> float:
 
 def simulation_time() -> float:
     """Return the computing time of an experiment of 10 s without ROS [s]."""
-    setup = params.load(EXPERIMENTS[1].path)
+    setup = parameter_file.load(EXPERIMENTS[1].path)
     times = []
     for _ in range(5):
         begin = time.process_time()

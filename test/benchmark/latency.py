@@ -22,14 +22,14 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 
-from ctc_chattering import supervisor
-from ctc_chattering.core.durations import Durations
-from ctc_chattering.domain import own_domain
-from ctc_chattering.experiments import EXPERIMENTS
-from ctc_chattering.graph import DIAGNOSTICS
-from ctc_chattering.middleware import use_profile
-from ctc_chattering.real_time import RealTime
-from ctc_chattering.settings import LOOP, RealTimeSettings
+from ctc_chattering.experiment.node_parameters import LOOP, RealTimeSettings
+from ctc_chattering.experiment.paper import EXPERIMENTS
+from ctc_chattering.launch import child_process
+from ctc_chattering.monitoring.durations import Durations
+from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.fastdds import use_profile
+from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.ros.topics import DIAGNOSTICS
 
 _COLUMNS = ('p50', 'p99', 'p99.9', 'max')
 #: Length of a measurement [s]: diagnostics look back so far.
@@ -65,13 +65,13 @@ def measure_nodes(priority: int) -> Times:
         arguments = ('--ros-args', '--params-file', str(EXPERIMENTS[1].path),
                      '-p', 'plant:pacing:=real_time', '-p', 'plant:duration:=0.0',
                      '-p', f'thread_priority:={priority}')
-        children = [supervisor.Child(
-            name, supervisor.node_command(name, *arguments), lambda _: None) for name in LOOP]
+        children = [child_process.Child(
+            name, child_process.node_command(name, *arguments), lambda _: None) for name in LOOP]
         try:
             while len(reports) < _WINDOW + 2:  # The first ones are of the start.
                 executor.spin_once(0.1)
         finally:
-            supervisor.stop(children)
+            child_process.stop(children)
             executor.shutdown()
             node.destroy_node()
             rclpy.shutdown(context=context)

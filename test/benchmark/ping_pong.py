@@ -13,7 +13,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from ctc_chattering.nodes.runtime import Executor, qos
+from ctc_chattering.ros.node import Executor, qos
 
 
 def ping(trips: int) -> float:

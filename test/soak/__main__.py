@@ -8,11 +8,11 @@ from pathlib import Path
 import random
 import sys
 
-from ctc_chattering import signals
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.result import finite, write_text
 from ctc_chattering.cli.options import guarded
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.output import prepare
-from ctc_chattering.result import finite, write_text
+from ctc_chattering.ros import signals
 from soak.report import complaints, to_markdown
 from soak.run import run
 

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from ctc_chattering.graph import COMMANDS, JOINT_STATES
+from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from soak import plan
 from soak.plan import Fault
 

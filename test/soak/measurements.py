@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 from faults import Report
 import numpy as np
 
-from ctc_chattering.core.grid import NANOSECONDS, seconds
+from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
-from ctc_chattering.graph import JOINT_STATES
-from ctc_chattering.salvage import open_bag
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.ros.topics import JOINT_STATES
 from soak.plan import PROCESSES
 
 #: Part of the sample rate that controller and recorder must reach again.

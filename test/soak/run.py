@@ -12,14 +12,15 @@ import time
 from typing import Any, TextIO
 
 from faults import Diagnostics, Report
-from ros import Probe, probe
+from processes import Probe, probe
 from stopwatch import Stopwatch
 
-from ctc_chattering import params, supervisor
-from ctc_chattering.core.grid import NANOSECONDS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.middleware import use_profile
-from ctc_chattering.share import config_directory
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.launch import child_process
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.fastdds import use_profile
 from soak import measurements, plan
 from soak.fault_injector import FaultInjector
 from soak.measurements import Outage
@@ -73,7 +74,7 @@ class Graph:
         self.probe, self._file, self._bags, self._log, self._caught = it, file, bags, log, caught
         self.begun = time.monotonic()
         self.diagnostics = Diagnostics(it)
-        self.children: dict[str, supervisor.Child] = {}
+        self.children: dict[str, child_process.Child] = {}
         self.at_each_step: Callable[[], None] | None = None
         self.outages: list[Outage] = []
         self.crashes: dict[str, list[str]] = {name: [] for name in PROCESSES}
@@ -92,9 +93,9 @@ class Graph:
             more = '-p', f'bag:={self._bags / f"{len(self.memory[name]):04}"}'
             self._last_dropped = 0
         self.memory[name].append([])
-        self.children[name] = supervisor.Child(
-            name, supervisor.node_command(name, '--ros-args', '--params-file', str(self._file),
-                                          *more),
+        self.children[name] = child_process.Child(
+            name, child_process.node_command(
+                name, '--ros-args', '--params-file', str(self._file), *more),
             lambda line: print(line, file=self._log))
 
     def kill(self, name: str) -> None:
@@ -192,7 +193,7 @@ class Graph:
         self.outages.append(Outage(time.time_ns(), time.time_ns() + _END))
         for names, patience in (([x for x in self.children if x != 'recorder'], 5.0),
                                 (['recorder'], 20.0)):
-            supervisor.stop([self.children[x] for x in names if x in self.children], patience)
+            child_process.stop([self.children[x] for x in names if x in self.children], patience)
         for name, child in list(self.children.items()):
             if child.status:
                 self._note_crash(name)
@@ -236,14 +237,14 @@ def run(duration: float, seed: int, out: Path, control_period: float | None,
 
     """
     overrides = {**OVERRIDES, '/**': {'control_period': control_period} if control_period else {}}
-    setup = params.load(config_directory() / 'friction.yaml', overrides)
+    setup = parameter_file.load(config_directory() / 'friction.yaml', overrides)
     use_profile()
     bags = out / 'bags'
     bags.mkdir(parents=True, exist_ok=True)
     with (tempfile.TemporaryDirectory() as scratch, probe() as it,
           (out / 'soak.log').open('w', encoding='utf-8', buffering=1) as log):
         file = Path(scratch) / 'params.yaml'
-        params.dump({name: setup.values[name] for name in PROCESSES}, '/', file)
+        parameter_file.dump({name: setup.values[name] for name in PROCESSES}, '/', file)
         graph = Graph(it, file, bags, log, caught)
         faults: list[dict[str, Any]] = []
         rate = measurements.RATE / setup.plant.control_period

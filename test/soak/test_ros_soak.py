@@ -11,10 +11,10 @@ import sys
 import time
 from typing import Any
 
+from processes import descendants, PATIENCE, wait_for
 import pytest
-from ros import descendants, PATIENCE, wait_for
 
-from ctc_chattering.salvage import open_bag
+from ctc_chattering.bags.repair import open_bag
 from soak import plan
 
 pytestmark = pytest.mark.ros

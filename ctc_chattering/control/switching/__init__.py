@@ -9,7 +9,7 @@ from ctc_chattering.control.switching.boundary_layer import BoundaryLayer
 from ctc_chattering.control.switching.implicit import Implicit
 from ctc_chattering.control.switching.implicit_observer import ImplicitObserver
 from ctc_chattering.control.switching.sign import Sign
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array
 
 __all__ = ['SWITCHINGS', 'BoundaryLayer', 'Implicit', 'ImplicitObserver', 'Sign', 'Switching',
            'make_switching']

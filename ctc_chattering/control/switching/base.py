@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from ctc_chattering.control.perturbation_observer import PerturbationObserver
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class Switching(ABC):

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.switching.base import Switching
-from ctc_chattering.core.box import nearest
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class Implicit(Switching):

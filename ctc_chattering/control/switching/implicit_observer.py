@@ -5,8 +5,8 @@ from __future__ import annotations
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.perturbation_observer import PerturbationObserver
 from ctc_chattering.control.switching.implicit import Implicit
-from ctc_chattering.core.box import nearest
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class ImplicitObserver(Implicit):

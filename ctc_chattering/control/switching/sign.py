@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ctc_chattering.control.switching.base import Switching
-from ctc_chattering.core.linear_algebra import Array
+from ctc_chattering.numerics.linear_algebra import Array
 
 
 class Sign(Switching):

@@ -1,0 +1,116 @@
+"""Figures that compare several runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from ctc_chattering.analysis.figure_style import (
+    drawing,
+    fit_titles,
+    line,
+    log_axis,
+    mark,
+    panel,
+    shade_gaps,
+)
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.run_names import colours, names
+from ctc_chattering.simulation.closed_loop import Array
+
+
+def error_sums(result: Result) -> list[tuple[str, str, Array]]:
+    """Return the 1-norm of the position error of the joints of each unit: name, unit, (N,)."""
+    units, found = result.position_units, []
+    error = np.abs(result.run.q_d - result.run.q)
+    for unit in dict.fromkeys(units):
+        mine = [i for i, own in enumerate(units) if own == unit]
+        if len(mine) > 2 and len(mine) == len(units):
+            name = 'Σ |eᵢ|'
+        elif len(mine) > 2:
+            name = 'Σ |eᵢ| of joints in ' + unit
+        else:
+            name = ' + '.join(f'|e{chr(0x2081 + i) if i < 9 else i + 1}|' for i in mine)
+        found.append((name, unit, error[:, mine].sum(axis=1)))
+    return found
+
+
+def error_comparison(results: Sequence[Result]) -> Figure:
+    """Draw the 1-norm of the error of all runs, a panel per experiment and unit."""
+    groups: dict[tuple[str, str], list[tuple[int, str, Array]]] = {}
+    for i, result in enumerate(results):
+        for name, unit, error in error_sums(result):
+            groups.setdefault((result.experiment, unit), []).append((i, name, error))
+    columns = min(3, len(groups))
+    most = max(len(group) for group in groups.values())
+    figure, grid = drawing('Position error of the runs compared', -(-len(groups) // columns),
+                           (1.0,) * columns, 2.9 + 0.17 * max(0, most - 2))
+    every = np.concatenate([error for group in groups.values() for _, _, error in group])
+    called, painted = names(results), colours(results)
+    for k, ((experiment, unit), group) in enumerate(groups.items()):
+        runs = [results[i] for i, _, _ in group]
+        ax = panel(figure, grid[k // columns, k % columns], experiment,
+                   f'{group[0][1]} [{unit}]', *(r.run.t for r in runs))
+        for i, _, error in group:
+            result, largest = results[i], results[i].metrics()['max_error_norm1_rad']
+            text = called[i].removeprefix(f'{experiment}: ')
+            line(ax, result.run.t, error, result.missing, color=painted[i], linewidth=1.0,
+                 label=text if largest is None else f'{text}: ≤ {largest:.2g} {unit}')
+            for time, change in result.marks:
+                mark(ax, time, change)
+            shade_gaps(ax, result.run.t, result.missing)
+            _shade_window(ax, result)
+        ax.legend(fontsize=8.5, loc='upper right', borderaxespad=0.1, framealpha=0.9,
+                  edgecolor='none', handlelength=1.6)
+        log_axis(ax, every, room=12.0 * 4.0 ** max(0, most - 2))
+    fit_titles(figure)
+    return figure
+
+
+def _shade_window(ax: Axes, result: Result) -> None:
+    low, high = result.metrics()['window_s']
+    if result.metrics()['rms_error_rad'] is not None:
+        ax.axvspan(low, min(high, result.run.t[-1]), color='#eeeeee', lw=0, zorder=-1)
+
+
+def score_comparison(results: Sequence[Result]) -> Figure:
+    """Draw RMS errors and torque variations of all runs, a numbered dot per joint."""
+    scores = [result.metrics() for result in results]
+    called, painted = names(results), colours(results)
+    left = min(4.6, 0.5 + 0.078 * max(map(len, called)))
+    figure, grid = drawing('Tracking error and torque variation', 1, (1.0, 1.0),
+                           0.42 * len(results) + 0.3, left=left)
+    units = [sorted({unit for r in results for unit in r.position_units}),
+             sorted({unit for r in results for unit in r.torque_units})]
+    for column, (key, quantity, suffix) in enumerate((
+            ('rms_error_rad', 'RMS error', ''),
+            ('torque_variation_nm_per_s', 'torque variation', '/s'))):
+        low, high = scores[0]['window_s']
+        evaluated = any(score[key] for score in scores)
+        ax = panel(figure, grid[0, column],
+                   f'{quantity}{f", {low:g} s to {high:g} s" if evaluated else ""} '
+                   '(number: joint)', '')
+        unit = ' or '.join(unit + suffix for unit in units[column])
+        ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(results) - 0.4, -0.6))
+        every = [x for score in scores for x in score[key] or () if 0.0 < x < np.inf]
+        if every:  # whole decades
+            ax.set_xlim(10.0 ** np.floor(np.log10(min(every) / 1.2)),
+                        10.0 ** np.ceil(np.log10(max(every) * 1.2)))
+        for y, score in enumerate(scores):
+            dots = [(x, i) for i, x in enumerate(score[key] or (), 1) if x in every]
+            ax.plot([x for x, _ in dots], [y] * len(dots), 'o', color=painted[y],
+                    markersize=13, markeredgecolor='white')
+            for x, i in dots:
+                ax.text(x, y, str(i), color='white', fontsize=8, weight='bold', ha='center',
+                        va='center_baseline')
+            if score[key] is None:
+                ax.text(0.5, y, f'no sample from {low:g} s to {high:g} s', ha='center',
+                        va='center', transform=ax.get_yaxis_transform(), fontsize=9,
+                        color='#444444')
+        ax.set_yticks(range(len(results)), [''] * len(called) if column else called,
+                      parse_math=False)
+    fit_titles(figure)
+    return figure

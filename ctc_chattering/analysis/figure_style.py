@@ -1,0 +1,154 @@
+"""Style of all figures: sheets of panels, lines with gaps, axes, notes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+import numpy as np
+import numpy.typing as npt
+
+from ctc_chattering.simulation.closed_loop import Array
+
+#: Colour of the reference and of marks.
+REFERENCE = '#222222'
+#: Samples missing at a stretch from which on a line is broken and the gap is shaded.
+SHOWN_GAP = 5
+#: Of a sheet, and between its panels [inch].
+_WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, _SIDE = 11.0, 0.85, 0.25, 0.78, 0.55, 0.75, 0.85
+#: Dots per inch of a PNG.
+DOTS = 130
+_NOTE: dict[str, Any] = {'fontsize': 9, 'color': '#444444', 'zorder': 5}
+STEPS: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
+
+
+def drawing(title: str, rows: int, widths: Sequence[float], height: float,
+            left: float = _LEFT) -> tuple[Figure, GridSpec]:
+    whole = _TOP + _BOTTOM + rows * height + (rows - 1) * _GAP
+    figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.15 / _WIDTH, y=1.0 - 0.16 / whole, ha='left', va='top',
+                    fontsize=13, weight='bold', parse_math=False)
+    width = (_WIDTH - left - _RIGHT) / len(widths)
+    return figure, figure.add_gridspec(
+        rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,
+        right=1.0 - _RIGHT / _WIDTH, bottom=_BOTTOM / whole, top=1.0 - _TOP / whole,
+        hspace=_GAP / height, wspace=_SIDE / (width - _SIDE))
+
+
+def panel(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> Axes:
+    ax = figure.add_subplot(cell)
+    ax.set_title(title, loc='left', fontsize=10, color='#333333', pad=4, parse_math=False)
+    ax.grid(True, color='#dddddd', linewidth=0.6)
+    ax.spines[['top', 'right']].set_visible(False)
+    ax.tick_params(labelsize=9, which='both')
+    ax.set(xlabel='t [s]', ylabel=ylabel)
+    if times:
+        first, last = min(t[0] for t in times), max(t[-1] for t in times)
+        ax.set_xlim(first, last if last > first else first + 1e-3)
+    return ax
+
+
+def line(ax: Axes, t: Array, y: Array, missing: npt.NDArray[np.int64] | None = None,
+         **style: Any) -> None:
+    """
+    Draw a line, with dots if it is too short to be seen, broken where samples are missing.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes to draw in.
+    t, y : ndarray, shape (N,)
+        Samples.
+    missing : ndarray, shape (N - 1,), optional
+        Number of samples missing after each but the last.
+    style : dict
+        Arguments of matplotlib.
+
+    """
+    if missing is not None:
+        after = np.flatnonzero(missing >= SHOWN_GAP) + 1
+        t, y = np.insert(t, after, t[after - 1]), np.insert(y, after, np.nan)
+    ax.plot(t, y, **{'linewidth': 1.3, 'marker': '.' if len(t) < 4 else None, **style})
+
+
+def shade_gaps(ax: Axes, t: Array, missing: npt.NDArray[np.int64]) -> None:
+    """Hatch where `SHOWN_GAP` samples or more are missing; arguments as `line` has them."""
+    for k in np.flatnonzero(missing >= SHOWN_GAP):
+        ax.axvspan(t[k], t[k + 1], facecolor='none', edgecolor='#999999', hatch='////', lw=0,
+                   zorder=0)
+
+
+def note(ax: Axes, text: str) -> None:
+    """Write `text` above the axes, on the right."""
+    before = ax.get_title('right')
+    ax.set_title(f'{before}; {text}' if before else text, loc='right', fontsize=9,
+                 color='#666666', pad=4, parse_math=False)
+
+
+def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
+    """Write `text` into the axes."""
+    ax.text(x, y, text, transform=ax.transAxes, **style, **_NOTE)
+
+
+def mark(ax: Axes, time: float, name: str = '') -> None:
+    """Draw a vertical line at `time`; with a name, in the top of the axes."""
+    ax.axvline(time, color=REFERENCE, linewidth=1.0, linestyle=(0, (1, 1.5)))
+    if name:
+        ax.annotate(f'→ {name}', (time, 1.0), xycoords=ax.get_xaxis_transform(),
+                    xytext=(3, -1), textcoords='offset points', va='top', fontsize=9,
+                    color='#444444', annotation_clip=True)
+
+
+def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
+    """Make the axis of y logarithmic if it has positive values, without rare dips towards zero."""
+    positive = y[np.isfinite(y) & (y > 0.0)]
+    if len(positive):
+        low = float(np.percentile(positive, 1.0)) / 5.0
+        ax.set_ylim(max(float(positive.min()) / 1.6, low), float(positive.max()) * room)
+        ax.set_yscale('log')
+        if positive.min() < low:
+            note(ax, 'axis cut below')
+
+
+def steady_axis(ax: Axes, t: Array, y: Array) -> None:
+    """Fit the axis of y to the run after its start, with a note if that cuts the start."""
+    finite = np.isfinite(y)
+    late = y[finite & (t >= t[0] + min(1.0, (t[-1] - t[0]) / 3.0))]
+    if not len(late):
+        return
+    low, high = np.percentile(late, (1.0, 99.0))
+    late = late[(late >= 2.0 * low - high) & (late <= 2.0 * high - low)]
+    low, high = late.min(), late.max()
+    least, most = y[finite].min(), y[finite].max()
+    span = high - low if high - low > 1e-9 * abs(high) else abs(high) or 1.0
+    if least < low - span or most > high + span:
+        k = int(np.nanargmax(np.where(finite, np.abs(y), -1.0)))
+        note(ax, f'axis cut: {y[k]:.4g} at {t[k]:.3g} s')
+    else:
+        low, high = min(low, least), max(high, most)
+    ax.set_ylim(low - 0.1 * span, high + 0.1 * span)
+
+
+def fit_titles(figure: Figure) -> None:
+    """Shorten the texts above each panel until they do not overlap."""
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    for ax in figure.axes:
+        room = ax.get_window_extent(renderer).width
+        titles = [ax.title, ax._left_title, ax._right_title]  # type: ignore[attr-defined]
+        titles = [title for title in titles if title.get_text()]
+        while titles and sum(x.get_window_extent(renderer).width for x in titles) > (
+                room - 20 * (len(titles) - 1)):
+            longest = max(titles, key=lambda x: len(x.get_text()))
+            if longest.get_fontsize() > 8:
+                longest.set_fontsize(longest.get_fontsize() - 0.5)
+            elif len(longest.get_text()) > 8:
+                longest.set_text(longest.get_text().rstrip('…')[:-1] + '…')
+            else:
+                break

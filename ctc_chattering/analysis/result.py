@@ -1,0 +1,244 @@
+"""A finished run with its configuration, and its metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import dataclasses
+from functools import cached_property
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ctc_chattering.analysis.metrics import metrics, WINDOW, within
+from ctc_chattering.analysis.terms import Terms, terms
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
+from ctc_chattering.numerics.gaps import missing
+from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation.registry import make_plant
+
+#: Time after a change in which v reaches 0 and the term may be at its bound [s].
+_REACHING = 0.5
+#: Gains of one switching only.
+_OWN_GAINS = {'boundary_layer': ('boundary_layer',), 'implicit_observer': ('observer_bandwidth',)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """
+    One run of one experiment.
+
+    Attributes
+    ----------
+    experiment : str
+        Its name, for example ``friction``.
+    configs : sequence of (time, ControllerConfig)
+        The controller's configurations, and the times from which they apply [s].
+    run : Run
+        The samples.
+    computed : Terms, optional
+        Terms, if they are known; otherwise computed when first asked for.
+    description : str
+        The URDF of the controller's model; empty for a model that needs none.
+    source : str
+        Name of the bag; empty for a simulation.
+
+    """
+
+    experiment: str
+    configs: Sequence[tuple[float, ControllerConfig]]
+    run: Run
+    computed: Terms | None = None
+    description: str = ''
+    source: str = ''
+
+    @cached_property
+    def terms(self) -> Terms:
+        """The parts of the torque, v and V."""
+        return self.computed or terms(
+            self.run, self.configs, model_of(self.configs[0][1], self.description))
+
+    @property
+    def law(self) -> str:
+        """The law at the end."""
+        return self.configs[-1][1].law
+
+    @property
+    def switching(self) -> str:
+        """The switching at the end."""
+        return self.configs[-1][1].switching
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of the arrays' columns."""
+        return self.configs[0][1].joint_names
+
+    @property
+    def changes(self) -> list[tuple[float, str]]:
+        """Times [s] at which the law changed during the run, with the new law."""
+        return [(t, new.law) for (_, old), (t, new) in zip(self.configs, self.configs[1:])
+                if new.law != old.law]
+
+    @property
+    def marks(self) -> list[tuple[float, str]]:
+        """Times [s] at which law or switching changed during the run, with the new one."""
+        return [(t, new.law if new.law != old.law else new.switching)
+                for (_, old), (t, new) in zip(self.configs, self.configs[1:])
+                if (new.law, new.switching) != (old.law, old.switching)]
+
+    @property
+    def label(self) -> str:
+        """Experiment and laws, for a legend."""
+        laws = [self.configs[0][1].law, *(law for _, law in self.changes)]
+        return f'{self.experiment}: {" → ".join(laws)}'
+
+    @property
+    def slug(self) -> str:
+        """Experiment and law, for a file name."""
+        return self.experiment if self.changes else f'{self.experiment}_{self.law}'
+
+    @cached_property
+    def position_units(self) -> tuple[str, ...]:
+        """Unit of each joint's position: rad, or m for a prismatic joint."""
+        kinds = {name: joint.kind for name, joint in Tree(self.description).joints.items()
+                 } if self.description else {}
+        return tuple('m' if kinds.get(name) == 'prismatic' else 'rad'
+                     for name in self.joint_names)
+
+    @property
+    def torque_units(self) -> tuple[str, ...]:
+        """Unit of each joint's torque: N·m, or N for the force of a prismatic joint."""
+        return tuple('N' if unit == 'm' else 'N·m' for unit in self.position_units)
+
+    @property
+    def gains(self) -> dict[str, Any]:
+        """The gains at the end, by parameter name."""
+        config = self.configs[-1][1]
+        values = config.as_mapping()
+        names = ('kp', 'kv', 'ka', 'lambda', 'b', *_OWN_GAINS.get(self.switching, ()))
+        return {name: list(x) if isinstance(x := values[name], tuple) else x for name in names}
+
+    @cached_property
+    def missing(self) -> npt.NDArray[np.int64]:
+        """Number of samples missing after each sample but the last, shape (N - 1,)."""
+        return missing(self.run.t, self.configs[0][1].control_period)
+
+    @cached_property
+    def saturation(self) -> list[Saturation] | None:
+        """
+        How often the chattering term of each joint is at its bound within the window.
+
+        The first `_REACHING` seconds after the start and after a change of parameters are not
+        counted. None without a sample under law ``chattering``.
+        """
+        count = TermSaturation(len(self.joint_names))
+        t = self.run.t
+        inside = within(t, WINDOW)
+        gaps = np.append(0, self.missing) > 0
+        ends = [*(end for end, _ in self.configs[1:]), np.inf]
+        for (begin, config), end in zip(self.configs, ends):
+            if config.law == 'chattering':
+                for k in np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end)):
+                    if gaps[k]:
+                        count.pause()
+                    count.add(self.terms.chattering[k].tolist(), config.ka, config.switching)
+        return count.found() if count.samples else None
+
+    def metrics(self) -> dict[str, Any]:
+        """Return this run's entry of ``metrics.json``."""
+        config = self.configs[-1][1]
+        numbers = metrics(self.run, period=config.control_period)
+        mixed = len(set(self.position_units)) > 1
+        if mixed:
+            numbers['max_error_norm1_rad'] = None
+        return {
+            'experiment': self.experiment, 'bag': self.source or None, 'law': self.law,
+            'switching': self.switching, 'control_period_s': config.control_period,
+            'joint_names': list(self.joint_names),
+            'position_units': list(self.position_units),
+            'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
+            'term_at_bound': self.saturation and [x.fraction for x in self.saturation],
+            'notes': list(self._notes(numbers, mixed))}
+
+    def _notes(self, numbers: dict[str, Any], mixed: bool) -> Iterator[str]:
+        """Yield why metrics are missing, and what else the user should know."""
+        low, high = numbers['window_s']
+        if numbers['rms_error_rad'] is None and len(self.run.t):
+            yield (f'metrics are computed from {low:g} s to {high:g} s; this run is '
+                   f'from {self.run.t[0]:.4g} s to {self.run.t[-1]:.4g} s')
+        if mixed:
+            yield 'no sum of errors: prismatic joints have errors in m, the others in rad'
+        lost = int(self.missing.sum())
+        if lost:
+            yield (f'{lost} of {lost + len(self.run.t)} samples are missing; errors are computed '
+                   'from the others, the torque variation from consecutive ones')
+        for name, found in zip(self.joint_names, self.saturation or ()):
+            if found.cause:
+                yield f'{name}: {found}'
+
+
+def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> Result:
+    """
+    Simulate what a parameter file describes.
+
+    Parameters
+    ----------
+    setup : Setup
+        As `params.load` returns it.
+    progress : callable, optional
+        Called at intervals with the simulated time [s].
+
+    """
+    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress,
+                   route=setup.route,
+                   robot=make_plant(setup.plant, setup.descriptions.get('plant', '')),
+                   model=model_of(setup.controller, setup.descriptions.get('controller', '')))
+    configs = [(0.0, setup.controller)]
+    for event in setup.events:
+        if event.node == 'controller':
+            configs.append((event.time, configs[-1][1].changed(event.values)))
+    return Result(setup.plant.experiment, configs, run,
+                  description=setup.descriptions.get('controller', ''))
+
+
+def write_metrics(results: Sequence[Result], path: Path) -> None:
+    """
+    Write ``{"runs": [...]}``, an object per run, as strict JSON.
+
+    Numbers that are not finite, for which JSON has no form, become null.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be written.
+
+    """
+    runs = [finite(result.metrics()) for result in results]
+    text = json.dumps({'runs': runs}, indent=2, allow_nan=False, ensure_ascii=False)
+    write_text(path, text + '\n')
+
+
+def finite(value: Any) -> Any:
+    """Return `value` with None in place of every number that is not finite."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, making its directory; raise `CtcError` if that cannot be done."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise CtcError(f'cannot write {path}: {error.strerror}') from None

@@ -1,0 +1,89 @@
+"""Distinct names and colours for several runs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from ctc_chattering.analysis.result import Result
+
+#: Colour of each law, and of a run under both (after Okabe and Ito).
+LAW_COLOURS = {'compensation': '#D55E00', 'chattering': '#0072B2'}
+MIXED = '#007A5A'
+#: Further colours, for runs of one experiment under the same law.
+_FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7')
+#: Parameters that are added to names which would be equal, and their symbols.
+_SIGNS = {'ka': 'Ka', 'kp': 'Kp', 'kv': 'Kv', 'lambda': 'λ', 'b': 'b', 'control_period': 'h',
+          'boundary_layer': 'layer', 'observer_bandwidth': 'bandwidth',
+          'input_delay': 'delay', 'inertia_scale': 'inertia ×', 'gravity_scale': 'gravity ×'}
+
+
+def name(result: Result) -> str:
+    """Return experiment, laws, and the switching where it is not the paper's."""
+    kinds = [config.switching for _, config in result.configs if config.law == 'chattering']
+    kinds = [kind for k, kind in enumerate(kinds) if not k or kind != kinds[k - 1]]
+    if not kinds or kinds == ['sign']:
+        return result.label
+    return f'{result.label} ({" → ".join(kinds) if len(kinds) < 3 else "several switchings"})'
+
+
+def names(results: Sequence[Result]) -> list[str]:
+    """
+    Return a name for each of several runs, all different.
+
+    Where experiment, law and switching are the same, gains that differ are added; where these
+    are the same too, the name of the bag, or a number.
+    """
+    found = [name(result) for result in results]
+    for clash in [text for text, count in Counter(found).items() if count > 1]:
+        mine = [i for i, text in enumerate(found) if text == clash]
+        values = [results[i].configs[-1][1].as_mapping() for i in mine]
+        differ = [key for key in _SIGNS if len({str(v[key]) for v in values}) > 1]
+        for i, value in zip(mine, values):
+            if differ:
+                found[i] += ', ' + ', '.join(
+                    f'{_SIGNS[key]} {number_text(value[key])}' for key in differ[:3])
+    for i in _repeated(found):
+        if results[i].source:
+            found[i] += f', bag {results[i].source}'
+    for k, i in enumerate(_repeated(found), 1):
+        found[i] += f' #{k}'
+    return found
+
+
+def colours(results: Sequence[Result]) -> list[str]:
+    """Return a colour for each run: that of its law, once per experiment and law."""
+    used: dict[str, set[str]] = {}
+    found: list[str] = []
+    for result in results:
+        taken = used.setdefault(result.experiment, set())
+        choice = next((c for c in (colour(result), *_FURTHER) if c not in taken),
+                      _FURTHER[len(found) % len(_FURTHER)])
+        taken.add(choice)
+        found.append(choice)
+    return found
+
+
+def colour(result: Result) -> str:
+    """Return the colour of a run by itself."""
+    return MIXED if result.changes else LAW_COLOURS.get(result.law, _FURTHER[0])
+
+
+def gains(result: Result) -> str:
+    """Return the gains in force at the end, and the sample period, on one line."""
+    values = [f'{_SIGNS[key]} {number_text(value)}' for key, value in result.gains.items()
+              if key != 'ka' or result.law == 'chattering']
+    return ', '.join([*values, f'h {1e3 * result.configs[-1][1].control_period:g} ms'])
+
+
+def number_text(value: Any) -> str:
+    """Return a number, or several, once if they are the same."""
+    if not isinstance(value, (list, tuple)):
+        return f'{value:g}'
+    return f'{value[0]:g}' if len(set(value)) == 1 else '/'.join(f'{x:g}' for x in value)
+
+
+def _repeated(found: Sequence[str]) -> list[int]:
+    counts = Counter(found)
+    return [i for i, text in enumerate(found) if counts[text] > 1]

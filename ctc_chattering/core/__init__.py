@@ -1,1 +1,0 @@
-"""The numbers: models, friction, filter, laws, reference, simulation. Nothing here knows ROS."""

@@ -1,0 +1,75 @@
+"""What a URDF says of masses and inertias, checked link by link: no rigid body can break these."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from ctc_chattering.dynamics.urdf_parser import parse_description
+
+#: By how much a moment of inertia may exceed the sum of the others: digits of the file.
+_ROUNDING = 1e-3
+#: What counts as 0 [kg*m^2].
+_NOTHING = 1e-15
+
+
+def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
+    """
+    Return what is wrong with the links that move, a line for each; empty if nothing is.
+
+    A link moves if one of `joints` is between it and the root. It must have a mass if it has a
+    shape, and principal moments of inertia that are positive and of which none exceeds the sum
+    of the other two.
+
+    Parameters
+    ----------
+    urdf : str
+        Text that `core.tree.Tree` accepts.
+    joints : sequence of str
+        Those of the model.
+
+    """
+    robot = parse_description(urdf)
+    return [f'link {name} {fault}' for link in robot.findall('link')
+            if (name := link.get('name', '')) in _moving(robot, joints)
+            and (fault := _fault(link))]
+
+
+def _moving(robot: ET.Element, joints: Sequence[str]) -> set[str]:
+    """Return the names of the links beyond one of the joints."""
+    def end(joint: ET.Element, tag: str) -> str:
+        element = joint.find(tag)
+        return '' if element is None else element.get('link', '')
+
+    edges = [(joint.get('name'), end(joint, 'parent'), end(joint, 'child'))
+             for joint in robot.findall('joint')]
+    moving = {child for name, _, child in edges if name in joints}
+    waiting = list(moving)
+    while waiting:
+        link = waiting.pop()
+        further = [child for _, parent, child in edges if parent == link and child not in moving]
+        moving.update(further)
+        waiting += further
+    return moving
+
+
+def _fault(link: ET.Element) -> str:
+    """Return what is wrong with the inertia of a link; empty for nothing."""
+    shaped = link.find('visual') is not None or link.find('collision') is not None
+    mass, tensor = link.find('inertial/mass'), link.find('inertial/inertia')
+    if mass is None or tensor is None:
+        return 'moves and has a shape, but no inertia' if shaped else ''
+    m = float(mass.get('value', ''))
+    xx, xy, xz, yy, yz, zz = (
+        float(tensor.get(key, '')) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))
+    first, second, third = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
+    shown = f'principal moments {first:.4g}, {second:.4g}, {third:.4g} kg*m^2'
+    if m < 0.0 or first < -_ROUNDING * abs(third) - _NOTHING:
+        return f'has a mass of {m:g} kg and {shown}: none may be negative'
+    if m == 0.0 and shaped:
+        return 'moves and has a shape, but no mass'
+    if third > (1.0 + _ROUNDING) * (first + second) + _NOTHING:
+        return f'has {shown}: the largest exceeds the sum of the others'
+    return ''

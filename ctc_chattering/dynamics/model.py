@@ -1,0 +1,80 @@
+"""
+What a robot model must offer: the terms of equation (1), M(q) ddq + C(q, dq) dq + G(q).
+
+Vectors are sequences of ``n`` floats, matrices sequences of rows: the plant integrates scalar by
+scalar. The control step takes M, C and G as arrays, from `Model.evaluate`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ctc_chattering.numerics.linear_algebra import Array, dot, Rows, solve, times, Vector
+
+__all__ = ['Array', 'Model', 'Rows', 'Vector', 'dot', 'solve', 'times']
+
+
+class Model(ABC):
+    """
+    Rigid-body dynamics of an arm with `n` joints.
+
+    A subclass gives M, C and G; all else follows from them. It overrides what it has a faster
+    closed form of.
+    """
+
+    #: Number of joints.
+    n: int
+    #: Largest torque of each joint, inf for unlimited [N·m]; empty where nothing is known.
+    effort_limits: Vector = ()
+
+    @abstractmethod
+    def mass_matrix(self, q: Vector) -> Rows:
+        """Return M(q), shape (n, n), symmetric positive definite [kg·m²]."""
+
+    @abstractmethod
+    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
+        """Return C(q, dq), shape (n, n), such that ½ dM/dt - C is skew-symmetric."""
+
+    @abstractmethod
+    def gravity_torque(self, q: Vector) -> Vector:
+        """Return G(q), shape (n,) [N·m]."""
+
+    @abstractmethod
+    def potential_energy(self, q: Vector) -> float:
+        """Return the potential whose gradient is G(q) [J]."""
+
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q) as arrays, shapes (n, n), (n, n) and (n,)."""
+        at, speed = q.tolist(), dq.tolist()
+        return (np.array(self.mass_matrix(at), float),
+                np.array(self.coriolis_matrix(at, speed), float),
+                np.array(self.gravity_torque(at), float))
+
+    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
+        """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
+        return [x + y + z for x, y, z in zip(
+            times(self.mass_matrix(q), a), times(self.coriolis_matrix(q, dq), dq),
+            self.gravity_torque(q))]
+
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        """
+        Return ddq, shape (n,) [rad/s²], of (1) under the torque `u`.
+
+        Parameters
+        ----------
+        q, dq, u : sequence of float, shape (n,)
+            Position [rad], velocity [rad/s] and the sum of all torques but C dq and G [N·m].
+        fixed_joints : int
+            Bit i set: joint i is held still by a torque of its own, so that ddq_i = 0.
+
+        """
+        mass = self.mass_matrix(q)
+        bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)
+        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
+        a = solve([[mass[i][j] for j in free] for i in free], [u[i] - bias[i] for i in free])
+        ddq = [0.0] * self.n
+        for i, value in zip(free, a):
+            ddq[i] = value
+        return ddq

@@ -1,0 +1,131 @@
+"""
+The models that the parameter ``model`` can name.
+
+A model of your own is a class derived from `Model`, in a module that Python finds. The parameter
+names it ``package.module:Class``; it is made as ``Class(joint_names, gravity)``, with a tuple of
+names and [m/s²], and its attribute ``n`` must be the number of names. `check_dynamics`, or
+``ctc check-model --model package.module:Class``, tests it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import importlib
+from math import isfinite
+import re
+from typing import Protocol
+
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.errors import CtcError, ParameterError, refused_as
+
+#: Values of the parameter ``model``, besides classes.
+MODELS = ('two_link', 'urdf')
+_ALLOWED = f'{" | ".join(MODELS)} | package.module:Class'
+_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
+
+
+def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint1', 'joint2'),
+               urdf: str = '', locked: Mapping[str, float] | None = None) -> Model:
+    """
+    Return a model.
+
+    Parameters
+    ----------
+    name : str
+        One of `MODELS`, or ``package.module:Class``.
+    gravity : float
+        Acceleration of gravity [m/s²].
+    joint_names : tuple of str
+        Joints of the model, in order.
+    urdf : str
+        Model ``urdf``: the text of the URDF.
+    locked : mapping of str to float, optional
+        Model ``urdf``: positions of joints that are not in `joint_names`; 0 for those left out.
+
+    Raises
+    ------
+    CtcError
+        If there is no such model, or not for these joints.
+
+    """
+    check_model(name, joint_names)
+    if name == 'two_link':
+        return TwoLink(gravity)
+    if name == 'urdf':
+        if not urdf.strip():
+            raise CtcError('model urdf needs the parameter description, or the topic '
+                           'robot_description')
+        from ctc_chattering.dynamics.urdf_model import UrdfModel
+        with refused_as('URDF: there is no model of it'):
+            return UrdfModel(urdf, joint_names, gravity, locked)
+    return _own(name, joint_names, gravity)
+
+
+class Described(Protocol):
+    """What a configuration says of its model."""
+
+    @property
+    def model(self) -> str:
+        """Name of the model."""
+
+    @property
+    def gravity(self) -> float:
+        """Acceleration of gravity [m/s²]."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Joints of the model."""
+
+    @property
+    def locked(self) -> tuple[str, ...]:
+        """Positions of joints that are locked."""
+
+
+def model_of(config: Described, description: str = '') -> Model:
+    """Return the model that a configuration names; `description` is the text of a URDF."""
+    return make_model(config.model, config.gravity, config.joint_names, description,
+                      locked_positions(config.locked))
+
+
+def locked_positions(lines: Sequence[str]) -> dict[str, float]:
+    """
+    Return joints and positions [rad or m] from lines "name position".
+
+    Raises
+    ------
+    ParameterError
+        For a line that is not of this form.
+
+    """
+    result = {}
+    for line in filter(None, lines):
+        try:
+            name, position = line.split()
+            result[name] = float(position)
+        except ValueError:
+            raise ParameterError('locked', line, '"name position"') from None
+        if not isfinite(result[name]):
+            raise ParameterError('locked', line, 'a finite position')
+    return result
+
+
+def check_model(name: str, joint_names: tuple[str, ...]) -> None:
+    """Raise `ParameterError` unless `name` may be a model, for as many joints as are named."""
+    if name not in MODELS and not _CLASS.fullmatch(name):
+        raise ParameterError('model', name, _ALLOWED)
+    if name == 'two_link' and len(joint_names) != TwoLink.n:
+        raise ParameterError('joint_names', joint_names, f'{TwoLink.n} names for model {name}')
+
+
+def _own(name: str, joint_names: tuple[str, ...], gravity: float) -> Model:
+    """Return an instance of a class of the user's."""
+    module, _, attribute = name.partition(':')
+    with refused_as(f'the model {name} cannot be made'):
+        made = getattr(importlib.import_module(module), attribute)(joint_names, gravity)
+    if not isinstance(made, Model):
+        raise CtcError(f'the model {name} is not derived from ctc_chattering.dynamics.model.Model')
+    if getattr(made, 'n', None) != len(joint_names):
+        raise ParameterError('joint_names', joint_names,
+                             f'{getattr(made, "n", "no")} names for model {name}')
+    return made

@@ -1,0 +1,54 @@
+"""A model with inertia and gravity scaled: what a controller has that knows its arm badly."""
+
+from __future__ import annotations
+
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
+
+
+class Scaled(Model):
+    """
+    Another model with M and C times one factor and G times another.
+
+    Parameters
+    ----------
+    model : Model
+        The one to scale.
+    inertia : float
+        Factor of M and C.
+    gravity : float
+        Factor of G.
+
+    """
+
+    def __init__(self, model: Model, inertia: float, gravity: float) -> None:
+        self.n, self.effort_limits = model.n, model.effort_limits
+        self._model = model
+        self._inertia, self._gravity = inertia, gravity
+
+    def mass_matrix(self, q: Vector) -> Rows:
+        """Return M(q), shape (n, n)."""
+        return [[self._inertia * x for x in row] for row in self._model.mass_matrix(q)]
+
+    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
+        """Return C(q, dq), shape (n, n)."""
+        return [[self._inertia * x for x in row] for row in self._model.coriolis_matrix(q, dq)]
+
+    def gravity_torque(self, q: Vector) -> Vector:
+        """Return G(q), shape (n,)."""
+        return [self._gravity * x for x in self._model.gravity_torque(q)]
+
+    def potential_energy(self, q: Vector) -> float:
+        """Return the scaled potential energy [J]."""
+        return self._gravity * self._model.potential_energy(q)
+
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
+        mass, coriolis, weight = self._model.evaluate(q, dq)
+        return self._inertia * mass, self._inertia * coriolis, self._gravity * weight
+
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        """Return ddq, shape (n,): M ddq + C dq = (u - G) / factor with the M, C of the other."""
+        weight = self._model.gravity_torque(q)
+        return self._model.forward_dynamics(q, dq, [
+            (x - self._gravity * g) / self._inertia + g for x, g in zip(u, weight)], fixed_joints)

@@ -1,0 +1,216 @@
+"""
+The dynamics of an arm that a URDF describes, computed by Pinocchio.
+
+Pinocchio's Coriolis matrix is that of Christoffel's symbols, so that ½ dM/dt - C is skew-symmetric
+and C(q, x) y = C(q, y) x. Only inertias and joints are read: meshes are not looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import importlib
+import struct
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.urdf_parser import movable_joints, Tree
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
+from ctc_chattering.parameters import check_joint_names
+
+__all__ = ['UrdfModel', 'movable_joints']
+
+#: Least eigenvalue of M, scaled to a diagonal of ones, that counts as more than rounding.
+_SINGULAR = 1e-10
+
+
+class UrdfModel(Model):
+    """
+    Some joints of a URDF, the others locked.
+
+    Every position is one number, [rad] or [m], of a continuous joint as well. The model is for
+    one thread at a time.
+
+    Parameters
+    ----------
+    urdf : str
+        Text of the URDF.
+    joint_names : sequence of str
+        Joints of the model, in the order of its vectors.
+    gravity : float
+        Acceleration of gravity, along -z of the root link [m/s²].
+    locked : mapping of str to float, optional
+        Positions of other joints [rad or m]; 0 for those left out. A joint that mimics one of
+        these goes with it.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        As given.
+    position_limits : tuple of (float, float), length n
+        Least and greatest position; ∓inf where the URDF has none.
+    velocity_limits, effort_limits : tuple of float, length n
+        inf where the URDF has none, or 0.
+
+    Raises
+    ------
+    CtcError
+        If Pinocchio is missing, the URDF is no tree of joints with one degree of freedom, or M is
+        singular; the message names the joints concerned.
+
+    """
+
+    def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
+                 locked: Mapping[str, float] | None = None) -> None:
+        pin = _pinocchio()
+        self.joint_names = tuple(joint_names)
+        check_joint_names(self.joint_names)
+        tree = Tree(urdf)
+        stand = tree.locked(self.joint_names, locked or {})
+        joints = [tree.joints[name] for name in self.joint_names]
+        self.position_limits = tuple(joint.position for joint in joints)
+        self.velocity_limits = tuple(joint.velocity for joint in joints)
+        self.effort_limits = tuple(joint.effort for joint in joints)
+        self.n = n = len(joints)
+        self.gravity = gravity
+        self._pin, self._model = pin, _reduced(pin, tree, stand)
+        self._data = self._model.createData()
+        order = [self._model.joints[self._model.getJointId(name)].idx_v
+                 for name in self.joint_names]
+        #: Indices that bring a vector into Pinocchio's order; a vector and a matrix back from it.
+        self._order: Any = np.argsort(order)
+        self._back: Any = np.array(order)
+        self._square: Any = np.ix_(order, order)
+        if order == list(range(n)):  # A view takes less time than a copy.
+            self._order = self._back = self._square = slice(None)
+        self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
+        self._q, self._dq, self._x = (np.zeros(n) for _ in range(3))
+        self._write = struct.Struct(f'{n}d').pack_into
+        self._check_inertia()
+
+    @property
+    def pinocchio_model(self) -> Any:
+        """Pinocchio's own model, for looking at."""
+        return self._model
+
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
+        pin, model, data = self._pin, self._model, self._data
+        q, dq = q[self._order], dq[self._order]
+        return (pin.crba(model, data, q)[self._square].copy(),
+                pin.computeCoriolisMatrix(model, data, q, dq)[self._square].copy(),
+                pin.computeGeneralizedGravity(model, data, q)[self._back].copy())
+
+    def mass_matrix(self, q: Vector) -> Rows:
+        """Return M(q), shape (n, n)."""
+        rows: Rows = self._mass(q).tolist()
+        return rows
+
+    def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
+        """Return C(q, dq), shape (n, n), of Christoffel's symbols."""
+        made = self._pin.computeCoriolisMatrix(
+            self._model, self._data, self._put(self._q, q), self._put(self._dq, dq))
+        rows: Rows = made[self._square].tolist()
+        return rows
+
+    def gravity_torque(self, q: Vector) -> Vector:
+        """Return G(q), shape (n,) [N·m or N]."""
+        return self._listed(self._pin.computeGeneralizedGravity(
+            self._model, self._data, self._put(self._q, q)))
+
+    def potential_energy(self, q: Vector) -> float:
+        """Return the potential energy, 0 where the centre of mass is at the root [J]."""
+        return float(self._pin.computePotentialEnergy(
+            self._model, self._data, self._put(self._q, q)))
+
+    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
+        """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
+        return self._listed(self._pin.rnea(
+            self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
+            self._put(self._x, a)))
+
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        """Return ddq, shape (n,), with the joints of the bit mask `fixed_joints` held still."""
+        if not fixed_joints:
+            return self._listed(self._pin.aba(
+                self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
+                self._put(self._x, u)))
+        ddq = [0.0] * self.n
+        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
+        if free:
+            bias = self.inverse_dynamics(q, dq, ddq)
+            a = np.linalg.solve(self._mass(q)[np.ix_(free, free)], [u[i] - bias[i] for i in free])
+            for i, value in zip(free, a.tolist()):
+                ddq[i] = value
+        return ddq
+
+    def _put(self, buffer: Array, x: Vector) -> Array:
+        """Return `x` as an array in Pinocchio's order: in `buffer`, or a new one."""
+        self._write(buffer.data, 0, *x)
+        ordered: Array = buffer[self._order]
+        return ordered
+
+    def _listed(self, x: Array) -> list[float]:
+        """Return an array in Pinocchio's order as a list in that of the vectors."""
+        values: list[float] = x[self._back].tolist()
+        return values
+
+    def _mass(self, q: Vector) -> Array:
+        """Return M(q); the next call may overwrite the array."""
+        made: Array = self._pin.crba(self._model, self._data, self._put(self._q, q))[self._square]
+        return made
+
+    def _check_inertia(self) -> None:
+        """Raise `CtcError` unless M is positive definite at a few positions."""
+        rng = np.random.default_rng(0)
+        for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (4, self.n))):
+            weak = _weak(np.array(self.mass_matrix(q.tolist())))
+            if weak:
+                names = ', '.join(self.joint_names[i] for i in weak)
+                raise CtcError(
+                    f'URDF: M is singular: too little inertia is moved by {names} (a link '
+                    'without mass?)')
+
+
+def _weak(mass: Array) -> list[int]:
+    """Return the joints along whose motion M is singular; none if it is positive definite."""
+    diagonal = mass.diagonal()
+    if not np.isfinite(mass).all():
+        return list(range(len(mass)))
+    bare = np.flatnonzero(diagonal <= 1e-14 * diagonal.max()).tolist()
+    if bare or diagonal.max() <= 0.0:
+        return bare or list(range(len(mass)))
+    scale = np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
+    if values[0] > _SINGULAR:
+        return []
+    part = np.abs(vectors[:, 0])
+    found: list[int] = np.flatnonzero(part > 0.1 * part.max()).tolist()
+    return found
+
+
+def _pinocchio() -> Any:
+    """Return the library, which only this model needs."""
+    try:
+        library = importlib.import_module('pinocchio')
+        if not hasattr(library, 'buildModelFromXML'):
+            raise ImportError('another package has its name')
+    except ImportError as error:
+        raise CtcError(f'the model urdf needs Pinocchio ({error}): pip install pin, or '
+                       'apt install ros-jazzy-pinocchio') from None
+    return library
+
+
+def _reduced(pin: Any, tree: Tree, stand: Mapping[str, float]) -> Any:
+    """Return Pinocchio's model of the joints that are not in `stand`, where the others are."""
+    with refused_as('URDF: Pinocchio refuses it'):
+        model = pin.buildModelFromXML(tree.bare())
+        q = pin.neutral(model)
+        ids = []
+        for name, value in stand.items():
+            joint = model.getJointId(name)
+            q[model.joints[joint].idx_q] = value
+            ids.append(joint)
+        return pin.buildReducedModel(model, ids, q)

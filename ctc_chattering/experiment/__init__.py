@@ -1,0 +1,1 @@
+"""Parameter files and what they name."""

@@ -1,0 +1,58 @@
+"""Parameters that change during a run, from lines "time node parameter value"."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.experiment.yaml_file import parse_value
+from ctc_chattering.parameters import Config
+from ctc_chattering.simulation.closed_loop import Event
+
+
+def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[Event, ...]:
+    """
+    Return the events that `lines` describe, each "time node parameter value".
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The value is YAML; empty lines are ignored.
+    configs : mapping
+        Configuration of each node that can have events, at the start of the run.
+
+    Raises
+    ------
+    CtcError
+        For a line of another form, a parameter that cannot change while the node runs,
+        or a value that is not allowed.
+
+    """
+    events = []
+    for line in filter(None, lines):
+        words = line.split(None, 3)
+        try:
+            time, (node, name, value) = float(words[0]), words[1:]
+            config = configs[node]
+        except (ValueError, IndexError, KeyError):
+            raise ParameterError(
+                'events', line, '"time node parameter value", node ' + ' | '.join(configs)
+            ) from None
+        if not 0.0 <= time < float('inf'):
+            raise ParameterError('events', line, 'a time >= 0')
+        try:
+            parsed = parse_value(value)
+        except CtcError:
+            raise ParameterError('events', line, 'a value in YAML, not null') from None
+        events.append((time, node, name, parsed, config))
+    events.sort(key=lambda event: event[0])
+    current = dict(configs)
+    result = []
+    for time, node, name, value, _ in events:
+        spec = current[node].parameters().get(name)
+        if spec is not None and spec.read_only:
+            raise ParameterError('events', name, 'a parameter that can change during the run')
+        current[node] = current[node].changed({name: value})
+        result.append(Event(time, node, {name: getattr(current[node], spec.field)}
+                            if spec else {}))
+    return tuple(result)

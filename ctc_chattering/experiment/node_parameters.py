@@ -1,0 +1,197 @@
+"""
+Parameters of the executables besides those of controller, plant and reference themselves.
+
+One class per executable; with the configuration class of the same title it makes up the parameters
+of that node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.parameters import Config, Parameter, parameter
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+
+def _wait_for() -> Any:
+    return parameter(
+        'wait_for', 'str[]', ('',),
+        'Nodes that must have subscribed before the first message is sent (set by bringup).',
+        shape='any', read_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class RealTimeSettings(Config):
+    """Parameters of the scheduling of a process, named as those of ros2_control's manager."""
+
+    title: ClassVar[str] = 'real time'
+
+    thread_priority: int = parameter(
+        'thread_priority', 'int', 50,
+        'Real time: priority of SCHED_FIFO to ask for; 0 for none.',
+        minimum=0, maximum=99, read_only=True)
+    lock_memory: bool = parameter(
+        'lock_memory', 'bool', True,
+        'Real time: whether to ask that memory in use is never moved to the disk.',
+        read_only=True)
+    cpu_affinity: int = parameter(
+        'cpu_affinity', 'int', -1, 'The only processor to run on; -1 for any.',
+        minimum=-1, maximum=1023, read_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class PlantSettings(Config):
+    """Parameters of the plant node besides the physics."""
+
+    title: ClassVar[str] = 'plant'
+
+    hold_at: float = parameter(
+        'hold_at', 'float', 0.0,
+        'Lockstep: simulated time is held before the first state at or after this time, until the '
+        'value is set again; 0 for never.', unit='s', minimum=0.0)
+    clock_period: float = parameter(
+        'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
+        unit='s', minimum=0.0, exclusive=True, read_only=True)
+    command_timeout: float = parameter(
+        'command_timeout', 'float', 0.02,
+        'Real time: after this time without a command (at least three control periods), the '
+        'torque is 0 and the brakes hold, until the next one. At most 1/Kv: a torque held for '
+        'longer makes the motion diverge.', unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
+    wait_for: tuple[str, ...] = _wait_for()
+
+
+@dataclasses.dataclass(frozen=True)
+class ControllerSettings(Config):
+    """Parameters of the controller node besides the law."""
+
+    title: ClassVar[str] = 'controller'
+
+    state_timeout: float = parameter(
+        'state_timeout', 'float', 0.02,
+        'Real time: after this time without a state (at least three control periods), or after a '
+        'gap as long in its stamps, the law restarts.', unit='s', minimum=0.0, exclusive=True,
+        maximum=3600.0, read_only=True)
+    reference_timeout: float = parameter(
+        'reference_timeout', 'float', 0.1,
+        'A late reference continues at its last velocity for this time; then the position is '
+        'held.', unit='s', minimum=0.0, maximum=3600.0, read_only=True)
+    restart_duration: float = parameter(
+        'restart_duration', 'float', 2.0,
+        "Time over which the desired motion returns from the robot's position to the reference "
+        'after more than 0.1 s without a torque; 0 for none.', unit='s', minimum=0.0,
+        maximum=3600.0)
+    enabled: bool = parameter(
+        'enabled', 'bool', True, 'Whether torques are sent from the start; see ~/enable.',
+        read_only=True)
+    state_decimation: int = parameter(
+        'state_decimation', 'int', 10,
+        'The topics under ~/ carry every Nth sample; all are recomputed from a bag.',
+        minimum=1, maximum=1_000_000)
+    wait_for: tuple[str, ...] = _wait_for()
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceSettings(Config):
+    """Parameters of the reference node besides the motion."""
+
+    title: ClassVar[str] = 'reference'
+
+    horizon: float = parameter(
+        'horizon', 'float', 0.5, 'How far ahead of time the motion is published.', unit='s',
+        minimum=0.01, maximum=60.0, read_only=True)
+    wait_for: tuple[str, ...] = _wait_for()
+
+
+@dataclasses.dataclass(frozen=True)
+class RecorderSettings(Config):
+    """Parameters of the recorder node."""
+
+    title: ClassVar[str] = 'recorder'
+
+    bag: str = parameter(
+        'bag', 'str', 'bag', 'Directory to create for the bag.', read_only=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class BringupSettings(Config):
+    """Parameters of bringup."""
+
+    title: ClassVar[str] = 'bringup'
+
+    events: tuple[str, ...] = parameter(
+        'events', 'str[]', ('',),
+        'Parameters to set during the run, each "time node parameter value", time in s.',
+        shape='any', read_only=True)
+    one_processor: bool = parameter(
+        'one_processor', 'bool', True,
+        'Lockstep: keep plant and controller, which take turns, on one processor; waking each '
+        'other across two costs more than it saves.', read_only=True)
+
+
+#: The configurations that make up the parameters of each executable.
+NODES: dict[str, Sequence[type[Config]]] = {
+    'plant': (PlantConfig, PlantSettings, RealTimeSettings),
+    'controller': (ControllerConfig, ControllerSettings, RealTimeSettings),
+    'reference': (ReferenceConfig, ReferenceSettings, RealTimeSettings),
+    'recorder': (RecorderSettings,),
+    'bringup': (BringupSettings,),
+}
+
+
+#: The nodes of the control loop.
+LOOP = ('plant', 'controller', 'reference')
+
+
+def parameters_of(node: str) -> dict[str, Parameter]:
+    """Return all parameters of the executable `node` by name."""
+    return {name: spec for config in NODES[node] for name, spec in config.parameters().items()}
+
+
+#: Description of each node for its --help.
+NODE_DESCRIPTIONS = {
+    'plant': 'The simulated robot: torques in, joint states out.',
+    'controller': 'The controller: a joint state in, the torque that answers it out.',
+    'reference': 'The reference: the desired motion, published ahead of time.',
+    'recorder': 'The recorder: every message of the graph into a bag.'}
+
+
+def parameter_help(node: str) -> str:
+    """Return the parameters of an executable, one a line."""
+    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec)}): {spec.description}'
+                     for spec in parameters_of(node).values())
+
+
+def parameter_table() -> str:
+    """Return all parameters of all executables as Markdown."""
+    lines = ['| node | parameter | type | default | unit | while running | meaning |',
+             '|---|---|---|---|---|---|---|']
+    for node in NODES:
+        for spec in parameters_of(node).values():
+            shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
+            meaning = spec.description
+            if spec.choices:
+                meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
+            elif spec.minimum > -math.inf:
+                meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
+            lines.append(
+                f'| {node} | `{spec.name}` | {spec.kind}{shape} | `{_shown(spec)}` | '
+                f'{spec.unit.replace("*", "·").replace("^2", "²")} | '
+                f'{"" if spec.read_only else "yes"} | {meaning} |')
+    return '\n'.join(lines)
+
+
+def _shown(spec: Parameter) -> str:
+    """Return a default for the table; one number stands for every joint."""
+    if isinstance(spec.default, tuple):
+        return '[' + ', '.join(
+            f'{x:.6g}' if isinstance(x, float) else x or "''" for x in spec.default) + ']'
+    if isinstance(spec.default, float):
+        return f'{spec.default:g}'.replace('inf', '.inf')
+    if isinstance(spec.default, bool):
+        return str(spec.default).lower()
+    return str(spec.default) or "''"

@@ -1,0 +1,265 @@
+"""Parameter files in the syntax of ROS 2, read and checked without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.experiment.events import parse_events
+from ctc_chattering.experiment.node_parameters import BringupSettings, LOOP, NODES, parameters_of
+from ctc_chattering.experiment.robot_description import read_description
+from ctc_chattering.experiment.trajectory_file import read_trajectory
+from ctc_chattering.experiment.yaml_file import Dumper, read_yaml
+from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.parameters import Config
+from ctc_chattering.simulation.closed_loop import Event
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.registry import check_start
+from ctc_chattering.trajectory.joint_limits import Limits
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
+
+Values = dict[str, Any]
+#: Values by node and parameter that override those of a file; node ``/**`` for all nodes.
+Overrides = Mapping[str, Mapping[str, Any]]
+#: Section whose parameters apply to every node that has them.
+EVERY_NODE = '/**'
+#: Parameters of every ROS node; without ROS they have no effect.
+OF_ROS = ('use_sim_time', 'start_type_description_service')
+
+
+@dataclasses.dataclass(frozen=True)
+class Setup:
+    """
+    The checked contents of a parameter file.
+
+    Attributes
+    ----------
+    plant, controller, reference
+        Configurations of the core.
+    events : tuple of Event
+        Parameters that change during the run, in the order of time.
+    values : mapping
+        Every parameter's value, by executable and parameter.
+    route : Route or None
+        Contents of the reference's `trajectory_file`, in the order of its joints.
+    descriptions : mapping
+        Text of the robot's description by node, for those that need one and name a file.
+
+    """
+
+    plant: PlantConfig
+    controller: ControllerConfig
+    reference: ReferenceConfig
+    events: tuple[Event, ...]
+    values: Mapping[str, Values]
+    route: Route | None = None
+    descriptions: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
+    """
+    Read a parameter file for the whole graph.
+
+    Parameters
+    ----------
+    path : Path or None
+        None for the defaults: the paper's first experiment.
+    overrides : mapping, optional
+        Values that override the file's.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be read, or has an unknown node or parameter, a value that is not
+        allowed, or contradictory values; or if its file of waypoints is wrong.
+
+    """
+    sections = read(path) if path is not None else {}
+    for name in sections:
+        if name not in (*NODES, EVERY_NODE):
+            raise CtcError(f'{path}: no node is called {name}; allowed: '
+                           + ', '.join((*NODES, EVERY_NODE)))
+    values = {node: node_values(sections, node, str(path)) for node in NODES}
+    for node in NODES:
+        known = parameters_of(node)
+        for section in (EVERY_NODE, node):
+            for key, value in (overrides or {}).get(section, {}).items():
+                if key in known or section == node:
+                    values[node][key] = value
+    values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
+    configs = {node: [_build(config, values[node], node) for config in NODES[node]]
+               for node in NODES}
+    plant, controller, reference = (configs[node][0] for node in LOOP)
+    bringup = configs['bringup'][0]
+    assert isinstance(plant, PlantConfig) and isinstance(controller, ControllerConfig)
+    assert isinstance(reference, ReferenceConfig) and isinstance(bringup, BringupSettings)
+    _check_agreement(plant, controller, reference)
+    if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
+        raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
+                         'gives the time itself, in lockstep on clock')
+    events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
+    resolved = {node: {name: value for config in configs[node]
+                       for name, value in config.as_mapping().items()} for node in NODES}
+    route = None
+    if reference.trajectory_file:
+        route = read_trajectory(Path(reference.trajectory_file), reference.joint_names)
+    descriptions = {node: read_description(config.description)
+                    for node, config in (('plant', plant), ('controller', controller))
+                    if config.described and config.description}
+    check_start(plant, descriptions.get('plant', ''))
+    _check_motion(reference, route, plant)
+    return Setup(plant, controller, reference, events, resolved, route, descriptions)
+
+
+def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
+    """
+    Write a parameter file with all values, for nodes in `namespace`.
+
+    Parameters
+    ----------
+    values : mapping
+        Values by node and parameter.
+    namespace : str
+        For example ``/robot1``; ROS takes no wildcard in front of a node's name.
+    path : Path
+        File to write.
+
+    """
+    tree = {f'{namespace.rstrip("/")}/{node}': {'ros__parameters': {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in mine.items()}} for node, mine in values.items()}
+    path.write_text(yaml.dump(tree, Dumper=Dumper, default_flow_style=None), encoding='utf-8')
+
+
+def read(path: Path) -> dict[str, Values]:
+    """
+    Return the sections of a parameter file: node name to flat parameter values.
+
+    A node's namespace is left out; ``/**`` stays as it is.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be read or is no parameter file.
+
+    """
+    sections: dict[str, Values] = {}
+    for name, values in full_sections(path):
+        last = name.rsplit('/', 1)[1]
+        sections.setdefault(EVERY_NODE if '*' in last else last, {}).update(values)
+    return sections
+
+
+def full_sections(path: Path) -> list[tuple[str, Values]]:
+    """Return the sections of a parameter file in order: full name and flat values; see `read`."""
+    tree = read_yaml(path)
+    if not isinstance(tree, dict):
+        raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
+    try:
+        return list(_sections(tree, '', path))
+    except RecursionError:
+        raise CtcError(f'{path}: not a parameter file; it contains itself') from None
+
+
+def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Values]]:
+    for key, below in tree.items():
+        name = f'{prefix}/{key}'.replace('//', '/')
+        if not isinstance(below, dict):
+            raise CtcError(f'{path}: {name}: ros__parameters is missing')
+        if 'ros__parameters' in below:
+            values = below['ros__parameters']
+            if values is None:
+                values = {}
+            if not isinstance(values, dict):
+                raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
+            yield name, dict(_flat(values, ''))
+        else:
+            yield from _sections(below, name, path)
+
+
+def _flat(values: Mapping[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
+def node_values(sections: Mapping[str, Values], node: str, source: str) -> Values:
+    """
+    Return the values that `node` takes from the sections of a file.
+
+    Raises
+    ------
+    CtcError
+        For a parameter that the node, or under ``/**`` any node, does not have.
+
+    """
+    known = parameters_of(node)
+    values = {}
+    everyone = {name for other in NODES for name in parameters_of(other)}
+    for section, allowed in ((EVERY_NODE, everyone), (node, set(known))):
+        for name, value in sections.get(section, {}).items():
+            if name not in allowed and name not in OF_ROS:
+                raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
+                               + ', '.join(sorted(allowed)))
+            if name in known or name in OF_ROS:
+                values[name] = value
+    return values
+
+
+def _build(config: type[Config], values: Values, node: str) -> Config:
+    names = config.parameters()
+    mine = {name: value for name, value in values.items() if name in names}
+    for name, value in mine.items():
+        if value is None:
+            raise ParameterError(f'{node}: {name}', value, names[name].allowed)
+    try:
+        return config.from_mapping(mine)
+    except ParameterError as error:
+        raise ParameterError(f'{node}: {error.name}', error.value, error.allowed) from None
+
+
+def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
+                     reference: ReferenceConfig) -> None:
+    """Raise `CtcError` if the nodes' values contradict each other."""
+    names = ['joint_names', 'gravity']
+    if plant.plant_backend == 'builtin':
+        names += ['model', 'locked']
+    for name in names:
+        ours, theirs = getattr(controller, name), getattr(plant, name)
+        if ours != theirs:
+            raise _contradiction(name, 'controller', ours, 'plant', theirs)
+    for node, config in (('controller', controller), ('reference', reference)):
+        if period_ns(config.control_period) != period_ns(plant.control_period):
+            raise _contradiction('control_period', node, config.control_period, 'plant',
+                                 plant.control_period)
+    if not set(controller.joint_names) <= set(reference.joint_names):
+        raise _contradiction('joint_names', 'reference', reference.joint_names, 'controller',
+                             controller.joint_names)
+
+
+def _check_motion(reference: ReferenceConfig, route: Route | None, plant: PlantConfig) -> None:
+    """Raise `CtcError` if the motion, or its start, is beyond the limits of a URDF."""
+    if not (reference.described and reference.description):
+        return
+    limits = Limits(read_description(reference.description), reference.joint_names)
+    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+    try:
+        make_motion(reference, route, start, limits=limits)
+    except CtcError as error:
+        raise CtcError(f'reference: {error}') from None
+
+
+def _contradiction(name: str, node: str, value: object, other: str, expected: object) -> CtcError:
+    def shown(x: object) -> object:
+        return list(x) if isinstance(x, tuple) else x
+    return CtcError(f'{name}: {shown(value)} of {node} contradicts {shown(expected)} of {other}; '
+                    'put what nodes share under /**')

@@ -1,0 +1,88 @@
+"""Waypoints from a YAML file in the layout of trajectory_msgs/JointTrajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.experiment.yaml_file import read_yaml
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.parameters import Parameter
+from ctc_chattering.trajectory.waypoints import Route
+
+#: Times of messages are 32-bit seconds.
+_LATEST = 2 ** 31
+
+
+def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
+    """
+    Return the waypoints of a file, checked, in the order of `joint_names`.
+
+    The file has `joint_names` and `points`, each of these with `positions`, `time_from_start` (a
+    number of seconds, or `sec` and `nanosec`), and maybe `velocities` and `accelerations`. A
+    `header` is ignored: times count from the start of the motion.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    joint_names : sequence of str
+        Joints of the desired motion; the file is for all of them and no other.
+
+    Raises
+    ------
+    CtcError
+        With the file, the point and the allowed values.
+
+    """
+    tree = read_yaml(path)
+    try:
+        return _route(tree).ordered(joint_names)
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
+    except RecursionError:
+        raise ParameterError(str(path), '', 'a trajectory that does not contain itself') from None
+
+
+def _route(tree: object) -> Route:
+    values = _mapping('trajectory', tree, ('joint_names', 'points', 'header'))
+    names = Parameter('joint_names', 'str[]', (), '').coerce(values.get('joint_names'))
+    rows = values.get('points')
+    if not isinstance(rows, list):
+        raise ParameterError('points', rows, 'a list of points')
+    times, points = [], []
+    for i, row in enumerate(rows):
+        name = f'points[{i}]'
+        point = _mapping(name, row, (
+            'positions', 'velocities', 'accelerations', 'effort', 'time_from_start'))
+        if point.get('effort', []) != []:
+            raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
+        times.append(_nanoseconds(f'{name}.time_from_start', point.get('time_from_start')))
+        points.append((point.get('positions'), point.get('velocities', []),
+                       point.get('accelerations', [])))
+    return Route(names, times, points)  # type: ignore[arg-type]
+
+
+def _mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
+    """Return `value`; raise `ParameterError` unless it is a mapping with no other keys."""
+    allowed = 'a mapping of ' + ', '.join(keys)
+    if not isinstance(value, dict):
+        raise ParameterError(name, value, allowed)
+    for key in value:
+        if key not in keys:
+            raise ParameterError(name, key, allowed)
+    return value
+
+
+def _nanoseconds(name: str, value: object) -> int:
+    if isinstance(value, dict) and value and set(value) <= {'sec', 'nanosec'}:
+        sec, nanosec = value.get('sec', 0), value.get('nanosec', 0)
+        if (type(sec) is type(nanosec) is int and 0 <= sec < _LATEST
+                and 0 <= nanosec < NANOSECONDS):
+            return sec * NANOSECONDS + nanosec
+    elif (isinstance(value, (int, float)) and not isinstance(value, bool)
+            and 0 <= value < _LATEST):
+        return round(value * NANOSECONDS)
+    raise ParameterError(name, value, 'a number of seconds >= 0, or integers sec and nanosec')

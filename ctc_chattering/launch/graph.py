@@ -1,0 +1,140 @@
+"""Running the whole graph once: start the processes, watch them, stop them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import random
+import signal
+import tempfile
+from typing import Any
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.node_parameters import LOOP
+from ctc_chattering.experiment.parameter_file import Overrides
+from ctc_chattering.launch import child_process
+from ctc_chattering.ros import signals
+from ctc_chattering.ros.fastdds import use_profile
+from ctc_chattering.ros.security import check_security
+
+
+class Stopped(CtcError):
+    """The run was stopped by SIGINT or SIGTERM."""
+
+
+def perform(path: Path | None, overrides: Overrides | None = None, record: Path | None = None,
+            ros_args: Sequence[str] = (), progress: Callable[[float], None] | None = None,
+            show: Callable[[str], None] = print) -> None:
+    """
+    Run the graph until the plant ends the experiment, and leave no process behind.
+
+    Parameters
+    ----------
+    path : Path or None
+        Parameter file for all nodes.
+    overrides : mapping, optional
+        As `params.load` takes them.
+    record : Path, optional
+        Directory to create for a bag.
+    ros_args : sequence of str
+        More arguments for every node, each list beginning with ``--ros-args``.
+    progress : callable, optional
+        Called now and then with the time of the run [s].
+    show : callable
+        Called with every line that a process prints.
+
+    Raises
+    ------
+    CtcError
+        If a parameter is not allowed, a process dies, or an event is refused.
+    Stopped
+        After SIGINT or SIGTERM.
+
+    """
+    setup = parameter_file.load(path, overrides)
+    if record is not None and record.exists():
+        raise CtcError(f'{record}: exists already, not overwritten')
+    check_security()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    use_profile()
+    from ctc_chattering.launch.parameter_events import Observer
+    lockstep = setup.plant.pacing == 'lockstep'
+    names = (*(('recorder',) if record else ()), *LOOP)
+    values = {name: dict(setup.values[name]) for name in names}
+    for name in LOOP:
+        values[name]['wait_for'] = ['bringup', *names]
+    if lockstep and setup.events:
+        values['plant']['hold_at'] = setup.events[0].time
+    if record is not None:
+        values['recorder']['bag'] = str(record)
+    turns = None
+    if lockstep and setup.values['bringup']['one_processor']:
+        turns = one_processor()
+    with (stop_signals() as caught,
+          tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
+        resolved = Path(scratch) / 'params.yaml'
+        parameter_file.dump(values, _namespace(ros_args), resolved)
+        children: dict[str, child_process.Child] = {}
+        observer = None
+        try:
+            for name in names:
+                argv = child_process.node_command(
+                    name, *ros_args, '--ros-args', '--params-file', str(resolved))
+                children[name] = child_process.Child(
+                    name, argv, show, turns if name in ('plant', 'controller') else None)
+            observer = Observer(setup.events, lockstep, ros_args)
+            _watch(children, observer, caught, setup.plant.duration > 0.0, progress)
+        finally:
+            if observer is not None:
+                observer.close()
+            child_process.stop([children[x] for x in LOOP if x in children])
+            if 'recorder' in children:
+                child_process.stop([children['recorder']], patience=20.0)
+    for child in children.values():
+        if child.status:
+            raise CtcError(child.exit_report())
+
+
+def _watch(children: Mapping[str, child_process.Child], observer: Any, caught: Sequence[int],
+           ends: bool, progress: Callable[[float], None] | None) -> None:
+    """Return when the plant has ended the experiment."""
+    while True:
+        if caught:
+            raise Stopped(f'stopped by {signal.Signals(caught[0]).name}')
+        for name, child in children.items():
+            if child.status is not None:
+                if name == 'plant' and child.status == 0 and ends:
+                    return
+                raise CtcError(child.exit_report())
+        time = observer.look()
+        if progress is not None:
+            progress(time)
+
+
+def one_processor() -> set[int] | None:
+    """Return one of the processors that we may use, any; None where one cannot choose."""
+    if not hasattr(os, 'sched_getaffinity'):
+        return None
+    return {random.choice(sorted(os.sched_getaffinity(0)))}
+
+
+def _namespace(ros_args: Sequence[str]) -> str:
+    """Return the namespace that the arguments for ROS give all nodes."""
+    for word in ros_args:  # The first one wins in ROS.
+        if word.startswith('__ns:='):
+            return word.removeprefix('__ns:=')
+    return '/'
+
+
+@contextmanager
+def stop_signals() -> Any:
+    """Collect SIGINT and SIGTERM in the list that is yielded."""
+    before = {number: signal.getsignal(number) for number in signals.STOP}
+    try:
+        yield signals.collect()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

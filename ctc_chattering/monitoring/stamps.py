@@ -1,0 +1,125 @@
+"""
+Judging the stamps of joint states before anything is computed from them.
+
+A stamp that repeats, goes back or leaps is refused. Where the next one goes on from there, time
+itself has changed (a simulation was reset, a clock was set) and a new run begins. In real time a
+state that has been underway for too long, and a gap as long as the silence before it, are told by
+the time of arrival; no two clocks need agree for that, only the shortest delay seen counts.
+"""
+
+from __future__ import annotations
+
+from ctc_chattering.monitoring.watchdog import BUSY
+from ctc_chattering.numerics.time_grid import seconds
+
+#: Verdicts on stamps that are taken: the next one, one after an outage, one of a new run.
+NEXT, GAP, RESTART = 'next', 'gap', 'restart'
+#: Verdicts on stamps that are refused.
+REPEATED, BACKWARD, JUMP, STALE = 'repeated', 'backward', 'jump', 'stale'
+TAKEN = frozenset({NEXT, GAP, RESTART})
+_REASONS = {REPEATED: 'the stamp repeats', BACKWARD: 'the stamp goes back',
+            JUMP: 'the stamp leaps'}
+
+#: The shortest delay seen grows by a thousandth of time, more than clocks drift apart.
+_LEAK = 1000
+#: After so many limits of nothing but stale states the delay is believed to have changed.
+_BELIEF = 50
+
+
+class Stamps:
+    """
+    Judges one source's stamps.
+
+    Parameters
+    ----------
+    limit : int
+        Longest step that is no outage, and longest additional delay [ns].
+
+    Attributes
+    ----------
+    lateness : int
+        How much longer the state judged last was underway than the quickest one [ns]; told in
+        real time only.
+
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.lateness = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Take whatever comes next as the first."""
+        self._last: int | None = None
+        self._candidate: int | None = None
+        self._arrived = 0
+        self._least: int | None = None
+        self._stale_since: int | None = None
+
+    def classify(self, t: int, now: int, simulated: bool) -> str:
+        """
+        Return the verdict on a state.
+
+        Parameters
+        ----------
+        t : int
+            Its stamp [ns].
+        now : int
+            When it came, on a clock that only goes forward [ns].
+        simulated : bool
+            Whether time is simulated, so that arrival says nothing.
+
+        """
+        last = self._last
+        if last is None:
+            return self._take(t, now, RESTART)
+        step = t - last
+        if simulated:
+            if 0 < step <= self.limit:
+                self._last, self._arrived, self._candidate = t, now, None
+                return NEXT
+        elif step > 0:
+            if self._is_stale(t, now):
+                return STALE
+            if step <= self.limit:
+                return self._take(t, now, NEXT)
+            silence = now - self._arrived
+            if step <= silence + silence // _LEAK + self.limit:
+                return self._take(t, now, GAP)
+        if step == 0:
+            return REPEATED
+        candidate, self._candidate = self._candidate, t
+        if candidate is not None and (0 if simulated else 1) <= t - candidate <= self.limit:
+            self._least = None
+            return self._take(t, now, RESTART if step < 0 else GAP)
+        return BACKWARD if step < 0 else JUMP
+
+    def reason(self, verdict: str, t: int) -> str:
+        """Return why the state of stamp `t` [ns] was refused just now."""
+        if verdict == STALE:
+            return (f'it comes {1e3 * seconds(self.lateness):.1f} ms later than the quickest one, '
+                    f'more than {1e3 * seconds(self.limit):g} ms (state_timeout): {BUSY}')
+        return f'{_REASONS[verdict]}: {seconds(t):.9f} s'
+
+    def _take(self, t: int, now: int, verdict: str) -> str:
+        delay = now - t
+        if self._least is None:
+            self._least = delay
+        else:
+            self._least = min(self._least + (now - self._arrived) // _LEAK, delay)
+        self._last, self._arrived, self._candidate, self._stale_since = t, now, None, None
+        return verdict
+
+    def _is_stale(self, t: int, now: int) -> bool:
+        """Return whether a state comes later after its stamp than it should."""
+        if self._least is None:
+            return False
+        self.lateness = now - t - self._least
+        if self.lateness <= self.limit + (now - self._arrived) // _LEAK:
+            return False
+        if self._stale_since is None:
+            self._stale_since = now
+        if now - self._stale_since > _BELIEF * self.limit:
+            self._least = now - t
+            return False
+        return True

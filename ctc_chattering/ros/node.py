@@ -1,0 +1,222 @@
+"""What every node has: bounded spinning, an end by signals, reports on ``/diagnostics``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import time
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.task import Future
+
+from ctc_chattering.monitoring.loop_statistics import LoopStatistics
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.matching import compatible, qos
+from ctc_chattering.ros.parameter_service import TolerantParameterService
+from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import DIAGNOSTICS, TOPICS
+
+try:
+    from rclpy.experimental.events_executor import EventsExecutor as Executor
+except ImportError:  # An rclpy from before it was there: slower, but the same.
+    from rclpy.executors import SingleThreadedExecutor as Executor
+
+__all__ = ['ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'BaseNode', 'Executor', 'Status', 'qos']
+
+#: Levels of a `Status`, as `DiagnosticStatus` has them.
+OK, WARN, ERROR = range(3)
+#: Longest time between two looks at signals and at `BaseNode.idle` [s]. It must be finite: see
+#: docs/design.md.
+TICK = 0.05
+#: Sleep between two batches [s].
+NAP = 0.02
+#: Time between two messages on /diagnostics [ns].
+_REPORT = NANOSECONDS
+
+
+class Status(NamedTuple):
+    """What a node has to say of itself."""
+
+    #: One of `OK`, `WARN` and `ERROR`.
+    level: int
+    #: Its state in a few words.
+    message: str
+    #: Whatever else, by name.
+    values: Mapping[str, object]
+
+
+class BaseNode(Node):
+    """
+    A node that `run` can drive, and that reports on ``/diagnostics`` once a second.
+
+    Attributes
+    ----------
+    statistics : LoopStatistics
+        Of its samples, where it has any.
+    inputs : list of ValidatedSubscription
+        The topics that it obeys, for the report.
+    tick : float
+        Longest time between two calls of `idle` [s].
+    lockstep : bool
+        Whether simulated time waits for it.
+    done : Future
+        Complete it to end the process with status 0.
+    failure : str or None
+        Set it to have the process end with status 1.
+    stop : sequence of int
+        The signals that have asked for the end.
+    scheduling : RealTime or None
+        Of its process, where it has parameters for that.
+
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, start_parameter_services=False)
+        TolerantParameterService(self)
+        self.done = Future()
+        self.failure: str | None = None
+        self.stop: Sequence[int] = ()
+        self.tick = TICK
+        self.lockstep = False
+        self.statistics = LoopStatistics()
+        self.inputs: list[ValidatedSubscription[Any]] = []
+        self.scheduling: RealTime | None = None
+        # A spin for simulated time does not come back while there are messages: see `serve`.
+        self.create_timer(TICK, self.check_signals, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._report_due = 0
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, qos(10))
+
+    def check_signals(self) -> None:
+        """End the spin when a signal has come."""
+        if self.stop and not self.done.done():
+            self.done.set_result(None)
+
+    def idle(self) -> None:
+        """Do what need not wait for a message; called at least every `tick`."""
+
+    @property
+    def in_real_time(self) -> bool:
+        """Whether the robot waits for nobody."""
+        return False
+
+    def schedule(self) -> None:
+        """Have the process scheduled for real time while that is needed, and say so."""
+        line = self.scheduling.update(self.in_real_time) if self.scheduling else ''
+        if line:
+            self.get_logger().info(line)
+
+    def status(self) -> Status:
+        """Return what is to be reported beside the pace and what was refused."""
+        return Status(OK, 'running', {})
+
+    def introduction(self) -> str:
+        """Return in a few words what the node runs and what it waits for."""
+        return 'runs'
+
+    def report(self, now: int) -> None:
+        """Publish on ``/diagnostics`` if a second has passed; `now` [ns] on any clock."""
+        if now < self._report_due:
+            return
+        self._report_due = max(self._report_due + _REPORT, now + _REPORT // 2)
+        self.statistics.rotate(now)
+        level, message, values = self.status()
+        if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
+            level = max(level, WARN)
+            message = f'{message}; use_sim_time is true, but nobody publishes /clock'
+            self.get_logger().warning(message, throttle_duration_sec=5.0)
+        everything = dict(values)
+        if self.scheduling:
+            everything['scheduling'] = self.scheduling.outcome
+        if self.statistics.samples:
+            everything |= self.statistics.values()
+        for subscription in self.inputs:
+            names, topic = subscription.publishers(), subscription.topic
+            everything[f'{topic}: publishers'] = ', '.join(names) or 'none'
+            everything[f'{topic}: refused'] = sum(subscription.rejected.values())
+            for kind, count in sorted(subscription.rejected.items()):
+                everything[f'{topic}: refused, {kind}'] = count
+            contention = subscription.contention(names)
+            if contention:
+                told = subscription.ownership.owner is not None
+                level, message = max(level, WARN if told else ERROR), f'{message}; {contention}'
+        name = self.get_fully_qualified_name()
+        array = DiagnosticArray(status=[DiagnosticStatus(
+            level=bytes([level]), name=name, message=message, hardware_id=name,
+            values=[KeyValue(key=key, value=_shown(value))
+                    for key, value in everything.items()])])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def spin(self, executor: Any) -> None:
+        """
+        Serve callbacks for `tick`, or until it is done.
+
+        In real time it ends with a sample, if there is one: what is done before the next spin has
+        the most time then.
+        """
+        if self.lockstep:
+            executor.spin_until_future_complete(self.done, self.tick)
+        else:
+            self.serve(executor, self.tick / 2)
+            self.serve(executor, self.tick / 2, self.statistics.samples)
+
+    def serve(self, executor: Any, lasts: float, samples: int = -1) -> None:
+        """
+        Serve callbacks for `lasts` [s], until it is done, or there are more than `samples`.
+
+        A tenth faster in lockstep is EventsExecutor's spin_until_future_complete, but it does not
+        come back while there are messages, and loses some memory each time.
+        """
+        end = time.monotonic() + lasts
+        while (left := end - time.monotonic()) > 0.0 and not self.done.done():
+            executor.spin_once(left)
+            if 0 <= samples < self.statistics.samples:
+                return
+
+    def spin_in_batches(self, executor: Any) -> None:
+        """
+        Serve what has come, then sleep: for nodes that nobody waits for.
+
+        Woken for every message, such a node would take the processor away from the control loop;
+        in batches a message costs half as much.
+        """
+        self.serve(executor, 0.002)
+        time.sleep(NAP)
+
+    def finish(self) -> None:
+        """Do what must be done before the node goes."""
+
+    def subscribers_matched(self, publishers: Sequence[Publisher], wait_for: Sequence[str]
+                            ) -> bool:
+        """
+        Return whether all who should hear the first message of `publishers` would.
+
+        Parameters
+        ----------
+        publishers : sequence of Publisher
+            Those about to send.
+        wait_for : sequence of str
+            Names of nodes that have been started; those of them that read a topic, by
+            `graph.TOPICS`, must have matched with its publisher.
+
+        """
+        for publisher in publishers:
+            infos = [
+                info for info in self.get_subscriptions_info_by_topic(publisher.topic_name)
+                if compatible(publisher.qos_profile, info.qos_profile)]
+            if publisher.get_subscription_count() < len(infos):
+                return False
+            names = {info.node_name for info in infos}
+            for topic in TOPICS.values():
+                if publisher.topic_name.endswith('/' + topic.name) and not (
+                        names >= set(wait_for) & set(topic.readers)):
+                    return False
+        return True
+
+
+def _shown(value: object) -> str:
+    return f'{value:.4g}' if isinstance(value, float) else str(value)

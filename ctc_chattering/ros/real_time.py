@@ -1,0 +1,168 @@
+"""
+Real-time scheduling of a node's process: priority, locked memory, processor, garbage.
+
+All threads of the process are changed at once, those of the middleware too; what they start later
+inherits it. So the parameters can be read like all others, after the middleware has started, and
+a node asks only while time is real: with the priority, simulated time as fast as the machine can
+would leave nothing of a processor to others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+import ctypes
+import gc
+import os
+from pathlib import Path
+import signal
+import sys
+
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.experiment.node_parameters import RealTimeSettings
+
+_LINUX = sys.platform.startswith('linux')
+if _LINUX:
+    import resource
+
+#: Of Linux: limits that the module `resource` lacks, flags of mlockall, a capability's bit.
+_RLIMIT_RTPRIO, _RLIMIT_RTTIME = 14, 15
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+_CAP_IPC_LOCK = 14
+#: How long a thread with priority may compute without a pause [us]; then comes SIGXCPU.
+_LONGEST = 500_000
+#: Objects more than at the last search for reference cycles that are worth another one.
+_MANY = 2000
+_NORMAL = 'normal scheduling'
+
+
+class RealTime:
+    """
+    Asks for real-time scheduling while it is needed, and gives it back; on Linux only.
+
+    Parameters
+    ----------
+    settings : RealTimeSettings
+
+    Attributes
+    ----------
+    outcome : str
+        What is in force, and what was refused and why.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such processor.
+
+    """
+
+    def __init__(self, settings: RealTimeSettings) -> None:
+        self._settings = settings
+        self._asked = self._lost = False
+        self.outcome = _NORMAL
+        if _LINUX and settings.cpu_affinity >= 0:
+            _pin(settings.cpu_affinity)
+
+    def update(self, needed: bool) -> str:
+        """Ask for it or give it back, by `needed`; return a line to be logged, or nothing."""
+        if not _LINUX:
+            return ''
+        before = self.outcome
+        if self._lost:
+            self.outcome = (f'{_NORMAL} from now on: a processor was used for '
+                            f'{1e-6 * _LONGEST:g} s without a pause')
+        elif needed and not self._asked:
+            self.outcome = '; '.join(filter(None, (
+                _ask_for_priority(self._settings.thread_priority, self._lose),
+                _ask_for_memory() if self._settings.lock_memory else ''))) or _NORMAL
+        elif self._asked and not needed:
+            if os.sched_getscheduler(0) == os.SCHED_FIFO:
+                _schedule(0)
+            self.outcome = _NORMAL
+        self._asked = needed
+        return self.outcome if self.outcome != before else ''
+
+    def _lose(self) -> None:
+        self._lost = True
+        _schedule(0)
+
+
+def _threads() -> list[int]:
+    return [int(path.name) for path in Path('/proc/self/task').iterdir()]
+
+
+def _schedule(priority: int) -> None:
+    """Give all threads SCHED_FIFO with a priority; 0 for the normal scheduling."""
+    policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
+    for thread in _threads():
+        with suppress(ProcessLookupError):  # It has ended meanwhile.
+            os.sched_setscheduler(thread, policy, os.sched_param(priority))
+
+
+def _pin(processor: int) -> None:
+    """Have all threads run on one processor."""
+    try:
+        for thread in _threads():
+            with suppress(ProcessLookupError):
+                os.sched_setaffinity(thread, {processor})
+    except OSError:
+        allowed = ' | '.join(map(str, sorted(os.sched_getaffinity(0))))
+        raise ParameterError('cpu_affinity', processor, f'-1 | {allowed}') from None
+
+
+def _ask_for_priority(priority: int, too_long: Callable[[], None]) -> str:
+    """Return what came of it; `too_long` is called when a thread computes without a pause."""
+    if not priority:
+        return ''
+    hard = resource.getrlimit(_RLIMIT_RTTIME)[1]
+    soft = _LONGEST if hard == resource.RLIM_INFINITY else min(_LONGEST, hard)
+    signal.signal(signal.SIGXCPU, lambda *_: too_long())
+    resource.setrlimit(_RLIMIT_RTTIME, (soft, hard))
+    try:
+        _schedule(priority)
+    except OSError as error:
+        limit = resource.getrlimit(_RLIMIT_RTPRIO)[0]
+        return (f'{_NORMAL} (SCHED_FIFO {priority}: {error.strerror}; needs rtprio {priority} '
+                f'in /etc/security/limits.conf, ulimit -r is {limit}; or CAP_SYS_NICE)')
+    return f'SCHED_FIFO {priority}'
+
+
+def _ask_for_memory() -> str:
+    """
+    Have what is in memory stay there; return what came of it.
+
+    Not where there is a limit: what is needed beyond it later would be refused, and end the node.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    if limit != resource.RLIM_INFINITY and not _has_capability(_CAP_IPC_LOCK):
+        return ('memory not locked (needs memlock unlimited in /etc/security/limits.conf, '
+                f'ulimit -l is {limit // 1024}; or CAP_IPC_LOCK)')
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
+        return f'memory not locked ({os.strerror(ctypes.get_errno())})'
+    return 'memory locked'
+
+
+def _has_capability(bit: int) -> bool:
+    status = Path('/proc/self/status').read_text(encoding='ascii')
+    return bool(int(status.split('CapEff:')[1].split()[0], 16) >> bit & 1)
+
+
+@contextmanager
+def garbage_off_the_loop() -> Iterator[Callable[[], None]]:
+    """
+    Have Python search for reference cycles only when the function that is yielded is called.
+
+    What there is already is never searched: it is there until the end.
+    """
+    def collect() -> None:
+        if gc.get_count()[0] > _MANY:
+            gc.collect()
+
+    gc.freeze()
+    gc.disable()
+    try:
+        yield collect
+    finally:
+        gc.enable()
+        gc.unfreeze()

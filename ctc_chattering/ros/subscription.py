@@ -1,0 +1,147 @@
+"""A subscription that decides who is obeyed, and counts and reports what it rejects."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Mapping
+import inspect
+import time
+from typing import Any, Generic, TypeVar
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from ctc_chattering.errors import RejectedMessage
+from ctc_chattering.monitoring.topic_ownership import TopicOwnership
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.matching import MatchingSubscription
+
+T = TypeVar('T')
+
+#: By which rclpy sees that a callback wants the information.
+_SIGNATURE = inspect.signature(lambda _message, _info: None)
+#: Time between two reports of rejected messages [ns].
+_REPORT = NANOSECONDS
+
+
+def with_info(callback: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[..., None]:
+    """
+    Return a callback for a raw subscription that takes the message's information, too.
+
+    The executors of rclpy 7 disagree: SingleThreadedExecutor calls it with message and
+    information, EventsExecutor with one tuple of both. What is returned takes either.
+    """
+    def both(*arguments: Any) -> None:
+        if len(arguments) == 1:
+            callback(*arguments[0])
+        else:
+            callback(*arguments)
+
+    setattr(both, '__signature__', _SIGNATURE)  # noqa: B010
+    return both
+
+
+class ValidatedSubscription(Generic[T]):
+    """
+    Receives a topic that only one publisher may command.
+
+    Parameters
+    ----------
+    node : Node
+        Who receives.
+    kind : type
+        Message class.
+    topic : str
+        Relative name.
+    read : callable
+        Makes something useful of a serialized message; any exception says that it is none.
+    take : callable
+        Uses it: called with what was read and with the time of arrival on the monotonic clock
+        [ns]. It raises `RejectedMessage` before it has changed anything.
+    profile : QoSProfile
+        As the subscription has it.
+    part : callable, optional
+        For a topic that publishers share: returns what a message speaks of, such as a list of
+        joints, and whether that concerns us. Other messages are passed over.
+
+    Attributes
+    ----------
+    rejected : Counter
+        Rejected messages by kind.
+    ownership : TopicOwnership
+        Who is obeyed.
+
+    """
+
+    def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
+                 take: Callable[[T, int], None], profile: QoSProfile,
+                 part: Callable[[T], tuple[Hashable, bool]] | None = None) -> None:
+        self._node = node
+        self.topic = topic
+        self._full_name = node.resolve_topic_name(topic)
+        self._read, self._take, self._part = read, take, part
+        self.rejected: Counter[str] = Counter()
+        self._reported = 0
+        self.ownership = TopicOwnership()
+        self._was_contested = False
+        self.subscription = MatchingSubscription(
+            node, kind, topic, with_info(self.receive), profile)
+
+    def receive(self, data: bytes, info: Mapping[str, Any]) -> None:
+        """Use a serialized message, or count it as rejected."""
+        now = time.monotonic_ns()
+        publishers = self.subscription.current.get_publisher_count()
+        if publishers != self.ownership.publishers:
+            self.ownership.update(publishers, time.time_ns())
+        gid = info.get('publisher_gid')  # rclpy of Jazzy does not tell.
+        publisher = None if gid is None else gid['data']
+        try:
+            try:
+                message = self._read(data)
+            except Exception as error:
+                raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
+                                      f'{" ".join(str(error).split())}') from None
+            if self._part is not None:
+                part, ours = self._part(message)
+                self.ownership.note_part(part, ours, time.time_ns())
+                if not ours:
+                    return
+            if not self.ownership.admits(publisher, info.get('received_timestamp') or 0, now):
+                raise RejectedMessage('second_publisher')
+            self._take(message, now)
+            self.ownership.confirm(publisher, now)
+        except RejectedMessage as rejected:
+            self.reject(rejected, now)
+
+    def reject(self, rejected: RejectedMessage, now: int) -> None:
+        """Count a message that is not used, and say why, if there is a reason, once a second."""
+        self.rejected[rejected.kind] += 1
+        if str(rejected) and now - self._reported > _REPORT:
+            self._reported = now
+            self._node.get_logger().warning(
+                f'{self.topic}: refused: {rejected} ({sum(self.rejected.values())} so far)')
+
+    def publishers(self) -> list[str]:
+        """Return the full names of the nodes that publish on the topic, the owner's first."""
+        found = [(bytes(x.endpoint_gid) != self.ownership.owner,
+                  f'{x.node_namespace.rstrip("/")}/{x.node_name}')
+                 for x in self._node.get_publishers_info_by_topic(self._full_name)]
+        return [name for _, name in sorted(found)]
+
+    def contention(self, names: list[str]) -> str:
+        """Return what to report of several contenders among `names`, and log a change."""
+        self.ownership.update(
+            self.subscription.current.get_publisher_count(), time.time_ns())
+        contested, known = self.ownership.contested, self.ownership.owner is not None
+        message = ''
+        if contested:
+            obeyed = 'only the first is obeyed' if known else 'none is obeyed'
+            message = f'{self.topic} has several publishers, {obeyed}: {", ".join(names)}'
+        if contested != self._was_contested:
+            self._was_contested = contested
+            if contested:
+                self._node.get_logger().error(message)
+            else:
+                self._node.get_logger().info(
+                    f'{self.topic}: obeyed again: {", ".join(names) or "no publisher"}')
+        return message

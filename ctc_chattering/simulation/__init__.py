@@ -1,0 +1,1 @@
+"""The simulated robot, and the closed loop without ROS."""

@@ -1,0 +1,53 @@
+"""The plants that the parameter ``plant_backend`` can name."""
+
+from __future__ import annotations
+
+from ctc_chattering.dynamics.registry import locked_positions, model_of
+from ctc_chattering.errors import CtcError
+from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.simulated_robot import Robot
+from ctc_chattering.trajectory.joint_limits import check_limits, Limits
+
+
+def limits_of(config: PlantConfig, description: str) -> Limits | None:
+    """Return the limits that the builtin plant does not keep by itself; None without any."""
+    if config.plant_backend != 'builtin' or config.model != 'urdf' or not description:
+        return None
+    return Limits(description, config.joint_names)
+
+
+def check_start(config: PlantConfig, description: str) -> None:
+    """Raise `CtcError` if the builtin plant starts beyond the limits of its description."""
+    limits = limits_of(config, description)
+    if limits is not None:
+        check_limits('the start of the plant', limits,
+                     [(config.initial_position, config.initial_velocity, ())])
+
+
+def make_plant(config: PlantConfig, description: str = '') -> Robot:
+    """
+    Return the robot that `config` describes, at its start.
+
+    Parameters
+    ----------
+    config : PlantConfig
+        Its `plant_backend` chooses.
+    description : str
+        Text of the MJCF or URDF, where one is needed.
+
+    Raises
+    ------
+    CtcError
+        If there is no description, it does not have the joints, the start is beyond its limits,
+        or the backend is not installed.
+
+    """
+    check_start(config, description)
+    if config.plant_backend == 'builtin':
+        return Plant(config, model_of(config, description))
+    if not description:
+        raise CtcError(f'plant_backend {config.plant_backend} needs the parameter description, '
+                       'or the topic robot_description')
+    # Not above: the core does without what is outside of it, and this is needed seldom.
+    from ctc_chattering.simulation.mujoco_plant import MujocoPlant
+    return MujocoPlant(config, description, locked_positions(config.locked))

@@ -1,0 +1,300 @@
+"""
+Comparison of the switchings over sample period, gain and the imperfections of a real loop.
+
+A case is data; a run of it is a pure function of the case and the switching, so that the numbers
+depend neither on the number of processes nor on their order. `study_plots` draws them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+import csv
+import dataclasses
+import io
+import itertools
+import json
+import math
+from multiprocessing import get_context
+import signal
+from typing import Any
+
+from ctc_chattering.analysis.metrics import metrics
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.simulation.closed_loop import simulate
+
+#: Groups of cases.
+BASIC = 'Basic cases'
+PERIOD, GAIN = 'Sample period', 'Gain'
+NOISE, SHORT_NOISE = 'Velocity noise', 'Velocity noise, h = 0.5 ms'
+#: What the tables show: attribute, heading, format.
+QUANTITIES = (('error', ('RMS e', 'rad'), '.2e'),
+              ('variation', ('torque variation', 'N·m/s'), '.0f'))
+_KA = 12.0
+Pair = tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """
+    One experiment, run under every switching.
+
+    Attributes
+    ----------
+    name, group : str
+        What differs from the other cases of the group; the table that contains it.
+    overrides : mapping
+        Values by node and parameter above those of the file, as `params.load` takes them.
+    file : str
+        Parameter file in `config/`, without its ending.
+    x : float, optional
+        Abscissa in a figure over the group.
+
+    """
+
+    name: str
+    group: str
+    overrides: Mapping[str, Mapping[str, Any]]
+    file: str = 'friction'
+    x: float | None = None
+
+    def setup(self) -> Setup:
+        """Return the checked parameters; the switching is still that of the file."""
+        return parameter_file.load(config_directory() / f'{self.file}.yaml', self.overrides)
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """
+    One run; the numbers are None if it diverged, and are of the second half of the run.
+
+    Attributes
+    ----------
+    case, switching, control_period, ka
+        What was run; h [s], gains [N·m].
+    error, variation : (float, float), optional
+        True RMS error [rad] and torque variation [N·m/s] of joints 1 and 2.
+    failure : str
+        Why it ended early; empty if it did not.
+
+    """
+
+    case: Case
+    switching: str
+    control_period: float
+    ka: tuple[float, ...]
+    error: Pair | None = None
+    variation: Pair | None = None
+    failure: str = ''
+
+
+def _case(group: str, name: str, x: float | None = None, *, h: float = 1e-3, ka: float = _KA,
+          plant: Mapping[str, Any] | None = None, controller: Mapping[str, Any] | None = None,
+          file: str = 'friction') -> Case:
+    return Case(name, group, {
+        '/**': {'control_period': h}, 'plant': {'duration': 10.0, **(plant or {})},
+        'controller': {'law': 'chattering', 'ka': [ka, ka], **(controller or {})}}, file, x)
+
+
+def _scaled(factor: float) -> dict[str, float]:
+    return {'inertia_scale': factor, 'gravity_scale': factor}
+
+
+def _both(x: float) -> list[float]:
+    return [x, x]
+
+
+def _basic_cases() -> Iterator[Case]:
+    delay = {'input_delay': 1}
+    yield _case(BASIC, 'clean')
+    yield _case(BASIC, '200 Hz', h=5e-3)
+    yield _case(BASIC, 'ka = 20', ka=20.0)
+    yield _case(BASIC, 'velocity noise 5e-3 rad/s', plant={'velocity_noise': _both(5e-3)})
+    yield _case(BASIC, 'model × 0.9', controller=_scaled(0.9))
+    yield _case(BASIC, 'delay of 1 sample, predicted', plant=delay, controller=delay)
+    yield _case(BASIC, 'delay of 1 sample, not predicted', plant=delay)
+    yield _case(BASIC, 'disturbance', file='disturbance')
+
+
+def _sweeps() -> Iterator[Case]:
+    for x in (0.5, 1.0, 2.0, 5.0, 10.0):
+        yield _case(PERIOD, f'h = {x:g} ms', x, h=1e-3 * x)
+    for x in (10.0, 12.0, 15.0, 20.0, 30.0, 40.0):
+        yield _case(GAIN, f'ka = {x:g} N·m', x, ka=x)
+    for group, h in ((NOISE, 1e-3), (SHORT_NOISE, 5e-4)):
+        for x in (1e-4, 1e-3, 5e-3, 2e-2):
+            yield _case(group, f'σ = {x:.0e} rad/s', x, h=h, plant={'velocity_noise': _both(x)})
+    for x in (1e-5, 1e-4, 1e-3):
+        yield _case('Position noise', f'σ = {x:.0e} rad', x, plant={'position_noise': _both(x)})
+    for x in (1e-5, 1e-4, 1e-3):
+        yield _case('Encoder resolution', f'{x:.0e} rad', x,
+                    plant={'encoder_resolution': _both(x)})
+    for kind, counts in (('predicted', (1, 2, 5)), ('not predicted', (1, 2))):
+        for n in counts:
+            yield _case('Input delay', f'{n} sample{"s" if n > 1 else ""}, {kind}', n,
+                        plant={'input_delay': n},
+                        controller={'input_delay': n if kind == 'predicted' else 0})
+    on_track = {'initial_position': [math.pi, 0.5 * math.pi], 'initial_velocity': _both(math.pi)}
+    tight, tighter = [300.0, 50.0], [200.0, 30.0]
+    for limit, start in ((tight, {}), (tight, on_track), (tighter, on_track)):
+        name = f'{limit[0]:g} / {limit[1]:g} N·m, from {"the reference" if start else "rest"}'
+        for more, known in (('', {}), (', known', {'effort_limit': limit})):
+            yield _case('Torque saturation', name + more, controller=known,
+                        plant={'torque_saturation': limit, **start})
+    for x in (0.5, 1.0, 2.0):
+        yield _case('Viscous friction', f'{x:g} N·m·s/rad', x,
+                    plant={'viscous_friction': _both(x)})
+    for x in (1.0, 2.0, 4.0):
+        yield _case('Stribeck friction', f'{x:g} N·m', x,
+                    plant={'stribeck_friction': _both(x)})
+    for x in (0.8, 0.9, 1.1, 1.2):
+        yield _case('Model of the controller', f'× {x:g}', x, controller=_scaled(x))
+
+
+#: Every case.
+CASES = (*_basic_cases(), *_sweeps())
+
+
+def evaluate(case: Case, switching: str, setup: Setup) -> Outcome:
+    """Run `setup`, which is ``case.setup()``, under `switching`; return its numbers."""
+    controller = setup.controller.changed({'switching': switching})
+    outcome = Outcome(case, switching, controller.control_period, controller.ka)
+    end = setup.plant.duration
+    try:
+        run = simulate(setup.plant, controller, setup.reference, setup.events, truth=True)
+    except CtcError as failure:
+        return dataclasses.replace(outcome, failure=str(failure))
+    m = metrics(run, (0.5 * end, end))
+    error, variation = (tuple(m[key]) for key in ('rms_error_rad', 'torque_variation_nm_per_s'))
+    if not math.isfinite(sum(error + variation)):
+        return dataclasses.replace(outcome, failure='the motion diverged')
+    return dataclasses.replace(outcome, error=error, variation=variation)
+
+
+def perform(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1,
+            progress: Callable[[], Any] | None = None) -> list[Outcome]:
+    """
+    Run every case under every switching.
+
+    Parameters
+    ----------
+    cases, switchings
+        What to run; the result is in this order, case by case.
+    jobs : int
+        Processes; 1 for this one alone.
+    progress : callable, optional
+        Called after each run.
+
+    Raises
+    ------
+    CtcError
+        If the parameters of a case are not allowed; before anything is run.
+
+    """
+    setups = [case.setup() for case in cases]
+    tasks = [(case, switching, setup)
+             for case, setup in zip(cases, setups) for switching in switchings]
+    outcomes = []
+    for outcome in _mapped(tasks, jobs):
+        outcomes.append(outcome)
+        if progress:
+            progress()
+    return outcomes
+
+
+def _mapped(tasks: Sequence[tuple[Case, str, Setup]], jobs: int) -> Iterator[Outcome]:
+    if jobs == 1:
+        yield from (evaluate(*task) for task in tasks)
+        return
+    try:
+        # A fork of a process that has threads may wait for ever for what they hold.
+        with ProcessPoolExecutor(jobs, get_context('spawn'), _ignore_interrupt) as pool:
+            yield from pool.map(evaluate, *zip(*tasks))
+    except BrokenProcessPool:
+        raise CtcError('a process of the study was killed; try fewer --jobs') from None
+
+
+def _ignore_interrupt() -> None:
+    """Leave Ctrl-C to the process that waits for this one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def rows(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
+    """Return the outcomes case by case."""
+    return [list(group) for _, group in itertools.groupby(
+        outcomes, lambda outcome: (outcome.case.group, outcome.case.name))]
+
+
+def to_csv(outcomes: Sequence[Outcome]) -> str:
+    """Return one line per run, with a header; numbers in full, empty where there is none."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow((
+        'group', 'case', 'x', 'switching', 'control_period_s', 'ka_1_nm', 'ka_2_nm',
+        'rms_error_1_rad', 'rms_error_2_rad', 'torque_variation_1_nm_per_s',
+        'torque_variation_2_nm_per_s', 'failure', 'file', 'overrides'))
+    for o in outcomes:
+        writer.writerow((
+            o.case.group, o.case.name, o.case.x, o.switching, o.control_period, *o.ka,
+            *(o.error or ('', '')), *(o.variation or ('', '')), o.failure, o.case.file,
+            json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True)))
+    return text.getvalue()
+
+
+def to_markdown(outcomes: Sequence[Outcome]) -> str:
+    """Return a table for each group of cases, and the ranking of the switchings."""
+    lines = ['# Study of the switchings', '',
+             'Output of `ctc study`. True errors and torques sent, joints 1 / 2, over the second '
+             f'half of each run; h = 1 ms and ka = {_KA:g} N·m unless the row says otherwise; '
+             'every other parameter has its default. Bold: the best of a row.']
+    groups: dict[str, list[list[Outcome]]] = {}
+    for row in rows(outcomes):
+        groups.setdefault(row[0].case.group, []).append(row)
+    for group, members in groups.items():
+        heads = ['case', 'quantity', *(o.switching for o in members[0])]
+        lines += ['', f'## {group}', '', *_table(heads, (
+            cells for row in members for cells in _lines(row)))]
+    return '\n'.join([*lines, *_ranking(rows(outcomes)), ''])
+
+
+def _table(heads: Sequence[str], body: Iterable[Sequence[str]]) -> list[str]:
+    return [f'| {" | ".join(cells)} |' for cells in (heads, ['---'] * len(heads), *body)]
+
+
+def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
+    """Yield a line of cells for each quantity of one case."""
+    for k, (key, heading, form) in enumerate(QUANTITIES):
+        texts = [[format(x, form) for x in getattr(o, key) or ()] for o in row]
+        columns = list(zip(*filter(None, texts)))
+        best = [min(column, key=float) if len(set(column)) > 1 else '' for column in columns]
+        cells = [' / '.join(f'**{x}**' if x == y else x for x, y in zip(text, best)) or 'diverged'
+                 for text in texts]
+        yield ['' if k else row[0].case.name, f'{heading[0]} [{heading[1]}]', *cells]
+
+
+def _score(outcome: Outcome, key: str, joint: int) -> float:
+    """Return the number of one joint; inf for a run that diverged."""
+    value = getattr(outcome, key)
+    return float(value[joint]) if value else math.inf
+
+
+def _ranking(table: Sequence[Sequence[Outcome]]) -> Iterator[str]:
+    """Yield the section on how often each switching is best and worst."""
+    failed = Counter(o.switching for row in table for o in row if o.failure)
+    counts = {o.switching: [0, 0, 0, 0, failed[o.switching]] for o in table[0]}
+    for row, (k, (key, _, _)), joint in itertools.product(table, enumerate(QUANTITIES), (0, 1)):
+        ranked = sorted(row, key=lambda o: _score(o, key, joint))
+        counts[ranked[0].switching][k] += 1
+        counts[ranked[-1].switching][k + 2] += 1
+    yield from ('', '## Ranking', '',
+                f'{2 * len(table)} comparisons: {len(table)} cases with two joints each.', '')
+    yield from _table(
+        ['switching', 'smallest RMS e', 'smallest torque variation', 'largest RMS e',
+         'largest torque variation', 'runs that diverged'],
+        ([name, *map(str, numbers)] for name, numbers in counts.items()))

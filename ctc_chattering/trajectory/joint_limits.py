@@ -1,0 +1,89 @@
+"""Limits of position, velocity and acceleration that a URDF gives its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import inf
+from typing import NamedTuple
+
+from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError
+from ctc_chattering.trajectory.buffer import Point
+
+#: What may be beyond a limit unnoticed: of position [rad or m], else as a share of the limit.
+TOLERANCE = 1e-3
+#: Names and units of position, velocity and acceleration.
+_QUANTITIES = (('position', ''), ('velocity', '/s'), ('acceleration', '/s²'))
+
+
+class JointLimits(NamedTuple):
+    """Limits of one joint: least and greatest value of each quantity; ∓inf where there is none."""
+
+    name: str
+    #: ``rad`` or ``m``.
+    unit: str
+    position: tuple[float, float]
+    velocity: tuple[float, float]
+    acceleration: tuple[float, float]
+
+
+class Limits:
+    """
+    Limits of some joints.
+
+    Parameters
+    ----------
+    urdf : str
+        Text of the URDF.
+    joint_names : sequence of str
+        Joints in the order of the vectors; one that the URDF does not have is not limited.
+
+    Raises
+    ------
+    CtcError
+        If the text is no URDF.
+
+    """
+
+    def __init__(self, urdf: str, joint_names: Sequence[str]) -> None:
+        tree = Tree(urdf)
+        free = (-inf, inf)
+        self.joints: list[JointLimits] = []
+        for name in joint_names:
+            joint = tree.joints.get(name)
+            if joint is None:
+                self.joints.append(JointLimits(name, 'rad', free, free, free))
+                continue
+            self.joints.append(JointLimits(
+                name, 'm' if joint.kind == 'prismatic' else 'rad', joint.position,
+                (-joint.velocity, joint.velocity), (-joint.acceleration, joint.acceleration)))
+
+    def excess(self, points: Iterable[Point]) -> str:
+        """
+        Return what is beyond the limits, by joint, quantity and amount; empty if nothing is.
+
+        Parameters
+        ----------
+        points : iterable of (position, velocity, acceleration)
+            Each of shape (n,) or empty.
+
+        """
+        points = list(points)
+        found = []
+        for k, (quantity, per) in enumerate(_QUANTITIES):
+            rows = [point[k] for point in points if point[k]]
+            for joint, values in zip(self.joints, zip(*rows)):
+                low, high = getattr(joint, quantity)
+                least, most = min(values), max(values)
+                beyond, value, limit = max((most - high, most, high), (low - least, least, low))
+                if beyond > TOLERANCE * (1.0 if quantity == 'position' else abs(limit)):
+                    found.append(f'{joint.name}: {quantity} {value:.4g} {joint.unit}{per}, '
+                                 f'{beyond:.3g} beyond its limit of {limit:.4g}')
+        return '; '.join(found)
+
+
+def check_limits(what: str, limits: Limits, points: Iterable[Point]) -> None:
+    """Raise `CtcError` if points are beyond the limits, and say by how much."""
+    text = limits.excess(points)
+    if text:
+        raise CtcError(f'{what} is beyond the limits of the description: {text}')

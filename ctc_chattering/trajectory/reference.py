@@ -1,0 +1,236 @@
+"""
+The desired motion: a sinusoid on every joint, or waypoints, with a smooth start or without.
+
+The sinusoid is the paper's, q_d = center + amplitude sin(2π f t + phase).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+from math import ceil, cos, inf, log10, pi, sin
+from typing import ClassVar
+
+from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.parameters import Config, parameter
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.joint_limits import check_limits, Limits
+from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
+
+
+@dataclasses.dataclass(frozen=True)
+class ReferenceConfig(Config):
+    """Parameters of the desired motion."""
+
+    title: ClassVar[str] = 'reference'
+
+    joint_names: tuple[str, ...] = parameter(
+        'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints of the desired motion.',
+        read_only=True)
+    model: str = parameter(
+        'model', 'str', 'two_link',
+        'Robot model; with urdf the motion is checked against the limits of position, velocity '
+        'and acceleration in the URDF.', read_only=True)
+    description: str = parameter(
+        'description', 'str', '',
+        "Model urdf: the robot's file, a path or package://NAME/PATH; empty for the topic "
+        'robot_description.', read_only=True)
+    center: tuple[float, ...] = parameter(
+        'center', 'float[]', (pi, 0.5 * pi), 'Centre of the sinusoid.', unit='rad', shape='n')
+    amplitude: tuple[float, ...] = parameter(
+        'amplitude', 'float[]', 0.5, 'Amplitude of the sinusoid.', unit='rad', shape='n')
+    frequency: tuple[float, ...] = parameter(
+        'frequency', 'float[]', 1.0, 'Frequency of the sinusoid.', unit='Hz', minimum=0.0,
+        shape='n')
+    phase: tuple[float, ...] = parameter(
+        'phase', 'float[]', 0.0, 'Phase of the sinusoid at t = 0.', unit='rad', shape='n')
+    trajectory_file: str = parameter(
+        'trajectory_file', 'str', '',
+        'YAML file of waypoints, laid out as trajectory_msgs/JointTrajectory, in place of the '
+        'sinusoid; empty for none.', read_only=True)
+    start_duration: float = parameter(
+        'start_duration', 'float', 0.0,
+        'Time over which a smooth start leads from where the robot is into the motion; 0 for '
+        'none, as in the paper.', unit='s', minimum=0.0, maximum=3600.0)
+    control_period: float = parameter(
+        'control_period', 'float', 1e-3, 'Spacing of the points.', unit='s', minimum=0.0,
+        exclusive=True, maximum=10.0, read_only=True)
+
+    def validate(self) -> None:
+        """Check the period."""
+        period_ns(self.control_period)
+
+    @property
+    def described(self) -> bool:
+        """Whether a description of the robot is needed."""
+        return self.model == 'urdf'
+
+
+class Sinusoid:
+    """
+    The desired motion as a function of time.
+
+    Parameters
+    ----------
+    config : ReferenceConfig
+
+    """
+
+    def __init__(self, config: ReferenceConfig) -> None:
+        self._joints = [
+            (c, a, 2.0 * pi * f, p) for c, a, f, p in zip(
+                config.center, config.amplitude, config.frequency, config.phase)]
+
+    def extremes(self) -> list[Point]:
+        """Return the greatest and least position, velocity and acceleration of every joint."""
+        rows = [(c, a, w) if w else (c + a * sin(p), 0.0, 0.0) for c, a, w, p in self._joints]
+        return [tuple(zip(*(  # type: ignore[misc]
+            (c + sign * a, sign * w * a, sign * w * w * a) for c, a, w in rows)))
+            for sign in (1.0, -1.0)]
+
+    def at(self, t: float) -> tuple[Vector, Vector, Vector]:
+        """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [s]."""
+        q_d, dq_d, ddq_d = [], [], []
+        for center, amplitude, omega, phase in self._joints:
+            angle = omega * t + phase
+            x = amplitude * sin(angle)
+            q_d.append(center + x)
+            dq_d.append(omega * amplitude * cos(angle))
+            ddq_d.append(-omega * omega * x)
+        return q_d, dq_d, ddq_d
+
+
+class _InNanoseconds:
+    """A sinusoid over integer nanoseconds."""
+
+    def __init__(self, motion: Sinusoid) -> None:
+        self._motion = motion
+        self.extremes = motion.extremes
+
+    def at(self, t: int) -> Point:
+        return self._motion.at(seconds(t))
+
+
+def make_motion(config: ReferenceConfig, route: Route | None = None,
+                start: Mapping[str, tuple[float, float]] | None = None, t0: int = 0,
+                limits: Limits | None = None) -> Motion:
+    """
+    Return the desired motion that a configuration describes.
+
+    Parameters
+    ----------
+    config : ReferenceConfig
+        Sinusoid or file, and the smooth start.
+    route : Route, optional
+        The waypoints of its `trajectory_file`, or others in place of the sinusoid.
+    start : mapping, optional
+        Position [rad] and velocity [rad/s] of the robot at `t0` by joint: where a smooth start
+        begins, and the way to a first waypoint after `t0`. A joint that is left out begins on
+        the motion.
+    t0 : int
+        Instant of the start [ns].
+    limits : Limits, optional
+        Of the joints of `config`, which the start and the motion must keep.
+
+    Returns
+    -------
+    Motion
+        Its joints are in the order of `config.joint_names`.
+
+    Raises
+    ------
+    CtcError
+        If the waypoints are not allowed or not given, `start` is needed and not given, or
+        something is beyond the limits: the message names joints and amounts, and for a smooth
+        start that is too short a duration that would do.
+
+    """
+    names = config.joint_names
+    motion: Waypoints | _InNanoseconds
+    if route is not None:
+        motion = _through(route.ordered(names), names, start, t0, config.start_duration > 0.0)
+    elif config.trajectory_file:
+        raise CtcError(f'trajectory_file: {config.trajectory_file} has not been read')
+    else:
+        motion = _InNanoseconds(Sinusoid(config))
+    if config.start_duration and start is None:
+        raise ParameterError('start_duration', config.start_duration,
+                             '0 where it is not known where the robot is')
+    begin = _begin(names, start or {}, motion.at(t0))
+    if limits is not None:
+        check_limits('the motion', limits, motion.extremes())
+        if start:
+            check_limits('the start', limits, [begin])
+    if not config.start_duration:
+        return motion
+
+    def started(duration: float) -> Transition:
+        return smooth_start(motion, t0, begin, duration)
+    found = started(config.start_duration)
+    if limits is not None and (text := limits.excess(_sampled(found, t0))):
+        duration = shortest(started, t0, config.start_duration, limits)
+        raise CtcError(f'start_duration {config.start_duration:g} s: the start is beyond the '
+                       f'limits of the description: {text}; '
+                       + (f'{duration:g} s would do' if duration < inf else 'no other would do'))
+    return found
+
+
+def shortest(make: Callable[[float], Transition], t0: int, duration: float,
+             limits: Limits) -> float:
+    """
+    Return the shortest duration of a transition, to a tenth, that keeps the limits.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the transition of a duration [s].
+    t0 : int
+        Its first instant [ns].
+    duration : float
+        The least one [s].
+    limits : Limits
+        What it must keep.
+
+    Returns
+    -------
+    float
+        inf if none of up to a thousand times `duration` keeps them.
+
+    """
+    def keeps(candidate: float) -> bool:
+        return not limits.excess(_sampled(make(candidate), t0))
+    if keeps(duration):
+        return duration
+    for k in range(1, 73):
+        candidate = duration * 1.1 ** k
+        digits = 1 - ceil(log10(candidate))
+        candidate = ceil(candidate * 10.0 ** (digits + 1)) / 10.0 ** (digits + 1)
+        if keeps(candidate):
+            return candidate
+    return inf
+
+
+def _sampled(transition: Transition, t0: int) -> list[Point]:
+    """Return points of a transition, a millisecond apart or a two-thousandth of it."""
+    step = max(NANOSECONDS // 1000, (transition.end - t0) // 2000)
+    return [transition.at(t) for t in (*range(t0, transition.end, step), transition.end)]
+
+
+def _through(route: Route, names: Sequence[str],
+             start: Mapping[str, tuple[float, float]] | None, t0: int, smooth: bool) -> Waypoints:
+    """Return the way from a start through waypoints; a smooth start takes away its velocity."""
+    if start is None:
+        return Waypoints(route.times, route.points)
+    rest = (0.0,) * len(names)
+    q, dq, ddq = _begin(names, start, (route.points[0][0], rest, rest))
+    return Waypoints(route.times, route.points, (t0, (q, rest if smooth else dq, ddq)))
+
+
+def _begin(names: Sequence[str], start: Mapping[str, tuple[float, float]], there: Point) -> Point:
+    """Return the robot's state, without acceleration, and `there` of joints it does not have."""
+    rows = [(*start[name], 0.0) if name in start else row
+            for name, row in zip(names, zip(*there))]
+    return tuple(zip(*rows))  # type: ignore[return-value]

@@ -1,0 +1,150 @@
+"""Motions that begin where the robot is, and pass into another motion without a jump."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Protocol
+
+from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.polynomials import quintic
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.trajectory.buffer import Point
+
+#: Longest time in which a robot that moves is brought to rest [s].
+BRAKING_TIME = 0.5
+
+
+class Motion(Protocol):
+    """A motion as a function of time."""
+
+    def at(self, t: int) -> Point:
+        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+
+
+class Braking:
+    """
+    Coming to rest: the velocity falls from `dq0` to 0 over `duration` as a cubic in time.
+
+    From rest it stays where it is. Without a first acceleration the joint goes on by half of
+    |dq0| duration, and its acceleration stays within 1.5 |dq0| / duration.
+
+    Parameters
+    ----------
+    t0 : int
+        Instant at which it begins [ns]; before that it rests.
+    q0, dq0, ddq0 : sequence of float, shape (n,)
+        Position [rad], velocity [rad/s] and acceleration [rad/s²] at `t0`.
+    duration : float
+        Time that it takes [s].
+
+    """
+
+    def __init__(self, t0: int, q0: Vector, dq0: Vector, ddq0: Vector, duration: float) -> None:
+        self._t0, self._duration = t0, duration
+        self._start: Point = (tuple(q0), tuple(dq0), tuple(ddq0))
+        # The quintic that ends at rest at this place has no term of fifth order: the velocity is
+        # of fourth order at the most, and a cubic without a first acceleration.
+        self._end = tuple(
+            q + duration * (0.5 * dq + duration * ddq / 12.0)
+            for q, dq, ddq in zip(*self._start))
+
+    def at(self, t: int) -> Point:
+        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        rest = (0.0,) * len(self._end)
+        s = seconds(t - self._t0) / self._duration
+        if s <= 0.0:
+            return self._start if t == self._t0 else (self._start[0], rest, rest)
+        if s >= 1.0:
+            return self._end, rest, rest
+        rows = [quintic(s, self._duration, q, dq, ddq, end, 0.0, 0.0)
+                for (q, dq, ddq), end in zip(zip(*self._start), self._end)]
+        return tuple(zip(*rows))  # type: ignore[return-value]
+
+
+class Transition:
+    """
+    One motion until an instant, then a mean of two that shifts, then the other one.
+
+    q = (1 - σ) before + σ after, with σ the quintic from 0 to 1 that begins and ends without
+    velocity and acceleration. On every joint it is thus between the two motions at every instant,
+    whatever their phases are, and position, velocity and acceleration are continuous where theirs
+    are. |dq| is at most that of the faster one plus 1.875 d / duration, with d the greatest
+    distance between the two; |ddq| at most the greater one plus 3.75 / duration times the greatest
+    difference of the velocities plus 5.774 d / duration².
+
+    Parameters
+    ----------
+    before, after : Motion
+        The two motions, of as many joints.
+    t0 : int
+        Instant until which it is `before` [ns].
+    duration : float
+        Time from there to the instant from which on it is `after`, to the last bit [s].
+
+    Raises
+    ------
+    ParameterError
+        If the duration is less than a nanosecond or not finite.
+
+    """
+
+    def __init__(self, before: Motion, after: Motion, t0: int, duration: float) -> None:
+        span = round(duration * NANOSECONDS) if isfinite(duration) else 0
+        if span < 1:
+            raise ParameterError('duration', duration, 'a finite number of seconds >= 1e-9')
+        self._before, self.after = before, after
+        self._t0, self.end = t0, t0 + span
+        self._span = seconds(span)
+
+    def at(self, t: int) -> Point:
+        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        if t >= self.end:
+            return self.after.at(t)
+        if t <= self._t0:
+            return self._before.at(t)
+        s = seconds(t - self._t0) / self._span
+        w, dw, ddw = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+        rows = []
+        for q, dq, ddq, x, dx, ddx in zip(*self._before.at(t), *self.after.at(t)):
+            distance, difference = x - q, dx - dq
+            rows.append((
+                q + w * distance,
+                dq + w * difference + dw * distance,
+                ddq + w * (ddx - ddq) + 2.0 * dw * difference + ddw * distance))
+        return tuple(zip(*rows))  # type: ignore[return-value]
+
+
+def smooth_start(motion: Motion, t0: int, start: Point, duration: float) -> Transition:
+    """
+    Return a motion that begins at a state and passes into a given one.
+
+    The robot brakes from its velocity while the mean shifts from where it comes to rest to the
+    motion. From rest it therefore never leaves the hull of its position and of the motion; a
+    robot that moves leaves it by its braking distance at the most, which is
+    |dq0| min(duration, `BRAKING_TIME`) / 2 where it does not accelerate.
+
+    Parameters
+    ----------
+    motion : Motion
+        What to pass into.
+    t0 : int
+        Instant of the start [ns].
+    start : (position, velocity, acceleration), each of shape (n,)
+        State at `t0` [rad, rad/s, rad/s²]; before that it rests there.
+    duration : float
+        Time until it is the motion itself [s].
+
+    Raises
+    ------
+    ParameterError
+        If the duration is less than a nanosecond or not finite, or the state is not finite
+        numbers, as many as the motion has joints.
+
+    """
+    n = len(motion.at(t0)[0])
+    for name, row in zip(('q0', 'dq0', 'ddq0'), start):
+        if len(row) != n or not all(map(isfinite, row)):
+            raise ParameterError(name, tuple(row), f'{n} finite numbers, one per joint')
+    braking = Braking(t0, *start, min(duration, BRAKING_TIME) if duration > 0.0 else 1.0)
+    return Transition(braking, motion, t0, duration)

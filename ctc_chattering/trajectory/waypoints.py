@@ -1,0 +1,152 @@
+"""Motion through waypoints, as joint_trajectory_controller of ros2_controllers has it."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.polynomials import cubic, linear, quintic
+from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.parameters import Parameter
+from ctc_chattering.trajectory.buffer import Point
+
+_FIELDS = ('positions', 'velocities', 'accelerations')
+#: Parts of the way between two waypoints at which limits are checked.
+_PARTS = 32
+
+
+class Waypoints:
+    """
+    Waypoints joined by polynomials.
+
+    Between two waypoints every joint follows a quintic where both have accelerations, otherwise
+    a cubic where both have velocities, otherwise a straight line. The polynomials are closed on
+    the left: a waypoint's velocity, where it jumps, is that of the motion which leaves it. The
+    last waypoint is met as given; after it the motion rests there, whatever velocity it had.
+
+    Parameters
+    ----------
+    times : sequence of int
+        Instants [ns], strictly increasing.
+    points : sequence of (position, velocity, acceleration)
+        Each of shape (n,) [rad, rad/s, rad/s²]; the acceleration, or velocity and acceleration,
+        may be empty.
+    start : (int, (position, velocity, acceleration)), optional
+        Instant [ns] and state from which the motion to the first waypoint begins, by the same
+        rule. It is not needed, and passed over, from the first waypoint's instant on. Without
+        it, and before it, the motion rests at its first position.
+
+    Raises
+    ------
+    ParameterError
+        Naming the first waypoint, counted from 0, that is not allowed.
+
+    """
+
+    def __init__(self, times: Sequence[int], points: Sequence[Point],
+                 start: tuple[int, Point] | None = None) -> None:
+        self._points = _checked(times, points, len(points[0][0]) if points else 1)
+        self._times = list(times)
+        if start is not None and start[0] < self._times[0]:
+            self._times.insert(0, start[0])
+            self._points.insert(0, _waypoint('start', start[1], len(self._points[0][0])))
+
+    @property
+    def end(self) -> int:
+        """Instant of the last waypoint [ns]."""
+        return self._times[-1]
+
+    def extremes(self) -> list[Point]:
+        """Return points of every part of the motion, close enough to show what it reaches."""
+        return [self.at(before + (after - before) * k // _PARTS)
+                for before, after in pairwise(self._times) for k in range(_PARTS)
+                ] + [self.at(self.end)]
+
+    def at(self, t: int) -> Point:
+        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        i = bisect_right(self._times, t)
+        before = self._points[max(i - 1, 0)]
+        if i == 0 or i == len(self._times):
+            rest = (0.0,) * len(before[0])
+            if t == self._times[-1]:
+                return before[0], before[1] or rest, before[2] or rest
+            return before[0], rest, rest
+        after = self._points[i]
+        h = seconds(self._times[i] - self._times[i - 1])
+        s = seconds(t - self._times[i - 1]) / h
+        if before[2] and after[2]:
+            if not s:
+                return before
+            joints = [quintic(s, h, *ends) for ends in zip(*before, *after)]
+        elif before[1] and after[1]:
+            joints = [cubic(s, h, *ends) for ends in zip(*before[:2], *after[:2])]
+        else:
+            joints = [linear(s, h, *ends) for ends in zip(before[0], after[0])]
+        return tuple(zip(*joints))  # type: ignore[return-value]
+
+
+class Route(NamedTuple):
+    """
+    Waypoints of named joints, not yet checked.
+
+    Attributes
+    ----------
+    names : sequence of str, shape (n,)
+        Joints in the order of the numbers.
+    times, points
+        As `Waypoints` takes them.
+
+    """
+
+    names: Sequence[str]
+    times: Sequence[int]
+    points: Sequence[Point]
+
+    def ordered(self, names: Sequence[str]) -> Route:
+        """
+        Return the same waypoints, checked, with the joints in the order of `names`.
+
+        Raises
+        ------
+        ParameterError
+            Unless they are for each of these joints, for no other, and `Waypoints` takes them.
+
+        """
+        if sorted(self.names) != sorted(names):
+            raise ParameterError(
+                'joint_names', tuple(self.names), 'each of these once: ' + ', '.join(names))
+        order = [self.names.index(name) for name in names]
+        points = [tuple(tuple(row[i] for i in order) if row else () for row in point)
+                  for point in _checked(self.times, self.points, len(order))]
+        return Route(tuple(names), tuple(self.times), tuple(points))  # type: ignore[arg-type]
+
+
+def _checked(times: Sequence[int], points: Sequence[Point], n: int) -> list[Point]:
+    """Return the points as tuples of floats; raise `ParameterError` unless all is allowed."""
+    if not points:
+        raise ParameterError('points', [], 'one or more')
+    if len(times) != len(points):
+        raise ParameterError('times', tuple(times), f'one per point: {len(points)}')
+    checked = [_waypoint(f'points[{i}]', point, n) for i, point in enumerate(points)]
+    for i, (before, t) in enumerate(pairwise(times), 1):
+        if t <= before:
+            raise ParameterError(f'points[{i}].time_from_start', seconds(t),
+                                 f'more than that of the point before, {seconds(before)} s')
+    return checked
+
+
+def _waypoint(name: str, point: Point, n: int) -> Point:
+    rows: list[tuple[float, ...]] = []
+    for field, value in zip(_FIELDS, point):
+        spec = Parameter(f'{name}.{field}', 'float[]', (), '', shape='n')
+        row = spec.coerce(value)
+        if row or not rows:
+            spec.check(row, max(n, 1))
+        if row and rows and not rows[-1]:
+            raise ParameterError(spec.name, row, 'none without velocities')
+        rows.append(row)
+    q, dq, ddq = rows
+    return q, dq, ddq

@@ -1,0 +1,65 @@
+"""Samples in files: exact, with names and units that other programs can read."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ctc_chattering.analysis.export import write_csv, write_npz
+from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.simulation.closed_loop import Run
+
+GANTRY = """<robot name="gantry"><link name="base"/><link name="beam"/><link name="arm"/>
+<joint name="rail, long" type="prismatic"><parent link="base"/><child link="beam"/></joint>
+<joint name="elbow" type="continuous"><parent link="beam"/><child link="arm"/></joint></robot>"""
+
+
+@pytest.fixture
+def gantry() -> Result:
+    """Return made-up samples of a joint that slides and one that turns."""
+    x = np.random.default_rng(1).normal(size=(7, 5, 2))
+    x[5, 2, 0] = np.nan
+    config = ControllerConfig(model='urdf', joint_names=('rail, long', 'elbow'), ka=(3.0, 4.0),
+                              switching='implicit_observer')
+    return Result('gantry', [(0.0, config)], Run(np.arange(5) / 10, *x), None, GANTRY)
+
+
+def test_csv(gantry: Result, tmp_path: Path) -> None:
+    write_csv(gantry, tmp_path / 'a.csv')
+    with (tmp_path / 'a.csv').open(newline='', encoding='utf-8') as file:
+        heads, *rows = csv.reader(file)
+    assert heads == [
+        't [s]', 'q_rail, long [m]', 'q_elbow [rad]', 'dq_rail, long [m/s]', 'dq_elbow [rad/s]',
+        'q_d_rail, long [m]', 'q_d_elbow [rad]', 'dq_d_rail, long [m/s]', 'dq_d_elbow [rad/s]',
+        'ddq_d_rail, long [m/s²]', 'ddq_d_elbow [rad/s²]', 'tau_rail, long [N]',
+        'tau_elbow [N·m]', 'v_rail, long [m/s]', 'v_elbow [rad/s]']
+    table = np.array(rows, float)
+    run = gantry.run
+    for k, name in enumerate(('q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v')):
+        np.testing.assert_array_equal(table[:, 1 + 2 * k:3 + 2 * k], getattr(run, name))
+    assert table[:, 0].tolist() == run.t.tolist()
+
+
+def test_npz(gantry: Result, tmp_path: Path) -> None:
+    write_npz(gantry, tmp_path / 'a.npz')
+    with np.load(tmp_path / 'a.npz') as found:
+        for name, array in vars(gantry.run).items():
+            np.testing.assert_array_equal(found[name], array)
+        assert found['joint_names'].tolist() == ['rail, long', 'elbow']
+        assert found['position_units'].tolist() == ['m', 'rad']
+        assert found['torque_units'].tolist() == ['N', 'N·m']
+        assert found['ka'].tolist() == [3.0, 4.0]
+        assert (found['switching'], found['observer_bandwidth']) == ('implicit_observer', 1200.0)
+
+
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    result = simulated(parameter_file.load(None, {'plant': {'duration': 0.01}}))
+    for write in (write_csv, write_npz):
+        with pytest.raises(CtcError, match='nowhere'):
+            write(result, tmp_path / 'nowhere' / 'file')

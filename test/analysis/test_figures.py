@@ -1,0 +1,364 @@
+"""What the figures show, read back from their axes."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+import pytest
+
+from ctc_chattering.analysis import comparison_figures, figures
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.run_names import LAW_COLOURS
+from ctc_chattering.analysis.terms import Terms
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+pytestmark = pytest.mark.filterwarnings('error')
+LAWS = {law: ControllerConfig(law=law) for law in ('compensation', 'chattering')}
+DRAWN = (figures.tracking, figures.torques, figures.internals)
+
+
+def simulated(law: str, duration: float, experiment: str = 'friction') -> Result:
+    run = simulate(PlantConfig(duration=duration), LAWS[law], ReferenceConfig())
+    return Result(experiment, [(0.0, LAWS[law])], run)
+
+
+def made_up(n: int, samples: int = 300, **values: Any) -> Result:
+    """Return a result for `n` joints that no model here has."""
+    t = np.array([i * 1e-3 for i in range(samples)])
+    x = np.sin(np.outer(t, 20.0 + np.arange(n)))
+    config = ControllerConfig.from_mapping({
+        'model': 'other:Arm', 'joint_names': [f'axis{i}' for i in range(n)], **values})
+    run = Run(t, x, x, x + 0.1, x, x, 5.0 * x, 0.1 * x)
+    terms = Terms(run.tau, run.tau, x, 10.0 * np.sign(x), run.v, 1e-6 + np.square(x).sum(axis=1))
+    return Result('friction', [(0.0, config)], run, terms)
+
+
+@pytest.fixture(scope='module')
+def chattering() -> Result:
+    return simulated('chattering', 6.0)
+
+
+@pytest.fixture(scope='module')
+def compensation() -> Result:
+    return simulated('compensation', 6.0)
+
+
+@pytest.fixture(scope='module')
+def switch() -> Result:
+    change = Event(0.6, 'controller', {'law': 'chattering'})
+    run = simulate(PlantConfig(duration=2.0), LAWS['compensation'], ReferenceConfig(), [change])
+    return Result('switch', [(0.0, LAWS['compensation']), (0.6, LAWS['chattering'])], run)
+
+
+def panel(figure: Figure, unit: str, index: int = 0, enlarged: bool = False) -> Axes:
+    """Return one of the axes whose y label ends in `unit`."""
+    return [ax for ax in figure.axes if ax.get_ylabel().endswith(f'[{unit}]')
+            and ax.get_title('left').startswith('enlarged') == enlarged][index]
+
+
+def drawn(ax: Axes, line: int = 0) -> Any:
+    return np.asarray(ax.lines[line].get_ydata())
+
+
+def texts(ax: Axes) -> str:
+    return ' | '.join(text.get_text() for text in ax.texts)
+
+
+def test_tracking_draws_positions_reference_and_error(chattering: Result) -> None:
+    run, figure = chattering.run, figures.tracking(chattering)
+    for i in range(2):
+        ax = panel(figure, 'rad', i)
+        assert np.array_equal(drawn(ax), run.q[:, i])
+        assert np.array_equal(drawn(ax, 1), run.q_d[:, i])
+        assert np.array_equal(ax.lines[0].get_xdata(), run.t)
+        assert ax.get_title('left') == f'joint{i + 1}'
+    ax = panel(figure, 'rad', 2)
+    assert ax.get_ylabel() == '|e₁| + |e₂| [rad]'
+    assert np.array_equal(drawn(ax), np.abs(run.q_d - run.q).sum(axis=1))
+    assert ax.get_yscale() == 'log'
+    assert ax.get_ylim()[1] > drawn(ax).max()
+
+
+def test_torques_show_the_steady_part_and_say_what_is_cut(chattering: Result) -> None:
+    run, figure = chattering.run, figures.torques(chattering)
+    for i in range(2):
+        ax = panel(figure, 'N·m', i)
+        assert np.array_equal(drawn(ax), run.tau[:, i])
+        low, high = ax.get_ylim()
+        steady = run.tau[run.t >= 1.0, i]
+        assert low < steady.min()
+        assert steady.max() < high < 2.0 * steady.max()
+        assert ax.get_title('right') == f'axis cut: {run.tau[0, i]:.4g} at 0 s'
+        assert not texts(ax), 'nothing may lie on the data'
+
+
+def test_nothing_is_cut_where_there_is_no_peak() -> None:
+    ax = panel(figures.torques(made_up(2)), 'N·m')
+    low, high = ax.get_ylim()
+    assert low < drawn(ax).min() and drawn(ax).max() < high
+    assert not texts(ax) and not ax.get_title('right')
+
+
+def test_internals_draw_v_lyapunov_and_chattering(chattering: Result) -> None:
+    terms, figure = chattering.terms, figures.internals(chattering)
+    ax = panel(figure, 'J')
+    assert np.array_equal(drawn(ax), terms.lyapunov)
+    assert ax.get_yscale() == 'log'
+    for i in range(2):
+        assert np.array_equal(drawn(panel(figure, 'rad/s', i)), terms.v[:, i])
+        ax = panel(figure, 'N·m', i)
+        assert np.array_equal(drawn(ax), terms.chattering[:, i])
+        assert ax.get_ylim() == (-12.5, 12.5)
+
+
+def test_a_missing_chattering_term_is_named(compensation: Result) -> None:
+    ax = panel(figures.internals(compensation), 'N·m')
+    assert not drawn(ax).any()
+    assert 'not part of this law' in texts(ax)
+
+
+def test_a_slice_is_enlarged(chattering: Result) -> None:
+    ax = panel(figures.torques(chattering), 'N·m', enlarged=True)
+    last = chattering.run.t >= 5.8 - 1e-9
+    assert np.array_equal(drawn(ax), chattering.run.tau[last, 0])
+    assert ax.lines[0].get_drawstyle() == 'steps-post'
+    assert ax.get_xlim() == pytest.approx((5.8, 6.0))
+
+
+@pytest.mark.parametrize('draw', DRAWN)
+def test_every_axis_has_a_unit(chattering: Result, draw: Any) -> None:
+    for ax in draw(chattering).axes:
+        assert ax.get_xlabel() == 't [s]'
+        assert ax.get_ylabel().endswith(']')
+
+
+@pytest.mark.parametrize('draw', DRAWN)
+def test_a_change_of_law_is_marked(switch: Result, draw: Any) -> None:
+    figure = draw(switch)
+    for ax in figure.axes:
+        assert [0.6, 0.6] in [np.asarray(line.get_xdata()).tolist() for line in ax.lines]
+    assert '→ chattering' in texts(figure.axes[0])
+    first, last = next(ax for ax in figure.axes
+                       if ax.get_title('left').startswith('enlarged')).get_xlim()
+    assert first < 0.6 < last
+
+
+def test_a_run_under_one_law_has_no_mark(chattering: Result) -> None:
+    assert all(len(ax.lines) == 1 for ax in figures.torques(chattering).axes)
+
+
+@pytest.mark.parametrize(('experiment', 'law', 'numbers'), [
+    ('friction', 'compensation', (2, 4)), ('friction', 'chattering', (3, 5)),
+    ('disturbance', 'compensation', (6, 8)), ('disturbance', 'chattering', (7, 9))])
+def test_titles_name_the_figures_of_the_paper(
+        experiment: str, law: str, numbers: tuple[int, int]) -> None:
+    result = simulated(law, 0.1, experiment)
+    for draw, number in zip((figures.tracking, figures.torques), numbers):
+        assert f'figure {number} of the paper' in draw(result).get_suptitle()
+
+
+def test_other_runs_name_no_figure_of_the_paper(switch: Result) -> None:
+    for result in (switch, simulated('chattering', 0.1, 'mine'), made_up(2)):
+        assert 'paper' not in figures.tracking(result).get_suptitle()
+
+
+@pytest.mark.parametrize('n', [1, 7])
+def test_any_number_of_joints(n: int, tmp_path: Path) -> None:
+    result = made_up(n)
+    run, figure = result.run, figures.tracking(result)
+    for i in range(n):
+        assert np.array_equal(drawn(panel(figure, 'rad', i)), run.q[:, i])
+    assert np.allclose(drawn(panel(figure, 'rad', n)), 0.1 * n)
+    assert len(figures.torques(result).axes) == 2 * n
+    assert len(figures.internals(result).axes) == 1 + 3 * n
+    assert len(figures.save_figures([result], tmp_path)) == 3
+
+
+@pytest.mark.parametrize('samples', [1, 2, 5])
+def test_very_short_runs(samples: int, tmp_path: Path) -> None:
+    assert len(figures.save_figures([made_up(1, samples)], tmp_path)) == 3
+
+
+def test_an_error_of_zero_and_names_with_dollars(tmp_path: Path) -> None:
+    result = made_up(2, joint_names=['$\\bad$', '_hidden'])
+    run = Run(**{**vars(result.run), 'q_d': result.run.q})
+    still = Result('$\\frac$', result.configs, run, result.terms)
+    assert len(figures.save_figures([still, still], tmp_path)) == 8
+
+
+def test_an_empty_run_is_refused_before_anything_is_written(
+        chattering: Result, tmp_path: Path) -> None:
+    empty = made_up(2, 0)
+    for draw in DRAWN:
+        with pytest.raises(CtcError, match=r'^friction: chattering: the run has no samples.*$'):
+            draw(empty)
+    with pytest.raises(CtcError, match='no samples'):
+        figures.save_figures([chattering, empty], tmp_path / 'new')
+    assert not (tmp_path / 'new').exists()
+
+
+def test_comparison_puts_the_laws_of_an_experiment_together(
+        compensation: Result, chattering: Result, switch: Result) -> None:
+    figure = comparison_figures.error_comparison([compensation, chattering, switch])
+    friction, changed = figure.axes
+    assert [friction.get_title('left'), changed.get_title('left')] == ['friction', 'switch']
+    for line, result in enumerate((compensation, chattering)):
+        error = np.abs(result.run.q_d - result.run.q).sum(axis=1)
+        assert np.array_equal(drawn(friction, line), error)
+        assert friction.lines[line].get_color() == LAW_COLOURS[result.law]
+        largest = result.metrics()['max_error_norm1_rad']
+        assert friction.lines[line].get_label() == f'{result.law}: ≤ {largest:.2g} rad'
+    assert '→ chattering' in texts(changed)
+    assert all(ax.get_yscale() == 'log' for ax in figure.axes)
+    assert friction.get_ylim() == changed.get_ylim()
+
+
+def test_scores_are_the_metrics(compensation: Result, chattering: Result, switch: Result) -> None:
+    results = [compensation, chattering, switch]
+    figure = comparison_figures.score_comparison(results)
+    for ax, key, unit in zip(figure.axes, ('rms_error_rad', 'torque_variation_nm_per_s'),
+                             ('[rad]', '[N·m/s]')):
+        assert ax.get_xlabel().endswith(unit)
+        for y, result in enumerate(results[:2]):
+            assert np.asarray(ax.lines[y].get_xdata()).tolist() == result.metrics()[key]
+            assert drawn(ax, y).tolist() == [y, y]
+        assert 'no sample from 5 s to 10 s' in texts(ax)
+    assert figure.axes[0].get_yticklabels()[2].get_text() == 'switch: compensation → chattering'
+
+
+def test_equal_scores_have_an_axis_of_whole_decades() -> None:
+    results = [made_up(7, 5200)] * 2
+    for ax in comparison_figures.score_comparison(results).axes:
+        low, high = np.log10(ax.get_xlim())
+        assert (low, high) == pytest.approx((round(low), round(high)))
+        assert low < high
+        shown = np.asarray(ax.lines[0].get_xdata())
+        assert len(shown) == 7
+        assert 10.0 ** low < shown.min() and shown.max() < 10.0 ** high
+
+
+def test_the_names_of_the_switchings_tell_runs_apart(tmp_path: Path) -> None:
+    results = [made_up(1), made_up(1, switching='implicit'), made_up(1, switching='implicit')]
+    ax = comparison_figures.error_comparison(results).axes[0]
+    assert [line.get_label() for line in ax.lines] == [
+        'chattering', 'chattering (implicit) #1', 'chattering (implicit) #2']
+    assert len({line.get_color() for line in ax.lines}) == 3
+    files = figures.save_figures(results, tmp_path)
+    assert len({file.path for file in files}) == len(files) == 11
+
+
+@pytest.mark.parametrize(('extra', 'begin'), [('pdf', b'%PDF'), ('png', b'\x89PNG')])
+def test_another_format(tmp_path: Path, extra: str, begin: bytes) -> None:
+    files = figures.save_figures([made_up(1)], tmp_path, extra)
+    for file in files:
+        assert file.path.suffix == '.svg'
+        assert file.path.with_suffix(f'.{extra}').read_bytes().startswith(begin)
+
+
+def test_files_are_svg_with_title_and_caption(chattering: Result, tmp_path: Path) -> None:
+    directory = tmp_path / 'a' / 'b'
+    files = figures.save_figures([chattering], directory)
+    assert [file.path.name for file in files] == [
+        f'friction_chattering_{kind}.svg' for kind in ('tracking', 'torques', 'internals')]
+    for file in files:
+        assert file.path.parent == directory
+        assert ElementTree.parse(file.path).getroot().tag.endswith('svg')
+        assert file.path.stat().st_size < 1_000_000
+        assert file.title and file.caption.endswith('.')
+
+
+def test_a_directory_that_cannot_be_made(chattering: Result, tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(CtcError, match=r'^cannot write figures to .*file'):
+        figures.save_figures([chattering], tmp_path / 'file')
+
+
+GANTRY = """<robot name="gantry"><link name="a"/><link name="b"/><link name="c"/>
+<joint name="axis0" type="prismatic"><parent link="a"/><child link="b"/>
+<limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
+<joint name="axis1" type="continuous"><parent link="b"/><child link="c"/></joint></robot>"""
+
+
+def test_a_prismatic_joint_has_its_units() -> None:
+    """Check metres and newtons, and that they are never added to radians."""
+    result = dataclasses.replace(made_up(2, 6000), description=GANTRY)
+    figure = figures.tracking(result)
+    assert np.array_equal(drawn(panel(figure, 'm')), result.run.q[:, 0])
+    assert np.array_equal(drawn(panel(figure, 'rad')), result.run.q[:, 1])
+    assert [(ax.get_ylabel(), drawn(ax)[0]) for ax in figure.axes if '|e' in ax.get_ylabel()][
+        :2] == [('|e₁| [m]', pytest.approx(0.1)), ('|e₂| [rad]', pytest.approx(0.1))]
+    assert panel(figures.torques(result), 'N').get_ylabel() == 'force [N]'
+    internals = figures.internals(result)
+    assert {ax.get_ylabel() for ax in internals.axes} == {
+        'V [J]', 'v [m/s]', 'v [rad/s]', 'z [N]', 'z [N·m]'}
+    compared = comparison_figures.error_comparison([result, result])
+    assert [ax.get_ylabel() for ax in compared.axes] == ['|e₁| [m]', '|e₂| [rad]']
+    scores = comparison_figures.score_comparison([result, result])
+    assert scores.axes[0].get_xlabel() == 'RMS error [m or rad]'
+    numbers = result.metrics()
+    assert numbers['max_error_norm1_rad'] is None and 'prismatic' in numbers['notes'][0]
+    assert (numbers['position_units'], numbers['torque_units']) == (['m', 'rad'], ['N', 'N·m'])
+
+
+def test_gaps_break_the_lines_and_are_hatched() -> None:
+    """Check that no line crosses a gap of 50 samples, and that a single one breaks nothing."""
+    whole = made_up(1)
+    kept = np.ones(300, bool)
+    kept[100:150] = kept[200] = False
+    run = Run(*(x[kept] for x in vars(whole.run).values()))
+    terms = Terms(*(x[kept] for x in vars(whole.terms).values()))
+    result = Result('friction', whole.configs, run, terms)
+    assert result.missing.sum() == 51
+    for draw in DRAWN:
+        for ax in draw(result).axes:
+            if not ax.get_title('left').startswith('enlarged'):
+                t, y = np.asarray(ax.lines[0].get_xdata()), drawn(ax)
+                assert t[~np.isfinite(y)].tolist() == [run.t[99]]
+                assert len(t) == len(run.t) + 1
+                hatched = [p for p in ax.patches if p.get_hatch()]
+                assert [p.get_extents().transformed(ax.transData.inverted()).intervalx.tolist()
+                        for p in hatched] == [pytest.approx([run.t[99], run.t[100]])]
+    assert 'hatched' in next(caption for _, _, caption in figures._figures([result]))
+
+
+@pytest.mark.parametrize(('switching', 'text'), [
+    ('sign', 'z = Ka sgn(v)'), ('boundary_layer', 'z = Ka sat(v/φ)'),
+    ('implicit', 'z ∈ Ka Sgn(v⁺)'), ('implicit_observer', 'z ∈ Ka Sgn(v⁺)')])
+def test_the_chattering_term_is_named_as_it_is(switching: str, text: str) -> None:
+    figure = figures.internals(made_up(1, switching=switching))
+    assert panel(figure, 'N·m').get_title('left') == f'axis0: {text}'
+
+
+@pytest.mark.parametrize('n', [1, 3, 7])
+def test_titles_never_meet(n: int) -> None:
+    """Check the extents of all that stands above the panels, with names as real robots have."""
+    result = made_up(n, 6000, joint_names=[
+        f'left_gripper_finger_{i}_joint_with_a_long_name' for i in range(n)])
+    for draw in DRAWN:
+        figure: Any = draw(result)
+        renderer = figure.canvas.get_renderer()
+        for ax in figure.axes:
+            left, right = (t.get_window_extent(renderer) for t in (
+                ax._left_title, ax._right_title))
+            assert left.width + right.width <= ax.get_window_extent(renderer).width
+
+
+def test_a_term_at_its_bound_is_named() -> None:
+    config = ControllerConfig(switching='implicit', ka=(8.0, 12.0))
+    run = simulate(PlantConfig(duration=6.0), config, ReferenceConfig())
+    result = Result('friction', [(0.0, config)], run)
+    ours, other = (panel(figures.internals(result), 'N·m', i) for i in range(2))
+    assert 'ka too small' in ours.get_title('right') and not other.get_title('right')
+    numbers = result.metrics()
+    assert numbers['term_at_bound'] == [pytest.approx(1.0, abs=0.05), pytest.approx(0, abs=0.05)]
+    assert [text for text in numbers['notes'] if text.startswith('joint1: chattering term at')]

@@ -1,0 +1,120 @@
+"""Numbers of a run against tiny arrays worked out by hand."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, rms, WINDOW
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+
+def _run(t: Sequence[float], e: Sequence[Sequence[float]], tau: Sequence[Sequence[float]],
+         v: Sequence[Sequence[float]]) -> Run:
+    errors = np.array(e, dtype=float).reshape(len(t), -1)
+    q_d = np.full_like(errors, 0.25)
+    zero = np.zeros_like(errors)
+    return Run(np.array(t, dtype=float), q_d - errors, zero, q_d, zero, zero,
+               np.array(tau, dtype=float), np.array(v, dtype=float))
+
+
+TINY = _run(
+    t=[4.0, 5.0, 6.0, 7.0, 10.0, 11.0],
+    e=[[99, 99], [3, -1], [-4, 0], [0, 1], [0, -2], [99, 99]],
+    tau=[[99, 99], [1, 2], [-1, 2], [5, 2], [5, -8], [99, 99]],
+    v=[[1, 0], [0, -2], [0.1, 0.15], [-0.15, 0], [0, 0.1], [0, 0]])
+
+
+def test_by_hand() -> None:
+    """Check every number; samples outside the window (99) must not count."""
+    found = metrics(TINY)
+    assert WINDOW == (5.0, 10.0)
+    assert BAND == 0.15
+    assert found['window_s'] == [5.0, 10.0]
+    assert found['rms_error_rad'] == pytest.approx([2.5, np.sqrt(6 / 4)])
+    assert found['max_error_norm1_rad'] == pytest.approx(4.0)
+    assert found['rms_torque_nm'] == pytest.approx([np.sqrt(52 / 4), np.sqrt(76 / 4)])
+    assert found['torque_variation_nm_per_s'] == pytest.approx([8 / 5, 10 / 5])
+    assert found['reaching_time_s'] == 6.0
+
+
+def test_window_is_a_parameter_and_holds_its_ends() -> None:
+    """Check another window, and that a rounding error in t does not lose its end samples."""
+    found = metrics(TINY, window=(6.0, 7.0))
+    assert found['rms_error_rad'] == pytest.approx([np.sqrt(8.0), np.sqrt(0.5)])
+    assert found['torque_variation_nm_per_s'] == pytest.approx([6.0, 0.0])
+    assert metrics(TINY, window=(6.0 + 1e-12, 7.0 - 1e-12))['rms_error_rad'] == found[
+        'rms_error_rad']
+    assert metrics(TINY, window=(6.001, 10.0))['max_error_norm1_rad'] == pytest.approx(2.0)
+
+
+def test_gaps_and_torques_that_are_not_known() -> None:
+    """Check that the variation is that of neighbours, joint by joint, and RMS of what is known."""
+    nan = float('nan')
+    run = _run(t=[5.0, 6.0, 7.2, 10.0, 11.0], e=[[3, 0], [0, 0], [0, 0], [0, 4], [99, 99]],
+               tau=[[1, 2], [3, nan], [4, 6], [99, 8], [99, 99]], v=[[0, 0]] * 5)
+    found = metrics(run, window=(5.0, 10.0), period=1.0)
+    assert found['missing_samples'] == 2
+    assert found['torque_variation_nm_per_s'] == pytest.approx([3 / 2.2, nan], nan_ok=True)
+    assert found['rms_torque_nm'] == pytest.approx([
+        np.sqrt((1 + 9 + 16 + 99 ** 2) / 4), np.sqrt((4 + 36 + 64) / 3)])
+    assert found['rms_error_rad'] == pytest.approx([1.5, 2.0])
+    assert metrics(TINY)['missing_samples'] == 0
+
+
+def test_no_known_torque() -> None:
+    run = _run(t=[5.0, 6.0], e=[[0], [0]], tau=[[np.nan], [np.nan]], v=[[0], [0]])
+    assert np.isnan(metrics(run)['rms_torque_nm']).all()
+
+
+def test_dropped_samples_hardly_change_the_numbers() -> None:
+    """Check a simulated run of which a recorder has lost a part, in bursts, against all of it."""
+    full = simulate(PlantConfig(duration=3.0), ControllerConfig(), ReferenceConfig())
+    kept = np.random.default_rng(5).random(len(full.t) // 20 + 1).repeat(20)[:len(full.t)] > 0.5
+    part = Run(*(x[kept] for x in vars(full).values()))
+    whole, found = (metrics(run, (1.0, 3.0), period=1e-3) for run in (full, part))
+    assert found['missing_samples'] > 500
+    for key in ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s'):
+        assert found[key] == pytest.approx(whole[key], rel=0.15), key
+
+
+@pytest.mark.parametrize('window', [(20.0, 30.0), (5.5, 6.5)])
+def test_too_few_samples_give_none(window: tuple[float, float]) -> None:
+    """Check that no number is made up from no sample, nor a variation from one."""
+    found = metrics(TINY, window)
+    assert [found[name] for name in (
+        'rms_error_rad', 'max_error_norm1_rad', 'rms_torque_nm',
+        'torque_variation_nm_per_s')] == [None] * 4
+    assert found['reaching_time_s'] == 6.0
+
+
+@pytest.mark.parametrize(('v', 'expected'), [
+    ([[0, 0], [0, 0], [0, 0]], 1.0), ([[9, 0], [0, 0], [0, 0]], 2.0),
+    ([[0, 0], [0, -9], [0, 0]], 3.0), ([[0, 0], [0, 0], [0, 9]], None),
+    ([[9, 9], [9, 9], [9, 9]], None), ([[0.5, 0], [-0.5, 0.5], [0.5, 0]], 1.0),
+    ([[0, 0], [0.51, 0], [0, 0]], 3.0), ([[0, 0], [0, 0], [np.nan, 0]], None)])
+def test_reaching_time(v: list[list[float]], expected: float | None) -> None:
+    """Check the first time from which |v| stays in the band; on the band is inside."""
+    assert reaching_time(np.array([1.0, 2.0, 3.0]), np.array(v), 0.5) == expected
+
+
+def test_reaching_time_without_samples() -> None:
+    """Check None for an empty run."""
+    assert reaching_time(np.zeros(0), np.zeros((0, 2))) is None
+
+
+def test_band_bites() -> None:
+    """Check that a narrower band is reached later, or never."""
+    assert metrics(TINY, band=3.0)['reaching_time_s'] == 4.0
+    assert metrics(TINY, band=0.12)['reaching_time_s'] == 10.0
+    assert metrics(TINY, band=0.0)['reaching_time_s'] == 11.0
+
+
+def test_rms_of_a_sinusoid() -> None:
+    """Check amplitude / √2 over whole periods, per column."""
+    t = np.arange(1000) / 1000
+    x = np.stack([3 * np.sin(2 * np.pi * t), np.full(1000, -2.0)], axis=1)
+    np.testing.assert_allclose(rms(x), [3 / np.sqrt(2), 2.0], rtol=1e-12)

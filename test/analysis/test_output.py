@@ -1,0 +1,83 @@
+"""Directories that are written into."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.errors import CtcError
+
+NAMES = ('metrics.json', 'figures')
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Path:
+    """Return a directory with a run's output and two foreign things."""
+    (tmp_path / 'figures' / 'deep').mkdir(parents=True)
+    (tmp_path / 'figures' / 'deep' / 'a.png').write_text('old')
+    (tmp_path / 'metrics.json').write_text('old')
+    (tmp_path / 'notes.txt').write_text('mine')
+    (tmp_path / 'photos').mkdir()
+    (tmp_path / 'photos' / 'b.png').write_text('mine')
+    return tmp_path
+
+
+def contents(path: Path) -> dict[str, str]:
+    return {str(x.relative_to(path)): x.read_text() for x in path.rglob('*') if x.is_file()}
+
+
+def test_new_and_empty_directories(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / 'a' / 'b'):
+        assert prepare(path, NAMES) == path
+        assert path.is_dir()
+        prepare(path, NAMES, overwrite=True)
+
+
+def test_foreign_files_stay(full: Path) -> None:
+    before = contents(full)
+    for overwrite in (False, True):
+        prepare(full, ('trajectory.npz', 'page'), overwrite)
+        assert contents(full) == before
+
+
+@pytest.mark.parametrize('names', [('metrics.json',), ('figures',), ('new', 'figures')])
+def test_refuses_what_is_there(full: Path, names: tuple[str, ...]) -> None:
+    before = contents(full)
+    with pytest.raises(CtcError) as error:
+        prepare(full, names)
+    assert names[-1] in str(error.value)
+    assert '--overwrite' in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+    assert contents(full) == before
+
+
+def test_overwrite_removes_what_is_named(full: Path) -> None:
+    prepare(full, NAMES, overwrite=True)
+    assert contents(full) == {'notes.txt': 'mine', 'photos/b.png': 'mine'}
+
+
+def test_overwrite_does_not_follow_links(full: Path, tmp_path_factory: pytest.TempPathFactory
+                                         ) -> None:
+    """Check that a link goes, and what it points to stays."""
+    other = tmp_path_factory.mktemp('other')
+    (other / 'c').write_text('mine')
+    (full / 'linked').symlink_to(other)
+    prepare(full, ('linked',), overwrite=True)
+    assert not (full / 'linked').is_symlink()
+    assert contents(other) == {'c': 'mine'}
+
+
+@pytest.mark.parametrize('name', ['file', 'file/below', 'x' * 300])
+def test_impossible_directory(tmp_path: Path, name: str) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(CtcError) as error:
+        prepare(tmp_path / name, NAMES)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_directory_that_nobody_may_make() -> None:
+    """Check a file system that refuses even root."""
+    with pytest.raises(CtcError, match='/proc/self/nothing'):
+        prepare(Path('/proc/self/nothing'), NAMES)

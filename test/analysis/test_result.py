@@ -1,0 +1,116 @@
+"""Runs and their numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from ctc_chattering.analysis.result import finite, Result, simulated
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.simulation.closed_loop import simulate
+
+#: As in metrics.json, by contract.
+KEYS = ['experiment', 'law', 'switching', 'control_period_s', 'window_s', 'rms_error_rad',
+        'max_error_norm1_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'reaching_time_s',
+        'bag', 'joint_names', 'position_units', 'torque_units', 'gains', 'missing_samples',
+        'term_at_bound', 'notes']
+
+
+def result_of(duration: float, *events: str, **controller: object) -> Result:
+    return simulated(parameter_file.load(None, {
+        'plant': {'duration': duration, 'experiment': 'trial'}, 'controller': controller,
+        '/**': {'control_period': 0.002}, 'bringup': {'events': list(events)}}))
+
+
+@pytest.mark.parametrize('duration', [0.1, 5.5])
+def test_keys_are_the_contract_s(duration: float) -> None:
+    """Check names and shapes, also for a run that ends before the window."""
+    m = result_of(duration, law='compensation').metrics()
+    assert sorted(m) == sorted(KEYS)
+    assert (m['experiment'], m['law'], m['control_period_s']) == ('trial', 'compensation', 0.002)
+    assert (m['switching'], m['window_s']) == ('sign', [5.0, 10.0])
+    per_joint = [m[key] for key in KEYS if key.startswith(('rms', 'torque_v'))]
+    if duration > 5.0:
+        assert all(len(x) == 2 and all(y > 0.0 for y in x) for x in per_joint)
+        assert m['max_error_norm1_rad'] > 0.0
+    else:
+        assert per_joint == [None] * 3
+        assert m['max_error_norm1_rad'] is None
+
+
+def test_numbers_by_hand() -> None:
+    """Check the numbers of a run against their definitions in numpy."""
+    result = result_of(6.0)
+    m, run = result.metrics(), result.run
+    inside = run.t >= 5.0
+    e, tau = (run.q_d - run.q)[inside], run.tau[inside]
+    assert m['rms_error_rad'] == pytest.approx(np.sqrt((e ** 2).mean(axis=0)).tolist())
+    assert m['max_error_norm1_rad'] == pytest.approx(np.linalg.norm(e, 1, axis=1).max())
+    assert m['rms_torque_nm'] == pytest.approx(np.sqrt((tau ** 2).mean(axis=0)).tolist())
+    assert m['torque_variation_nm_per_s'] == pytest.approx(
+        np.abs(np.diff(tau, axis=0)).sum(axis=0).tolist())
+
+
+def test_label_slug_and_changes() -> None:
+    plain = result_of(0.1, law='compensation')
+    assert (plain.label, plain.slug, plain.changes) == (
+        'trial: compensation', 'trial_compensation', [])
+    events = ('0.02 controller law chattering', '0.04 controller ka [1.0, 2.0]',
+              '0.06 controller law compensation', '0.07 plant coulomb_friction [0.0, 0.0]')
+    result = result_of(0.1, *events, law='compensation')
+    assert result.label == 'trial: compensation → chattering → compensation'
+    assert result.slug == 'trial'
+    assert result.changes == [(0.02, 'chattering'), (0.06, 'compensation')]
+    assert result.law == 'compensation'
+    assert result.joint_names == ('joint1', 'joint2')
+    assert [t for t, _ in result.configs] == [0.0, 0.02, 0.04, 0.06]
+    assert result.configs[2][1].ka == (1.0, 2.0)
+
+
+def test_law_and_switching_are_those_at_the_end() -> None:
+    result = result_of(0.1, '0.05 controller law chattering', law='compensation')
+    assert result.metrics()['law'] == result.law == 'chattering'
+
+
+def test_simulated_is_the_core_s_simulation() -> None:
+    """Check the samples against the core, and the parts of the torque against their sum."""
+    setup = parameter_file.load(None, {'plant': {'duration': 0.1}, 'bringup': {
+        'events': ['0.03 controller law compensation', '0.05 plant coulomb_friction [1, 2]']}})
+    seen: list[float] = []
+    result = simulated(setup, seen.append)
+    expected = simulate(setup.plant, setup.controller, setup.reference, setup.events)
+    for field in dataclasses.fields(expected):
+        np.testing.assert_array_equal(
+            getattr(result.run, field.name), getattr(expected, field.name))
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(0.1)
+    terms = result.terms
+    np.testing.assert_array_equal(terms.tau, result.run.tau)
+    np.testing.assert_array_equal(terms.v, result.run.v)
+    assert np.abs(terms.chattering[:30]).max() == pytest.approx(10.0)
+    assert not terms.chattering[30:].any()
+    model = Controller(setup.controller).model
+    v = terms.v[7]
+    mass = np.array(model.mass_matrix(result.run.q[7].tolist()))
+    assert terms.lyapunov[7] == pytest.approx(0.5 * v @ mass @ v)
+    assert result.terms is terms
+
+
+def test_finite() -> None:
+    """Check that what JSON cannot say becomes null, however deep."""
+    assert finite({'a': [1.0, math.nan, (math.inf, 'x')], 'b': -math.inf, 'c': 3, 'd': None}) == {
+        'a': [1.0, None, [None, 'x']], 'b': None, 'c': 3, 'd': None}
+
+
+def test_marks_name_every_change_of_law_or_switching() -> None:
+    setup = parameter_file.load(None, {
+        'plant': {'duration': 0.05},
+        'bringup': {'events': ['0.01 controller switching implicit', '0.02 controller ka [3, 4]',
+                               '0.03 controller law compensation']}})
+    result = simulated(setup)
+    assert result.marks == [(0.01, 'implicit'), (0.03, 'compensation')]
+    assert result.changes == [(0.03, 'compensation')]

@@ -1,0 +1,109 @@
+"""The terms of the law, computed anew over a run."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from oracles import paper_c, paper_g, paper_m
+import pytest
+
+from ctc_chattering.analysis.terms import terms
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+CONTROLLER = ControllerConfig(
+    kp=(90.0, 20.0, 20.0, 130.0), kv=(40.0, 5.0, 5.0, 60.0), effort_limit=(300.0, 300.0))
+PLANT = PlantConfig(duration=1.0, disturbance_amplitude=(1.0, 1.0),
+                    disturbance_frequency=(1.0, 2.0))
+
+
+def _run(*events: Event) -> Run:
+    return simulate(PLANT, CONTROLLER, ReferenceConfig(), events)
+
+
+def test_recomputed_bit_for_bit() -> None:
+    """Check tau and v of a run with full gains, disturbance, and a torque limit that bites."""
+    run = _run()
+    found = terms(run, [(0.0, CONTROLLER)])
+    assert (found.tau == run.tau).all()
+    assert (found.v == run.v).all()
+    assert np.abs(run.tau).max() == 300.0
+
+
+def test_bit_for_bit_through_events() -> None:
+    """Check a law, gains and a filter that change in the run, given in any order."""
+    changes: list[tuple[float, dict[str, Any]]] = [
+        (0.4, {'law': 'compensation'}), (0.2005, {'kp': [50.0, 60.0], 'lambda': 3.0}),
+        (0.7, {'law': 'chattering', 'ka': [20.0, 5.0]})]
+    run = _run(*(Event(t, 'controller', values) for t, values in changes))
+    configs, config = [(0.0, CONTROLLER)], CONTROLLER
+    for t, values in sorted(changes, key=lambda change: change[0]):
+        config = config.changed(values)
+        configs.append((t, config))
+    found = terms(run, configs[::-1])
+    assert (found.tau == run.tau).all()
+    assert (found.v == run.v).all()
+    off = (run.t >= 0.4) & (run.t < 0.7)
+    assert (found.chattering[off] == 0.0).all()
+    assert (found.chattering[~off] != 0.0).any(axis=1).all()
+    assert not (terms(run, [(0.0, CONTROLLER)]).tau == run.tau).all()
+
+
+def test_parts_are_the_equations() -> None:
+    """Check every term of law (6) and V of (9) against numpy at each sample."""
+    run = simulate(PLANT, ControllerConfig(), ReferenceConfig())
+    found = terms(run, [(0.0, ControllerConfig())])
+    for k in range(0, len(run.t), 7):
+        q, dq, v = run.q[k].tolist(), run.dq[k].tolist(), run.v[k]
+        a = run.ddq_d[k] + 50 * (run.dq_d[k] - dq) + 100 * (run.q_d[k] - q)
+        np.testing.assert_allclose(
+            found.inverse_dynamics[k], paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q),
+            rtol=1e-11, atol=1e-10)
+        np.testing.assert_allclose(found.compensation[k], paper_c(q, dq) @ v, atol=1e-11)
+        np.testing.assert_allclose(found.chattering[k], 10.0 * np.sign(v))
+        assert found.lyapunov[k] == pytest.approx(0.5 * v @ paper_m(q) @ v)
+    np.testing.assert_allclose(
+        found.tau, found.inverse_dynamics - found.compensation - found.chattering, atol=1e-9)
+
+
+@pytest.mark.parametrize('few', [1, 3, 15])
+def test_samples_that_are_missing(few: int) -> None:
+    """Check that v and the chattering term are right after a few missing samples, repeatedly."""
+    config = dataclasses.replace(CONTROLLER, switching='implicit', effort_limit=(1e4, 1e4))
+    run = simulate(PLANT, config, ReferenceConfig())
+    kept = np.arange(len(run.t)) % (2 * few + 5) >= few
+    kept[:100] = True
+    found = terms(Run(*(x[kept] for x in vars(run).values())), [(0.0, config)])
+    assert np.abs(found.v - run.v[kept]).max() < 0.01 * np.abs(run.v).max()
+    whole = terms(run, [(0.0, config)])
+    late = run.t[kept] > 0.5
+    difference = np.abs(found.chattering - whole.chattering[kept])[late]
+    assert np.percentile(difference, 90.0) < (1.0 if few < 10 else 4.0)
+
+
+def test_many_missing_samples() -> None:
+    """Check that v begins again at 0, and goes on from where it is known."""
+    run = _run()
+    kept = (run.t < 0.3) | (run.t > 0.4)
+    part = Run(*(x[kept] for x in vars(run).values()))
+    k = int(np.flatnonzero(np.diff(part.t) > 0.05)[0]) + 1
+    found = terms(part, [(0.0, CONTROLLER)])
+    assert (found.v[:k] == run.v[kept][:k]).all()
+    assert not found.v[k].any()
+    known = {part.t[k + 7]: part.v[k + 7].tolist(), part.t[k + 9]: [7.0, 7.0]}
+    known[part.t[5]] = [7.0, 7.0]
+    found = terms(part, [(0.0, CONTROLLER)], known=known)
+    np.testing.assert_allclose(found.v[k + 7:], part.v[k + 7:], atol=1e-9)
+
+
+def test_shapes() -> None:
+    """Check one row per sample, and that the run's own tau and v are not used."""
+    run = _run()
+    blank = Run(run.t, run.q, run.dq, run.q_d, run.dq_d, run.ddq_d, run.tau * np.nan,
+                run.v * np.nan)
+    found = terms(blank, [(0.0, CONTROLLER)])
+    assert (found.tau == run.tau).all()
+    assert found.lyapunov.shape == (1001,)
+    assert found.tau.shape == found.v.shape == found.compensation.shape == (1001, 2)

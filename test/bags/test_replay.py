@@ -1,0 +1,108 @@
+"""`ctc replay` on a real graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+
+from processes import CONFIG, PATIENCE, perform, probe, Stopwatch
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.subscription import with_info
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('replay') / 'bag'
+    status, output = perform('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '1.0',
+                             '--record', str(path))
+    assert status == 0, output
+    return path
+
+
+@pytest.mark.parametrize('rate', [pytest.param(0.5, marks=pytest.mark.slow), 2.0])
+def test_everything_comes_again_with_its_own_timing(bag: Path, rate: float) -> None:
+    run = read_bag(bag).run
+    with probe() as it:
+        states = it.listen(JointState, 'joint_states', 10_000)
+        commands = it.listen(Float64MultiArray, 'effort_controller/commands', 10_000)
+        clocks = it.listen(Clock, '/clock')
+        sent: list[int] = []
+        it.node.create_subscription(
+            JointState, 'joint_states', with_info(
+                lambda _, info: sent.append(info['source_timestamp'])), 10_000)
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', str(bag), '--rate',
+             str(rate), '--delay', '3'], text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT)
+        try:
+            watch = Stopwatch(process.pid)
+            it.until(lambda: process.poll() is not None
+                     or len(states) == len(commands) == len(run.t), 'all messages')
+            waited = watch.waited()
+            it.until(lambda: len(states) == len(commands) == len(sent) == len(run.t)
+                     and clocks and clocks[-1].clock.sec == 1, 'the last messages')
+            output, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+        assert process.returncode == 0, output
+        took = 1e-9 * (sent[-1] - sent[0])
+        assert 0.5 / rate < took < 1.3 / rate + 0.5 + waited  # Shorter if the first one was late.
+        assert [list(m.position) for m in states] == run.q.tolist()
+        assert [list(m.data) for m in commands] == run.tau.tolist()
+
+
+def test_topics_whose_types_are_not_installed_are_named_and_passed_over(tmp_path: Path) -> None:
+    """
+    As in every bag of `ros2 bag record -a`: its own events, and those of services.
+
+    The definition of a service is written as that does, with an encoding of its own.
+    """
+    topics = {'/events/write_split': 'rosbag2_interfaces/msg/WriteSplitEvent',
+              '/plant/_service_event': 'std_srvs/srv/Trigger_Event',
+              '/news': 'std_msgs/msg/String'}
+    store = get_typestore(Stores.EMPTY)
+    for kind in topics.values():
+        store.register(get_types_from_msg('string data', kind))
+    service = '=' * 80 + '\nSRV: std_srvs/srv/Trigger\n---\nbool success\nstring message\n'
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, kind in topics.items():
+            is_service = '/srv/' in kind
+            connection = writer.add_connection(
+                topic, kind, typestore=store, msgdef=service if is_service else None,
+                rihs01='RIHS01_' + '1' * 64 if is_service else None)
+            writer.write(connection, 1, b'\0\1\0\0\1\0\0\0\0')
+    (file,) = (tmp_path / 'bag').glob('*.mcap')
+    written = file.read_bytes()
+    at = written.index(b'ros2msg', written.index(b'std_srvs'))
+    file.write_bytes(written[:at] + b'unknown' + written[at + 7:])
+    with own_domain():
+        done = subprocess.run(
+            [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', str(tmp_path / 'bag'),
+             '--delay', '0'], text=True, capture_output=True, timeout=PATIENCE, check=False)
+    assert (done.returncode, done.stdout) == (0, '1 messages\n'), done.stderr
+    (line,) = done.stderr.splitlines()
+    assert '/news' not in line
+    for topic in ('/events/write_split', '/plant/_service_event'):
+        assert f'{topic} ({topics[topic]})' in line
+
+
+def test_bad_arguments_are_refused_in_one_line(bag: Path) -> None:
+    for arguments, message in (((str(bag), '--rate', '0'), '--rate: 0.0 is not allowed'),
+                               ((str(bag / 'nothing'),), 'no such bag')):
+        done = subprocess.run(
+            [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'replay', *arguments], text=True,
+            capture_output=True, timeout=PATIENCE, check=False)
+        assert done.returncode == 1
+        assert len(done.stderr.splitlines()) == 1
+        assert message in done.stderr

@@ -1,0 +1,308 @@
+"""Bags as the mcap library reads them, and their metadata in YAML."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from contextlib import closing
+import errno
+import importlib
+import json
+from pathlib import Path
+import random
+import resource
+import threading
+import time
+import tracemalloc
+from typing import Any
+from unittest.mock import Mock
+
+from bags import entries, Entry, serialized, write_bag
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import breakup_chunk, StreamReader
+import pytest
+from recorded_runs import metadata
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.repair import open_bag, recover
+from ctc_chattering.bags.writer import offered_qos, Recording
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.ros.topics import TOPICS
+
+SETUP = parameter_file.load(None, {'plant': {'duration': 0.2}, 'bringup': {
+    'events': ['0.1 controller law compensation']}})
+COUNTS = {'/joint_states': 201, '/effort_controller/commands': 201, '/reference': 9,
+          '/plant/parameters': 1, '/controller/parameters': 2}
+SEQUENCES = {'/joint_states': 'sensor_msgs/msg/JointState', '/reference':
+             'trajectory_msgs/msg/JointTrajectory'}
+
+
+@pytest.fixture(scope='module')
+def messages() -> list[Entry]:
+    """Return the messages of a run, serialized."""
+    return [entry._replace(message=serialized(entry.message))
+            for entry in entries(simulated(SETUP), SETUP.plant)]
+
+
+@pytest.fixture(scope='module')
+def bag(messages: list[Entry], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('bags') / 'below' / 'run'
+    assert write_bag(path, messages) == COUNTS
+    return path
+
+
+def test_mcap_reads_every_message(bag: Path, messages: list[Entry]) -> None:
+    """Check topics, counts, log times and bytes, in the order in which they were written."""
+    (file,) = bag.glob('*.mcap')
+    with file.open('rb') as stream:
+        read = [(channel.topic, schema and schema.name, message.log_time, message.data)
+                for schema, channel, message in make_reader(stream).iter_messages(
+                    log_time_order=False)]
+    assert Counter(topic for topic, *_ in read) == COUNTS
+    assert read == [tuple(entry) for entry in messages]
+
+
+def test_chunks_have_checksums_that_mcap_finds_right(bag: Path) -> None:
+    (file,) = bag.glob('*.mcap')
+    with file.open('rb') as stream:
+        chunks = [record for record in StreamReader(stream, emit_chunks=True).records
+                  if isinstance(record, Chunk)]
+    assert chunks
+    for chunk in chunks:
+        assert chunk.uncompressed_crc != 0
+        assert breakup_chunk(chunk, validate_crc=True)
+
+
+def test_schemas_are_in_it(bag: Path) -> None:
+    """Check that each message definition is there, with those it is made of, and zstd."""
+    (file,) = bag.glob('*.mcap')
+    with file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == sum(COUNTS.values())
+    assert summary.statistics.message_end_time == 200_000_000
+    assert {x.compression for x in summary.chunk_indexes} == {'zstd'}
+    schemas = {x.name: x for x in summary.schemas.values()}
+    assert len(schemas) == 4
+    assert {x.encoding for x in schemas.values()} == {'ros2msg'}
+    text = schemas['trajectory_msgs/msg/JointTrajectory'].data.decode()
+    for part in ('JointTrajectoryPoint[] points', 'MSG: std_msgs/Header',
+                 'MSG: builtin_interfaces/Duration', 'float64[] accelerations'):
+        assert part in text
+    assert {x.message_encoding for x in summary.channels.values()} == {'cdr'}
+
+
+def test_metadata(bag: Path) -> None:
+    """Check what `ros2 bag info` and `play` read: counts, types, duration, QoS."""
+    info = metadata(bag)
+    assert (info['version'], info['storage_identifier']) == (9, 'mcap')
+    assert info['message_count'] == sum(COUNTS.values())
+    assert info['duration']['nanoseconds'] in (200_000_000, 200_000_001)
+    assert info['relative_file_paths'] == [x.name for x in bag.glob('*.mcap')]
+    topics = {x['topic_metadata']['name']: x for x in info['topics_with_message_count']}
+    assert {name: x['message_count'] for name, x in topics.items()} == COUNTS
+    for name, topic in topics.items():
+        (qos,) = topic['topic_metadata']['offered_qos_profiles']
+        assert (qos['reliability'], qos['history'], qos['depth']) == ('reliable', 'keep_last', 100)
+        assert qos['durability'] == (
+            'transient_local' if name.endswith('/parameters') else 'volatile')
+        assert topic['topic_metadata']['serialization_format'] == 'cdr'
+    for name, kind in SEQUENCES.items():
+        assert topics[name]['topic_metadata']['type'] == kind
+
+
+def test_the_name_is_one_that_ros2_bag_reindex_finds(bag: Path) -> None:
+    (file,) = bag.glob('*.mcap')
+    assert file.name == 'run_0.mcap'
+
+
+def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
+    """Check channels, which `ros2 bag convert` reads, and `metadata.yaml` for every topic."""
+    recording = Recording(tmp_path / 'bag')
+    for topic in TOPICS.values():
+        recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), '')
+    recording.close()
+    with recording.file.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    found = {x.topic: x.metadata['topic_type_hash'] for x in summary.channels.values()}
+    listed = {x['topic_metadata']['name']: x['topic_metadata']['type_description_hash']
+              for x in metadata(tmp_path / 'bag')['topics_with_message_count']}
+    expected = {f'/{topic.name}': type_hash(topic.kind) for topic in TOPICS.values()}
+    assert found == listed == expected
+
+
+def type_hash(kind: str) -> str:
+    """Return the hash of a type from the files of its package."""
+    package, _, name = kind.split('/')
+    prefix = Path(str(importlib.import_module(package).__file__)).parents[4]
+    file = prefix / 'share' / package / 'msg' / f'{name}.json'
+    hashes = json.loads(file.read_text(encoding='utf-8'))['type_hashes']
+    return {x['type_name']: str(x['hash_string']) for x in hashes}[kind]
+
+
+@pytest.mark.parametrize('limit', [8, *random.Random(1).sample(range(40_000), 60)])
+def test_a_disk_that_is_full_at_any_moment(
+        limit: int, messages: list[Entry], tmp_path: Path) -> None:
+    """
+    Check that there is one error, whatever is called later, and that what was flushed is kept.
+
+    A limit on the size of files simulates the full disk.
+    """
+    recording, errors, flushed = Recording(tmp_path / 'bag'), [], 0
+
+    def attempt(action: Any, *arguments: Any) -> None:
+        try:
+            action(*arguments)
+        except OSError as error:
+            errors.append(error.errno)
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+    try:
+        for i, (topic, kind, t, message) in enumerate(messages, 1):
+            attempt(recording.write, topic, kind, t, message, '')
+            if i % 20 == 0:
+                attempt(recording.flush)
+                flushed = flushed if errors else i
+        attempt(recording.close)
+        attempt(recording.close)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert errors == [errno.EFBIG] * (not (tmp_path / 'bag' / 'metadata.yaml').exists())
+    assert {x.name for x in (tmp_path / 'bag').iterdir()} <= {'bag_0.mcap', 'metadata.yaml'}
+    if errors and not flushed:
+        return
+    assert flushed <= recover(tmp_path / 'bag', tmp_path / 'rewritten').messages <= len(messages)
+
+
+def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
+    Recording(tmp_path / 'bag').close()
+    (file,) = (tmp_path / 'bag').glob('*.mcap')
+    with file.open('rb') as stream:
+        assert list(make_reader(stream).iter_messages()) == []
+    assert metadata(tmp_path / 'bag')['message_count'] == 0
+
+
+@pytest.mark.parametrize('below', ['', 'file', 'file/bag'])
+def test_impossible_place(tmp_path: Path, below: str) -> None:
+    """Check that nothing is overwritten, and the error."""
+    (tmp_path / 'file').write_text('mine')
+    with pytest.raises(CtcError) as error:
+        Recording(tmp_path / below)
+    assert str(tmp_path / below) in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+    assert (tmp_path / 'file').read_text() == 'mine'
+
+
+def test_qos_is_that_of_the_first_message(tmp_path: Path, messages: list[Entry]) -> None:
+    recording = Recording(tmp_path / 'bag')
+    state = next(x for x in messages if x.topic == '/joint_states')
+    for depth in (3, 9):
+        recording.write(state.topic, state.kind, depth, state.message, offered_qos(depth, False))
+    recording.close()
+    assert recording.counts == {'/joint_states': 2}
+    (topic,) = metadata(tmp_path / 'bag')['topics_with_message_count']
+    assert topic['topic_metadata']['offered_qos_profiles'][0]['depth'] == 3
+
+
+@pytest.fixture
+def split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[int]]:
+    """Return a bag of 1200 flushes in files of 100, and the memory in use after parts of them."""
+    monkeypatch.setattr('ctc_chattering.bags.writer._FLUSHES', 100)
+    recording, sizes, t = Recording(tmp_path / 'bag'), [], 0
+    tracemalloc.start()
+    for _ in range(3):
+        for _ in range(400):
+            t += 1
+            recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0',
+                            offered_qos(10, False))
+            recording.flush()
+        sizes.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    recording.close()
+    return tmp_path / 'bag', sizes
+
+
+def test_a_long_recording_has_several_files_and_costs_no_memory(
+        split: tuple[Path, list[int]]) -> None:
+    bag, sizes = split
+    assert sizes[2] - sizes[1] < 20 * 400  # The index of a chunk has 100 bytes or more.
+    info = metadata(bag)
+    names = [f'bag_{i}.mcap' for i in range(12)]
+    assert info['relative_file_paths'] == names
+    assert [(x['path'], x['message_count'], x['starting_time']['nanoseconds_since_epoch'])
+            for x in info['files']] == list(zip(names, [100] * 12, range(1, 1200, 100)))
+    assert (info['message_count'], info['duration']['nanoseconds']) == (1200, 1199)
+    with (bag / names[7]).open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert [x.message_start_time for x in summary.chunk_indexes] == list(range(701, 801))
+    with closing(open_bag(bag)) as reader:
+        assert [t for _, t, _ in reader.messages()] == list(range(1, 1201))
+
+
+def test_several_files_without_an_end_are_recovered(split: tuple[Path, list[int]]) -> None:
+    bag, _ = split
+    (bag / 'metadata.yaml').unlink()
+    file = bag / 'bag_11.mcap'
+    file.write_bytes(file.read_bytes()[:file.stat().st_size // 2])
+    with closing(open_bag(bag)) as reader:
+        found = [t for _, t, _ in reader.messages()]
+    assert 1110 < len(found) < 1200
+    assert found == list(range(1, len(found) + 1))
+
+
+def test_only_documented_modules_of_rosbags_and_mcap_are_used() -> None:
+    """Check imports: what is not documented may change with any release."""
+    documented = {'rosbags.interfaces', 'rosbags.rosbag2', 'rosbags.typesys', 'mcap.reader',
+                  'mcap.records', 'mcap.stream_reader', 'mcap.writer'}
+    for file in (Path(__file__).parents[2] / 'ctc_chattering').rglob('*.py'):
+        for item in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+            modules = ([x.name for x in item.names] if isinstance(item, ast.Import) else
+                       [item.module or ''] if isinstance(item, ast.ImportFrom) else [])
+            for module in modules:
+                assert module.split('.')[0] not in ('rosbags', 'mcap') or module in documented
+            if isinstance(item, ast.ImportFrom) and item.module in documented:
+                assert not any(x.name.startswith('_') for x in item.names)
+
+
+def flushed(recording: Recording, count: int) -> None:
+    """Write messages, with a flush after each."""
+    for t in range(count):
+        recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', '')
+        recording.flush()
+
+
+def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check that what was flushed can be read while fsync is still at work."""
+    go = threading.Event()
+    sync = Mock(side_effect=lambda _: go.wait(60.0))
+    monkeypatch.setattr('os.fsync', sync)
+    recording = Recording(tmp_path / 'bag')
+    flushed(recording, 3)
+    assert recover(tmp_path / 'bag', tmp_path / 'rewritten').messages == 3
+    sync.assert_called_once()
+    go.set()
+    recording.close()
+    assert metadata(tmp_path / 'bag')['message_count'] == 3
+
+
+def test_an_error_of_the_disk_is_reported(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('os.fsync', Mock(side_effect=OSError(errno.EIO, 'Input/output error')))
+    recording = Recording(tmp_path / 'closed')
+    flushed(recording, 1)
+    with pytest.raises(OSError, match='Input/output error'):
+        recording.close()
+    recording.abandon()
+    recording = Recording(tmp_path / 'flushed')
+    end = time.monotonic() + 60.0
+    with pytest.raises(OSError, match='Input/output error'):
+        while time.monotonic() < end:
+            flushed(recording, 1)
+    recording.abandon()
+    assert recover(tmp_path / 'flushed', tmp_path / 'rewritten').messages > 0

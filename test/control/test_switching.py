@@ -1,0 +1,245 @@
+"""The ways to evaluate the chattering term."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from oracles import Array, inclusion_by_enumeration, random_spd
+import pytest
+from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
+
+from ctc_chattering.control.error_filter import ErrorFilter
+from ctc_chattering.control.perturbation_observer import PerturbationObserver
+from ctc_chattering.control.switching import (
+    BoundaryLayer,
+    Implicit,
+    ImplicitObserver,
+    make_switching,
+    Sign,
+    SWITCHINGS,
+)
+
+#: Arguments of a term that depends on v alone.
+NONE = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+
+
+def sign(v: list[float], ka: list[float]) -> list[float]:
+    term, clipping = Sign(np.array(ka)).term(np.array(v), *NONE)
+    assert clipping is None
+    listed: list[float] = term.tolist()
+    return listed
+
+
+def boundary_layer(v: list[float], ka: list[float], width: float) -> list[float]:
+    term, clipping = BoundaryLayer(np.array(ka), width).term(np.array(v), *NONE)
+    assert clipping is None
+    listed: list[float] = term.tolist()
+    return listed
+
+
+@pytest.mark.parametrize(('v', 'expected'), [
+    (2.0, 7.0), (1e-300, 7.0), (5e-324, 7.0), (0.0, 0.0), (-0.0, 0.0), (-5e-324, -7.0),
+    (-3.0, -7.0), (float('inf'), 7.0), (-float('inf'), -7.0)])
+def test_every_case_of_one_joint(v: float, expected: float) -> None:
+    """Check sgn with sgn(0) = 0: no dead band, no smoothing."""
+    assert sign([v], [7.0]) == [expected]
+
+
+def test_joints_have_their_own_gain_and_sign() -> None:
+    """Check against numpy's sign for random vectors of four joints."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        v = rng.normal(size=4) * rng.integers(0, 2, 4)
+        ka = rng.uniform(0.0, 20.0, 4)
+        assert sign(v.tolist(), ka.tolist()) == (ka * np.sign(v)).tolist()
+
+
+def test_power_is_the_one_norm() -> None:
+    """Check vᵀ Ka sgn(v) = ka ‖v‖₁, the term that makes V of equation (9) fall."""
+    v = [0.3, -2.0, 0.0]
+    assert np.dot(v, sign(v, [10.0] * 3)) == pytest.approx(10.0 * np.abs(v).sum())
+
+
+def test_zero_gain_is_no_chattering() -> None:
+    """Check that ka = 0 makes law (6) law (2), however switched."""
+    assert SWITCHINGS == ('sign', 'boundary_layer', 'implicit', 'implicit_observer')
+    assert sign([1.0, -1.0], [0.0, 0.0]) == [0.0, 0.0]
+    assert boundary_layer([1.0, -1.0], [0.0, 0.0], 0.1) == [0.0, 0.0]
+    assert _implicit(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([3.0, -4.0]),
+                     np.zeros(2)).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(('v', 'expected'), [
+    (0.0, 0.0), (0.01, 1.4), (-0.025, -3.5), (0.05, 7.0), (-0.05, -7.0), (0.0501, 7.0),
+    (1e9, 7.0), (float('inf'), 7.0), (-float('inf'), -7.0), (5e-324, 0.0)])
+def test_boundary_layer_is_a_slope_within_its_width(v: float, expected: float) -> None:
+    """Check sat(v / 0.05): linear inside, constant from the edge on."""
+    assert boundary_layer([v], [7.0], 0.05)[0] == pytest.approx(expected, abs=1e-300)
+
+
+def test_boundary_layer_tends_to_sign() -> None:
+    """Check that it differs from sign only for 0 < |v| < width, and in no place for width -> 0."""
+    rng = np.random.default_rng(5)
+    v = (rng.normal(size=400) * 10.0 ** rng.uniform(-6.0, 1.0, 400) * rng.integers(0, 2, 400))
+    ka, jump = rng.uniform(0.5, 20.0, 400), np.sign(v)
+    for width in (1.0, 1e-2, 1e-4, 1e-320):
+        z = np.array(boundary_layer(v.tolist(), ka.tolist(), width))
+        inside = (np.abs(v) < width) & (v != 0.0)
+        assert inside.any() == (width > 1e-300)
+        assert ((z == ka * jump) == ~inside).all()
+        np.testing.assert_allclose(z[inside], ka[inside] * v[inside] / width, rtol=1e-12)
+
+
+def _implicit(mass: Array, wanted: Array, ka: Array) -> Array:
+    """Return the term without errors, where C v is all that it has to undo."""
+    zero = np.zeros(len(ka))
+    term, clipping = Implicit(ka, ErrorFilter(len(ka))).term(zero, zero, mass, -wanted)
+    assert clipping is None
+    return term
+
+
+def _problem(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
+    """Return an inertia, wanted torques around the gains, and gains of which some are 0."""
+    mass = random_spd(rng, n, rng.uniform(0.3, 3.0))
+    ka = rng.uniform(0.0, 20.0, n) * (rng.random(n) < 0.85)
+    return mass, rng.normal(size=n) * 15.0, ka
+
+
+def _check_inclusion(mass: Array, wanted: Array, ka: Array, z: Array) -> None:
+    """Assert for every joint: v⁺ = 0, or z at the bound of its sign; v⁺ up to rounding."""
+    v = np.linalg.solve(mass, wanted - z)
+    noise = 1e-11 * np.abs(np.linalg.inv(mass)) @ (np.abs(wanted) + ka) * np.linalg.cond(mass)
+    assert (np.abs(z) <= ka).all()
+    for x, zi, k, small in zip(v, z, ka, noise):
+        if abs(zi) < k:
+            assert abs(x) <= small
+        elif k > 0.0:
+            assert x * np.sign(zi) >= -small
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 4])
+def test_implicit_against_enumeration(n: int) -> None:
+    """Check z and its inclusion joint by joint against all 3^n sets of signs; all kinds occur."""
+    rng = np.random.default_rng(n)
+    rests = slides = 0
+    for _ in range(150):
+        mass, wanted, ka = _problem(rng, n)
+        z = _implicit(mass, wanted, ka)
+        np.testing.assert_allclose(
+            z, inclusion_by_enumeration(mass, wanted, ka), rtol=1e-8, atol=1e-8)
+        _check_inclusion(mass, wanted, ka, z)
+        rests += int((np.abs(z) < ka).sum())
+        slides += int(((np.abs(z) == ka) & (ka > 0.0)).sum())
+    assert rests > 50
+    assert slides > 50
+
+
+@pytest.mark.parametrize('n', [2, 3, 6])
+def test_implicit_is_the_nearest_point_in_the_metric_of_the_inverse_inertia(n: int) -> None:
+    """Check min (wanted - z)ᵀ M⁻¹ (wanted - z) over the box with scipy; no plain clipping."""
+    rng = np.random.default_rng(20 + n)
+    coupled = 0
+    for _ in range(40):
+        mass, wanted, ka = _problem(rng, n)
+        ka = ka + 0.1
+        root = np.linalg.inv(np.linalg.cholesky(mass))
+        fit = lsq_linear(root, root @ wanted, (-ka, ka), tol=1e-14, method='bvls')
+        z = _implicit(mass, wanted, ka)
+        np.testing.assert_allclose(z, fit.x, atol=1e-6)
+        coupled += bool(np.abs(z - np.clip(wanted, -ka, ka)).max() > 1e-3)
+    assert coupled > 10
+
+
+def test_implicit_inside_the_box_is_what_is_wanted() -> None:
+    """Check that nothing is changed within ±Ka, its corners included, and that one ulp more is."""
+    rng = np.random.default_rng(8)
+    for _ in range(50):
+        mass, _, ka = _problem(rng, 3)
+        wanted = rng.uniform(-1.0, 1.0, 3) * ka
+        assert (_implicit(mass, wanted, ka) == wanted).all()
+        corner = ka * rng.choice([-1.0, 1.0], 3)
+        assert (_implicit(mass, corner, ka) == corner).all()
+    mass, ka = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([3.0, 4.0])
+    beyond = np.array([np.nextafter(3.0, 9.0), 0.0])
+    assert _implicit(mass, beyond, ka)[0] == 3.0
+
+
+@settings(max_examples=200)
+@given(st.floats(1e-6, 1e6), st.floats(-1e250, 1e250), st.floats(0.0, 1e6))
+def test_implicit_of_one_joint_is_clipping(mass: float, wanted: float, ka: float) -> None:
+    """Check the closed form for n = 1, where no other joint is pushed."""
+    z, = _implicit(np.array([[mass]]), np.array([wanted]), np.array([ka])).tolist()
+    assert z == pytest.approx(float(np.clip(wanted, -ka, ka)), rel=1e-14)
+    assert abs(z) <= ka
+
+
+def test_a_joint_at_its_bound_pushes_the_others() -> None:
+    """Check two joints by hand: v⁺ = (x, 0) with 2 x = 5 - 3, so that z2 = 0 - 1 x."""
+    mass = np.array([[2.0, 1.0], [1.0, 2.0]])
+    assert _implicit(mass, np.array([5.0, 0.0]), np.array([3.0, 4.0])) == pytest.approx(
+        [3.0, -1.0])
+    assert _implicit(mass, np.array([5.0, 0.0]), np.array([3.0, 0.5])) == pytest.approx(
+        [3.0, -0.5])
+    assert _implicit(mass, np.array([5.0, 0.0]), np.array([6.0, 0.5])).tolist() == [5.0, 0.0]
+
+
+@settings(max_examples=300)
+@given(st.integers(1, 6), st.integers(0, 2 ** 32 - 1), st.floats(0.0, 12.0),
+       st.floats(-8.0, 8.0), st.floats(-10.0, 280.0))
+def test_implicit_never_exceeds_the_gain(n: int, seed: int, decades: float, size: float,
+                                         load: float) -> None:
+    """Check |z| <= Ka for inertias of any conditioning, and torques huge and tiny."""
+    rng = np.random.default_rng(seed)
+    mass = random_spd(rng, n, decades) * 10.0 ** size
+    wanted = rng.normal(size=n) * 10.0 ** load
+    ka = 10.0 ** rng.uniform(-8.0, 8.0, n) * (rng.random(n) < 0.8)
+    z = _implicit(mass, wanted, ka)
+    assert (np.abs(z) <= ka).all()
+    if load < 10.0 and decades < 4.0:
+        _check_inclusion(mass, wanted, ka, z)
+
+
+@pytest.mark.parametrize('wanted', [
+    [1e308, -1e308], [-1.7e308, 1.0], [float('inf'), 0.0], [float('inf'), -float('inf')]])
+@pytest.mark.parametrize('mass', [
+    [[1e-3, 0.0], [0.0, 1e-3]], [[9.79, 1.27], [1.27, 0.62]]])
+def test_implicit_never_exceeds_the_gain_at_the_end_of_the_numbers(
+        wanted: list[float], mass: list[list[float]]) -> None:
+    """Check that a torque which overflows in M⁻¹ leaves the term finite and within ±Ka."""
+    z = _implicit(np.array(mass), np.array(wanted), np.array([10.0, 4.0]))
+    assert abs(z[0]) <= 10.0
+    assert abs(z[1]) <= 4.0
+
+
+@pytest.mark.parametrize('n', [1, 3])
+def test_implicit_is_for_v_of_the_next_sample(n: int) -> None:
+    """Check M y / (b h) - C v - P̂ - z = M v⁺ / (b h), with y from the filter run ahead."""
+    rng, h = np.random.default_rng(n), 2e-3
+    filter_, observer = ErrorFilter(n), PerturbationObserver(n)
+    filter_.configure(7.0, 1.3, h)
+    ka, clipped = np.full(n, 8.0), 0
+    for _ in range(50):
+        mass, v, u, product = (random_spd(rng, n), 0.02 * rng.normal(size=n),
+                               rng.normal(size=n), rng.normal(size=n))
+        observer.estimate = rng.uniform(-4.0, 4.0, n)
+        for switching, estimate in ((Implicit(ka, filter_), np.zeros(n)), (
+                ImplicitObserver(ka, filter_, observer), observer.estimate)):
+            z, clipping = switching.term(v, u, mass, product)
+            decay = np.exp(-7.0 * h)
+            y = decay * v + (1.3 * h - 1.3 * (1.0 - decay) / 7.0) * u
+            wanted = mass @ y / (1.3 * h) - product - estimate
+            np.testing.assert_allclose(
+                z, inclusion_by_enumeration(mass, wanted, ka), rtol=1e-8, atol=1e-8)
+            if clipping is not None:
+                np.testing.assert_allclose(clipping, wanted - z, atol=1e-9)
+                clipped += 1
+            elif isinstance(switching, ImplicitObserver):
+                assert (np.abs(wanted) <= ka).all()
+    assert 5 < clipped < 50
+
+
+def test_every_name_has_its_class() -> None:
+    """Check the classes in the order of the names; only the last one has an observer."""
+    filter_, observer = ErrorFilter(2), PerturbationObserver(2)
+    made = [make_switching(name, np.ones(2), 0.1, filter_, observer) for name in SWITCHINGS]
+    assert [type(x) for x in made] == [Sign, BoundaryLayer, Implicit, ImplicitObserver]
+    assert [x.observer for x in made] == [None, None, None, observer]

@@ -1,0 +1,171 @@
+"""Every command line of the README and the docs is right; those that can run here, run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from typing import Any, NamedTuple
+
+from processes import PATIENCE
+import pytest
+
+from ctc_chattering.cli.bringup import make_parser as bringup_parser
+from ctc_chattering.cli.ctc import make_parser as ctc_parser
+from ctc_chattering.cli.node import _make_parser as node_parser
+from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS
+from ctc_chattering.ros import ros_arguments
+from ctc_chattering.ros.domain import own_domain
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md')))
+#: What does not run here, by how the line begins, and why.
+ELSEWHERE = {
+    'make ': 'installs, or runs this suite and the five experiments',
+    'mkdir -p ~/ws': 'the network, and a directory of the user',
+    'python3 -m venv': 'makes an environment', 'pip install': 'the network',
+    'source .venv': 'the network', 'cd ~/ws': 'a workspace of the user',
+    'colcon build': 'colcon and ROS 2', 'alias ctc=': 'is for a terminal',
+    'ros2 param': 'the client ros2', 'ros2 service': 'the client ros2',
+    'ros2 security': 'sros2', 'for name in': 'sros2', 'done': 'sros2',
+    'ros2 launch': 'Gazebo', 'ros2 run ros_gz': 'Gazebo',
+    'ros2 run robot_state_publisher': 'robot_state_publisher',
+    'ros2 run controller_manager': 'ros2_control',
+    'ros2 run mujoco_ros2_control': 'mujoco_ros2_control',
+    'ros2 run ctc_chattering controller --ros-args --enclave': 'a keystore',
+    'ros2 run ctc_chattering plant --ros-args --enclave': 'a keystore'}
+#: What takes long here.
+SLOW = ('ctc compare', 'ctc plot', 'ros2 run ctc_chattering bringup --params-file',
+        'ros2 run ctc_chattering controller --ros-args --params-file $P -p',
+        'ros2 run ctc_chattering reference --ros-args --params-file $P -p')
+#: Stands in for the client ros2, and for what pip puts on the path; runs are short.
+PRELUDE = f"""
+shopt -s expand_aliases
+ros2() {{
+    case "$1 $2 $3" in
+        "pkg prefix --share") echo {shlex.quote(str(ROOT))};;
+        "run ctc_chattering "*) shift 2; "$@";;
+        *) echo "ros2 $* is not here" >&2; return 97;;
+    esac
+}}
+ctc() {{ {shlex.quote(sys.executable)} -m ctc_chattering.cli.ctc "$@"; }}
+bringup() {{ {shlex.quote(sys.executable)} -m ctc_chattering.cli.bringup "$@" --duration 0.2; }}
+""" + ''.join(
+    f'{name}() {{ exec {shlex.quote(sys.executable)} -m ctc_chattering.cli.node {name} "$@"; }}\n'
+    for name in NODE_DESCRIPTIONS)
+
+
+class Line(NamedTuple):
+    """A command, the assignments that stand before it in its block, and the lines before it."""
+
+    page: str
+    text: str
+    before: tuple[str, ...]
+
+
+def lines() -> Iterator[Line]:
+    for page in PAGES:
+        for block in re.findall(r'```sh\n(.*?)```', page.read_text(encoding='utf-8'), re.DOTALL):
+            before: tuple[str, ...] = ()
+            for line in block.replace('\\\n', ' ').splitlines():
+                text = ' '.join(re.sub(r'(^|\s)#.*', '', line).split())
+                if text:
+                    yield Line(page.name, text, before)
+                    before = (*before, text)
+
+
+LINES = list(lines())
+
+
+def elsewhere(line: Line) -> bool:
+    return any(line.text.startswith(start) for start in ELSEWHERE)
+
+
+def is_assignment(text: str) -> bool:
+    return re.match(r'(export )?\w+=', text) is not None
+
+
+def ours(line: Line) -> list[str]:
+    """Return the words of a command of this package, or none."""
+    words = shlex.split(line.text)
+    if words[:3] == ['ros2', 'run', 'ctc_chattering']:
+        words = words[3:]
+    return words if words[0] in ('ctc', 'bringup', *NODE_DESCRIPTIONS) else []
+
+
+def test_the_list_of_what_does_not_run_is_not_stale() -> None:
+    assert len(LINES) > 30
+    for start in (*ELSEWHERE, *SLOW):
+        assert any(line.text.startswith(start) for line in LINES), start
+
+
+@pytest.mark.parametrize(
+    'line', [x for x in LINES if ours(x)], ids=lambda x: f'{x.page}: {x.text}')
+def test_commands_of_this_package_are_ones(line: Line) -> None:
+    """Check options, parameters and remaps, of those too that do not run here."""
+    name, *arguments = ours(line)
+    if name == 'ctc':
+        ctc_parser().parse_args(arguments)
+        return
+    own, ros = ros_arguments.parse(arguments)
+    (bringup_parser() if name == 'bringup' else node_parser(name)).parse_args(own)
+    single = ros_arguments.RosArguments(ros.node, ros.namespace, tuple(
+        x for x in ros.sources if not isinstance(x, Path)))
+    single.check([name])
+    single.values(name)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a directory with the files that the pages have the reader write."""
+    page = (ROOT / 'docs' / 'robots.md').read_text(encoding='utf-8')
+    for kind, name in (('python', 'pendulum.py'), ('yaml', 'pendulum.yaml')):
+        found = re.search(f'`{name}`:\n\n```{kind}\n(.*?)```', page, re.DOTALL)
+        assert found
+        (tmp_path / name).write_text(found[1])
+    return tmp_path
+
+
+def runs() -> Iterator[Any]:
+    for line in LINES:
+        if not elsewhere(line) and not is_assignment(line.text):
+            yield pytest.param(line, id=f'{line.page}: {line.text}', marks=[
+                pytest.mark.ros, *([pytest.mark.slow] if line.text.startswith(SLOW) else [])])
+
+
+@pytest.mark.parametrize('line', list(runs()))
+def test_what_can_run_here_runs(line: Line, folder: Path) -> None:
+    """Run a line after the assignments before it; a node until it says what it waits for."""
+    before = [x for x in line.before if is_assignment(x)]
+    if ours(line)[:2] == ['ctc', 'plot']:
+        before += [x for x in line.before if ' bringup ' in f' {x} ']
+    with own_domain():
+        process = subprocess.Popen(
+            ['bash', '-c', '\n'.join((PRELUDE, 'set -e', *before, line.text))], cwd=folder,
+            text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env={**os.environ, 'PYTHONPATH': str(ROOT), 'PYTHONUNBUFFERED': '1'})
+        try:
+            if ours(line)[0] in NODE_DESCRIPTIONS:
+                assert process.stdout is not None
+                said = list(iter_until(process, 'waits for'))
+                process.send_signal(signal.SIGINT)
+            else:
+                said = []
+            output, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert process.returncode == 0, ''.join(said) + output
+
+
+def iter_until(process: subprocess.Popen[str], text: str) -> Iterator[str]:
+    """Yield lines of output up to the one with `text`."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        yield line
+        if text in line:
+            return

@@ -1,0 +1,98 @@
+"""The base class of models, and its small linear algebra."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+from oracles import (
+    Array,
+    Generic,
+    kinetic_energy,
+    Masses,
+    paper_c,
+    paper_g,
+    paper_m,
+    random_spd,
+    states,
+)
+import pytest
+
+from ctc_chattering.dynamics.model import dot, Model, solve, times
+from ctc_chattering.dynamics.two_link import TwoLink
+
+
+@given(st.integers(1, 6), st.integers(0, 2 ** 32 - 1), st.floats(0.0, 6.0))
+def test_solve_is_a_solution(n: int, seed: int, decades: float) -> None:
+    """Check random positive definite systems, well and badly conditioned, against numpy."""
+    rng = np.random.default_rng(seed)
+    a, b = random_spd(rng, n, decades), rng.normal(size=n)
+    x = np.array(solve(a.tolist(), b.tolist()))
+    residual = np.abs(a @ x - b).max()
+    assert residual <= 1e-13 * (1.0 + np.abs(a).max() * np.abs(x).max())
+    np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=1e-7, atol=1e-10)
+
+
+def test_solve_leaves_its_arguments_alone() -> None:
+    """Check that nothing is done in place."""
+    a, b = [[4.0, 1.0], [1.0, 3.0]], [1.0, 2.0]
+    assert solve(a, b) == pytest.approx([1 / 11, 7 / 11])
+    assert (a, b) == ([[4.0, 1.0], [1.0, 3.0]], [1.0, 2.0])
+    assert solve([], []) == []
+
+
+def test_products_against_numpy() -> None:
+    """Check dot and a matrix that is not square."""
+    rng = np.random.default_rng(0)
+    a, x = rng.normal(size=(3, 5)), rng.normal(size=5)
+    assert times(a.tolist(), x.tolist()) == pytest.approx((a @ x).tolist())
+    assert dot(x.tolist(), a[0].tolist()) == pytest.approx(float(a[0] @ x))
+
+
+@pytest.mark.parametrize('fixed_joints', range(8))
+def test_every_lock_mask_of_three_joints(fixed_joints: int) -> None:
+    """Check M ddq = u on free joints and ddq = 0 on locked ones, by reduced numpy systems."""
+    rng = np.random.default_rng(fixed_joints)
+    free = [i for i in range(3) if not fixed_joints >> i & 1]
+    for _ in range(20):
+        mass, u = random_spd(rng, 3, 2.0), rng.normal(size=3)
+        expected = np.zeros(3)
+        if free:
+            expected[free] = np.linalg.solve(mass[np.ix_(free, free)], u[free])
+        rest = [0.0] * 3
+        ddq = Masses(mass.tolist()).forward_dynamics(rest, rest, u.tolist(), fixed_joints)
+        np.testing.assert_allclose(ddq, expected, rtol=1e-10, atol=1e-13)
+        assert [ddq[i] for i in range(3) if i not in free] == [0.0] * (3 - len(free))
+
+
+@pytest.mark.parametrize('model', [Generic(), TwoLink()])
+def test_inverse_dynamics_is_equation_1(model: Model) -> None:
+    """Check M a + C dq + G against the paper's matrices, and that forward dynamics undoes it."""
+    rng = np.random.default_rng(1)
+    for q, dq in states(50):
+        a = rng.normal(size=2) * 5.0
+        u = model.inverse_dynamics(q, dq, a.tolist())
+        expected: Array = paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q)
+        np.testing.assert_allclose(u, expected, atol=1e-12)
+        np.testing.assert_allclose(model.forward_dynamics(q, dq, u), a, atol=1e-11)
+
+
+def _energy(model: Model, q: Array, dq: Array) -> float:
+    return (kinetic_energy(model, q.tolist(), dq.tolist())
+            + model.potential_energy(q.tolist()))
+
+
+def test_power_balance() -> None:
+    """Check dE/dt = dqᵀ u along the dynamics by differences: M, C, G and the energies agree."""
+    model, h = Generic(), 1e-5
+    rng = np.random.default_rng(8)
+    for q, dq in states(50, seed=3):
+        u = rng.uniform(-50.0, 50.0, 2)
+        a = np.array(model.forward_dynamics(q, dq, u.tolist()))
+        after, before = (_energy(model, q + t * np.array(dq) + 0.5 * t * t * a, dq + t * a)
+                         for t in (h, -h))
+        assert (after - before) / (2 * h) == pytest.approx(u @ dq, abs=1e-4)
+
+
+def test_base_class_is_abstract() -> None:
+    """Check that a model without M, C, G cannot be made."""
+    with pytest.raises(TypeError):
+        Model()  # type: ignore[abstract]

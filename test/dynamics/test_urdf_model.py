@@ -1,0 +1,376 @@
+"""Pinocchio's dynamics of a URDF, against closed forms and against MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from math import cos, inf, pi, sin
+import sys
+import types
+from typing import Any
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+from oracles import Array, states
+import pytest
+from urdfs import (
+    BOMBS,
+    chain,
+    grip,
+    I1,
+    I2,
+    joint,
+    L1,
+    link,
+    M1,
+    M2,
+    mutated,
+    PANDA,
+    panda,
+    R1,
+    R2,
+    two_links,
+    UR5,
+    ur5,
+    urdf,
+)
+
+from ctc_chattering.dynamics.model_check import check_dynamics
+from ctc_chattering.dynamics.scaled_model import Scaled
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.registry import make_plant
+
+G = 9.81
+K = M2 * L1 * R2
+
+
+def hand_m(q: list[float]) -> Array:
+    """Return M of `two_links`, derived by hand."""
+    m22 = M2 * R2 ** 2 + I2
+    m12 = m22 + K * cos(q[1])
+    return np.array([[M1 * R1 ** 2 + I1 + M2 * L1 ** 2 + m22 + 2 * K * cos(q[1]), m12],
+                     [m12, m22]])
+
+
+def hand_c(q: list[float], dq: list[float]) -> Array:
+    """Return C of Christoffel's symbols; only M's dependence on q2 contributes."""
+    h = -K * sin(q[1])
+    return np.array([[h * dq[1], h * (dq[0] + dq[1])], [-h * dq[0], 0.0]])
+
+
+def hand_g(q: list[float]) -> Array:
+    second = M2 * R2 * sin(q[0] + q[1])
+    return G * np.array([(M1 * R1 + M2 * L1) * sin(q[0]) + second, second])
+
+
+def hand_energy(q: list[float]) -> float:
+    """Return the potential energy, 0 at the height of the first joint."""
+    return -G * ((M1 * R1 + M2 * L1) * cos(q[0]) + M2 * R2 * cos(q[0] + q[1]))
+
+
+@pytest.mark.parametrize('kind', ['revolute', 'continuous'])
+@pytest.mark.parametrize('order', [('a', 'b'), ('b', 'a')])
+def test_two_links_by_hand(kind: str, order: tuple[str, str]) -> None:
+    """Check everything the interface has, in both orders, for both kinds of joint."""
+    model = UrdfModel(two_links(kind), order)
+    turn = [0, 1] if order == ('a', 'b') else [1, 0]
+    rng = np.random.default_rng(1)
+    for p, dp in states(50):
+        q, dq = [p[i] for i in turn], [dp[i] for i in turn]  # as the model has them
+        m, c, g = hand_m(p), hand_c(p, dp), hand_g(p)
+        x = rng.normal(size=2)
+        given = x[turn].tolist()
+        pairs = [
+            (np.array(model.mass_matrix(q))[np.ix_(turn, turn)], m),
+            (np.array(model.coriolis_matrix(q, dq))[np.ix_(turn, turn)], c),
+            (np.array(model.gravity_torque(q))[turn], g),
+            (np.array(model.inverse_dynamics(q, dq, given))[turn], m @ x + c @ dp + g),
+            (np.array(model.forward_dynamics(q, dq, given))[turn],
+             np.linalg.solve(m, x - c @ dp - g)),
+            (np.array([model.potential_energy(q)]), np.array([hand_energy(p)]))]
+        for made, wanted in pairs:
+            np.testing.assert_allclose(made, wanted, rtol=0, atol=1e-10)
+        for i in range(2):
+            held = model.forward_dynamics(q, dq, given, 1 << turn[i])
+            other = 1 - i
+            assert held[turn[i]] == 0.0
+            assert held[turn[other]] == pytest.approx(
+                (x - c @ dp - g)[other] / m[other, other], abs=1e-10)
+        assert model.forward_dynamics(q, dq, given, 3) == [0.0, 0.0]
+
+
+def test_limits() -> None:
+    """Check that they stand in the order of the names."""
+    model = UrdfModel(two_links(), ('b', 'a'))
+    assert model.joint_names == ('b', 'a')
+    assert model.effort_limits == (inf, 40.0)
+    assert model.velocity_limits == (1.5, inf)
+    assert model.position_limits == ((-inf, inf), (-2.0, 3.0))
+
+
+def test_prismatic_by_hand() -> None:
+    """Check a mass that slides along an arm that turns about x: r = 0.5 + q2."""
+    model = UrdfModel(urdf([
+        link('base'), link('arm', 2.0, (0, 0, -0.4), (0.3, 0.1, 0.1)),
+        link('slide', 1.5, (0, 0, 0), (0.02, 0.01, 0.01)),
+        joint('turn', 'continuous', 'base', 'arm', '1 0 0'),
+        joint('reach', 'prismatic', 'arm', 'slide', '0 0 -1', '0 0 -0.5')]), ('turn', 'reach'))
+    for q, dq in states(30):
+        r = 0.5 + q[1]
+        m = np.diag([2.0 * 0.16 + 0.3 + 0.02 + 1.5 * r * r, 1.5])
+        c = np.array([[1.5 * r * dq[1], 1.5 * r * dq[0]], [-1.5 * r * dq[0], 0.0]])
+        g = G * np.array([(0.8 + 1.5 * r) * sin(q[0]), -1.5 * cos(q[0])])
+        np.testing.assert_allclose(model.mass_matrix(q), m, atol=1e-12)
+        np.testing.assert_allclose(model.coriolis_matrix(q, dq), c, atol=1e-12)
+        np.testing.assert_allclose(model.gravity_torque(q), g, atol=1e-12)
+
+
+def test_a_continuous_joint_turns_round() -> None:
+    """Check that its position is one angle, the same after whole turns."""
+    model = UrdfModel(two_links('continuous'), ('a', 'b'))
+    for q, dq in states(10):
+        round_ = [q[0] + 20 * pi, q[1] - 6 * pi]
+        np.testing.assert_allclose(model.inverse_dynamics(round_, dq, [1.0, 2.0]),
+                                   model.inverse_dynamics(q, dq, [1.0, 2.0]), atol=1e-11)
+
+
+@pytest.mark.parametrize('kind', ['revolute', 'continuous'])
+@pytest.mark.parametrize('where', [None, 0.8])
+def test_locked_joint_is_a_fixed_one(kind: str, where: float | None) -> None:
+    """Check against the same arm with that joint fixed at that angle in the URDF."""
+    angle = where or 0.0
+    fixed = two_links().replace(
+        f'<joint name="b" type="revolute"><origin xyz="0 0 {-L1}" rpy="0 0 0"/>',
+        f'<joint name="b" type="fixed"><origin xyz="0 0 {-L1}" rpy="0 {-angle} 0"/>')
+    assert fixed != two_links()
+    locked = UrdfModel(two_links(kind), ('a',), locked={'b': where} if where else {})
+    by_hand = UrdfModel(fixed, ('a',))
+    for q, dq in states(10, n=1):
+        np.testing.assert_allclose(locked.mass_matrix(q), by_hand.mass_matrix(q), rtol=1e-12)
+        np.testing.assert_allclose(locked.mass_matrix(q), [[hand_m([q[0], angle])[0, 0]]])
+        np.testing.assert_allclose(locked.gravity_torque(q), by_hand.gravity_torque(q),
+                                   atol=1e-12)
+        np.testing.assert_allclose(
+            locked.inverse_dynamics(q, dq, [1.0]), by_hand.inverse_dynamics(q, dq, [1.0]))
+
+
+def test_locked_follower_goes_with_its_leader() -> None:
+    """Check the inertia of fingers 0.03 m and 0.01 - 2 · 0.03 m off the arm's plane."""
+    model = UrdfModel(grip(), ('turn',), locked={'f1': 0.03})
+    wanted = (0.1 + 2.0 * 0.2 ** 2 + 0.01 + 0.3 * (0.6 ** 2 + 0.03 ** 2)
+              + 0.01 + 0.4 * (0.6 ** 2 + 0.05 ** 2))
+    assert model.mass_matrix([0.3])[0][0] == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.fixture(scope='module')
+def reference() -> mujoco.MjModel:
+    """Return MuJoCo's model of the Panda with its fingers fixed at 0."""
+    robot = ET.fromstring(panda())
+    for parent in robot.iter('link'):
+        for tag in ('visual', 'collision'):
+            for element in parent.findall(tag):
+                parent.remove(element)
+    for element in robot.iter('joint'):
+        for mimic in element.findall('mimic'):
+            element.remove(mimic)
+        if element.get('type') == 'prismatic':
+            element.set('type', 'fixed')
+    ET.SubElement(ET.SubElement(robot, 'mujoco'), 'compiler', balanceinertia='false')
+    return mujoco.MjModel.from_xml_string(ET.tostring(robot, encoding='unicode'))
+
+
+def _mujoco(model: mujoco.MjModel) -> Iterator[tuple[list[float], list[float], Array, Array]]:
+    """Yield random states with M and C dq + G."""
+    data = mujoco.MjData(model)
+    assert [model.joint(i).name for i in range(model.njnt)] == list(PANDA)
+    for q, dq in states(50, n=7):
+        data.qpos[:], data.qvel[:] = q, dq
+        mujoco.mj_forward(model, data)
+        mass = np.zeros((7, 7))
+        unit, column = np.zeros(7), np.zeros(7)
+        for i in range(7):
+            unit[:] = np.eye(7)[i]
+            mujoco.mj_mulM(model, data, column, unit)
+            mass[:, i] = column
+        yield q, dq, mass, data.qfrc_bias.copy()
+
+
+def test_panda_against_mujoco(reference: mujoco.MjModel) -> None:
+    """Check M, C dq + G and what follows from them, in the order of the tree and another."""
+    rng = np.random.default_rng(2)
+    straight, mixed = UrdfModel(panda(), PANDA), rng.permutation(7)
+    other = UrdfModel(panda(), [PANDA[i] for i in mixed])
+    for q, dq, mass, bias in _mujoco(reference):
+        u, mask = rng.normal(size=7) * 20.0, int(rng.integers(1, 127))
+        free = [i for i in range(7) if not mask >> i & 1]
+        held = np.zeros(7)
+        held[free] = np.linalg.solve(mass[np.ix_(free, free)], (u - bias)[free])
+        for model, order in ((straight, np.arange(7)), (other, mixed)):
+            p, dp, force = (np.array(x)[order].tolist() for x in (q, dq, u))
+            bits = sum(1 << k for k, i in enumerate(order) if mask >> i & 1)
+            np.testing.assert_allclose(
+                model.mass_matrix(p), mass[np.ix_(order, order)], atol=1e-10)
+            np.testing.assert_allclose(
+                model.inverse_dynamics(p, dp, [0.0] * 7), bias[order], atol=1e-10)
+            mass_, coriolis, weight = model.evaluate(np.array(p), np.array(dp))
+            np.testing.assert_allclose(mass_, mass[np.ix_(order, order)], atol=1e-10)
+            np.testing.assert_allclose(coriolis @ dp + weight, bias[order], atol=1e-10)
+            np.testing.assert_allclose(
+                model.forward_dynamics(p, dp, force), np.linalg.solve(mass, u - bias)[order],
+                rtol=1e-8, atol=1e-7)
+            np.testing.assert_allclose(
+                model.forward_dynamics(p, dp, force, bits), held[order], rtol=1e-8, atol=1e-7)
+
+
+@pytest.mark.parametrize('mixed', [False, True])
+@pytest.mark.parametrize(('text', 'names'), [(panda(), PANDA), (ur5(), UR5)])
+def test_robots_pass_the_check(text: str, names: tuple[str, ...], mixed: bool) -> None:
+    """Check them as they are, in another order, and scaled."""
+    model = UrdfModel(text, names[::-1] if mixed else names)
+    for checked in (model, Scaled(model, 1.3, 0.6)):
+        assert [x for x in check_dynamics(checked, samples=10) if not x.passed] == []
+
+
+def test_what_is_returned_is_the_caller_s() -> None:
+    """Check that spoiling a result spoils no later one."""
+    model = UrdfModel(two_links(), ('a', 'b'))
+    q, dq = [0.3, 0.4], [1.0, 2.0]
+    calls: list[Callable[[], Any]] = [
+        lambda: model.mass_matrix(q), lambda: model.coriolis_matrix(q, dq),
+        *(lambda i=i: model.evaluate(np.array(q), np.array(dq))[i] for i in range(3))]
+    for call in calls:
+        rows = call()
+        first = np.array(rows)
+        if first.ndim == 1:
+            rows[0] = 1e9
+        else:
+            rows[0][0] = 1e9
+        assert (np.array(call()) == first).all()
+
+
+def test_gravity() -> None:
+    """Check another g, and none."""
+    for g in (1.62, 0.0):
+        model = UrdfModel(two_links(), ('a', 'b'), g)
+        np.testing.assert_allclose(
+            model.gravity_torque([0.5, 0.2]), hand_g([0.5, 0.2]) * g / G, atol=1e-12)
+
+
+@pytest.mark.parametrize('names', [(), ('a', 'a'), ('',)])
+def test_names(names: tuple[str, ...]) -> None:
+    with pytest.raises(ParameterError, match='joint_names'):
+        UrdfModel(two_links(), names)
+
+
+@pytest.mark.parametrize(('text', 'names', 'words'), [
+    (two_links(), ('a', 'z'), ['joint_names', 'z', 'movable joints of the URDF: a, b']),
+    (grip(), ('turn', 'f2'), ['f2 mimics f1']),
+    (grip(), ('turn', 'f1'), ['f2 mimics f1']),
+    (two_links().replace('type="revolute"', 'type="floating"', 1), ('b',), ['a is floating']),
+    (two_links().replace('<child link="lower"/>', '<child link="upper"/>'), ('a',),
+     ['a and b', 'closed chain']),
+    ('<robot', ('a',), ['not XML']),
+    (two_links().replace('value="3.0"', 'value="heavy"'), ('a', 'b'), ['link upper', 'heavy']),
+    (two_links().replace('0 -1 0', 'up'), ('a', 'b'), ['Pinocchio refuses'])])
+def test_refused(text: str, names: tuple[str, ...], words: list[str]) -> None:
+    """Check one line that names what is wrong."""
+    with pytest.raises(CtcError) as error:
+        UrdfModel(text, names)
+    assert [word for word in words if word not in str(error.value)] == []
+    assert '\n' not in str(error.value)
+
+
+def test_massless_links_are_named() -> None:
+    """Check a last link without mass, and one between joints with the same axis."""
+    def arm(first: str, last: str, axis: str = '0 1 0') -> str:
+        return urdf([link('base'), first, last, joint('j', 'revolute', 'base', 'm', '0 1 0'),
+                     joint('k', 'revolute', 'm', 'e', axis)])
+    heavy = link('e', 1.0, (0.2, 0, 0), (0.1, 0.1, 0.1))
+    with pytest.raises(CtcError, match=r'inertia is moved by k \('):
+        UrdfModel(arm(link('m', 1.0, (0.2, 0, 0), (0.1, 0.1, 0.1)), link('e')), ('j', 'k'))
+    with pytest.raises(CtcError, match=r'inertia is moved by j, k \('):
+        UrdfModel(arm(link('m'), heavy), ('j', 'k'))
+    with pytest.raises(CtcError, match=r'inertia is moved by k, j \('):
+        UrdfModel(arm(link('m'), link('e')), ('k', 'j'))
+    assert UrdfModel(arm(link('m'), heavy, '0 0 1'), ('j', 'k')).n == 2
+    with pytest.raises(CtcError, match='singular'):
+        UrdfModel(arm(link('m', -1.0, (0.2, 0, 0), (0.1, 0.1, 0.1)), heavy), ('j', 'k'))
+
+
+def test_without_pinocchio(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check the message, also where another package has the name, and that XML needs none."""
+    monkeypatch.setitem(sys.modules, 'pinocchio', None)
+    with pytest.raises(CtcError, match=r'pip install pin, or apt install ros-jazzy-pin'):
+        UrdfModel(two_links(), ('a', 'b'))
+    assert Tree(two_links()).movable == ('a', 'b')
+    monkeypatch.setitem(sys.modules, 'pinocchio', types.ModuleType('pinocchio'))
+    with pytest.raises(CtcError, match='another package has its name'):
+        UrdfModel(two_links(), ('a', 'b'))
+
+
+@pytest.mark.parametrize('name', ['lower', 'base', 'link 0', 'universe'])
+@pytest.mark.parametrize('kind', ['fixed', 'revolute'])
+def test_a_joint_may_have_the_name_of_a_link(name: str, kind: str) -> None:
+    """A URDF may have that, Pinocchio not: the dynamics are those under any other name."""
+    old = 'name="c"' if kind == 'fixed' else 'name="b"'
+    joints = ('a', 'b' if kind == 'fixed' else name)
+    try:
+        model = UrdfModel(two_links().replace(old, f'name="{name}"'), joints)
+    except CtcError as error:  # What Pinocchio calls its own.
+        assert name in ('universe', 'link 0') and kind == 'revolute' and '\n' not in str(error)
+        return
+    q, dq, a = [0.3, -0.5], [1.0, 2.0], [0.5, -4.0]
+    assert model.inverse_dynamics(q, dq, a) == UrdfModel(
+        two_links(), ('a', 'b')).inverse_dynamics(q, dq, a)
+
+
+def survive(seed: int) -> bool:
+    """Hand a mutated description to every model; return whether one was made."""
+    text, names = ((two_links(), ('a', 'b')), (two_links(), ('a', 'b')), (panda(), PANDA),
+                   (ur5(), UR5))[seed % 4]
+    made = False
+    for backend in ('builtin', 'mujoco'):
+        config = PlantConfig(joint_names=names, model='urdf', plant_backend=backend)
+        try:
+            robot = make_plant(config, mutated(text, seed))
+            robot.step([-5.0] * len(names))
+            made = True
+        except CtcError as error:
+            assert '\n' not in str(error)
+    return made
+
+
+def test_any_description_is_a_robot_or_refused() -> None:
+    """Nothing else is raised, whatever the libraries make of it, and no process ends."""
+    made = [survive(seed) for seed in range(100)]
+    assert 10 < sum(made) < 90
+
+
+@pytest.mark.slow
+def test_any_of_many_descriptions_is_a_robot_or_refused() -> None:
+    for seed in range(100, 4000):
+        survive(seed)
+
+
+@pytest.mark.parametrize('bomb', BOMBS)
+@pytest.mark.parametrize('backend', ['builtin', 'mujoco'])
+def test_what_is_too_much_is_refused_at_once(bomb: str, backend: str) -> None:
+    with pytest.raises(CtcError, match=bomb if bomb != 'size' else 'too large'):
+        make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf', plant_backend=backend),
+                   BOMBS[bomb])
+    assert UrdfModel(chain(400), ('j0',)).n == 1
+
+
+def test_whatever_a_library_raises_is_a_refused_description(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError('out of\nluck')
+    monkeypatch.setattr('pinocchio.buildReducedModel', fail)
+    monkeypatch.setattr(mujoco.MjSpec, 'from_string', fail)
+    for backend in ('builtin', 'mujoco'):
+        with pytest.raises(CtcError, match=r'RuntimeError: out of luck$'):
+            make_plant(PlantConfig(joint_names=('a', 'b'), model='urdf', plant_backend=backend),
+                       two_links())

@@ -1,0 +1,134 @@
+"""What a URDF says of joints, and what is refused, by name."""
+
+from __future__ import annotations
+
+from math import inf
+import xml.etree.ElementTree as ET
+
+import pytest
+from urdfs import grip, joint, link, PANDA, panda, two_links, UR5, ur5, urdf
+
+from ctc_chattering.dynamics.urdf_parser import Mimic, movable_joints, Tree
+from ctc_chattering.errors import CtcError, ParameterError
+
+
+def test_real_robots() -> None:
+    """Check order, limits of the text, and that fingers that follow or lead are left out."""
+    assert movable_joints(panda()) == PANDA
+    assert movable_joints(ur5()) == UR5
+    joints = Tree(panda()).joints
+    assert joints['panda_joint4'].position == (-3.0718, -0.0698)
+    assert [joints[name].effort for name in PANDA] == [87.0] * 4 + [12.0] * 3
+    assert joints['panda_joint1'].velocity == 2.175
+    assert joints['panda_finger_joint2'].mimic == Mimic('panda_finger_joint1', 1.0, 0.0)
+
+
+def test_limits_that_are_absent_or_zero() -> None:
+    """Check inf for no limit, 0, and a continuous joint."""
+    joints = Tree(two_links()).joints
+    assert (joints['a'].position, joints['a'].velocity, joints['a'].effort) == (
+        (-2.0, 3.0), inf, 40.0)
+    assert (joints['b'].position, joints['b'].velocity, joints['b'].effort) == (
+        (-inf, inf), 1.5, inf)
+    assert Tree(two_links('continuous')).joints['a'].position == (-inf, inf)
+    bare = urdf([link('x'), link('y'), joint('j', 'prismatic', 'x', 'y', more='')])
+    assert Tree(bare).joints['j'].effort == inf
+    endless = bare.replace('</joint>', '<limit lower="0" upper="inf" effort="inf"/></joint>')
+    assert Tree(endless).joints['j'].position == (0.0, inf)
+
+
+def test_order_is_from_the_root_whatever_the_text_s() -> None:
+    parts = [joint('far', 'revolute', 'm', 'tip'), joint('side', 'revolute', 'root', 's'),
+             joint('near', 'revolute', 'root', 'm'),
+             *(link(x) for x in ('tip', 's', 'm', 'root'))]
+    assert movable_joints(urdf(parts)) == ('side', 'near', 'far')
+
+
+def test_locked_positions() -> None:
+    """Check 0, given values, and that a joint that mimics goes with a leader that is locked."""
+    tree = Tree(grip())
+    assert tree.movable == ('turn',)
+    assert tree.locked(['turn'], {}) == {'f1': 0.0, 'f2': 0.01}
+    assert tree.locked(['turn'], {'f1': 0.03}) == {'f1': 0.03, 'f2': pytest.approx(-0.05)}
+    assert Tree(two_links()).locked(['b', 'a'], {}) == {}
+
+
+@pytest.mark.parametrize(('chosen', 'positions', 'words'), [
+    (['turn', 'f2'], {}, ['f2', 'mimics f1']),
+    (['turn', 'f1'], {}, ['f2 mimics f1', 'joint of the model']),
+    (['elbow'], {}, ['joint_names', 'elbow', 'movable joints of the URDF: turn']),
+    (['turn'], {'f2': 0.1}, ['locked', 'f2', 'f1']),
+    (['turn'], {'turn': 0.1}, ['locked', 'turn']),
+    (['turn'], {'elbow': 0.1}, ['locked', 'elbow']),
+    (['turn'], {'f1': inf}, ['locked', 'f1']),
+    (['turn'], {'f1': float('nan')}, ['locked', 'f1'])])
+def test_wrong_joints(chosen: list[str], positions: dict[str, float], words: list[str]) -> None:
+    with pytest.raises(CtcError) as error:
+        Tree(grip()).locked(chosen, positions)
+    assert [word for word in words if word not in str(error.value)] == []
+    assert '\n' not in str(error.value)
+
+
+def test_a_fixed_joint_is_no_joint_of_a_model() -> None:
+    with pytest.raises(ParameterError, match='movable joints of the URDF: a, b'):
+        Tree(two_links()).locked(['a', 'c'], {})
+
+
+@pytest.mark.parametrize(('mimic', 'words'), [
+    ('<mimic joint="f2"/>', 'f2 mimics f2, which is a circle'),
+    ('<mimic joint="nobody"/>', 'f2 mimics nobody, which is no movable joint'),
+    ('<mimic joint="f1" multiplier="two"/>', "joint f2: multiplier is 'two'")])
+def test_bad_mimics(mimic: str, words: str) -> None:
+    with pytest.raises(CtcError, match=words):
+        Tree(grip(mimic=mimic)).locked(['turn'], {})
+
+
+A, B = link('a'), link('b')
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('<robot', ['not XML']), ('', ['not XML']), ('<sdf/>', ['<sdf>', '<robot>']),
+    ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', ['xacro']),
+    (urdf([A, B, joint('j', 'floating', 'a', 'b')]), ['joint j is floating']),
+    (urdf([A, B, joint('j', 'planar', 'a', 'b')]), ['joint j is planar']),
+    (urdf([A, B, joint('j', 'hinge', 'a', 'b')]), ['joint j', "'hinge'"]),
+    (urdf([A, B, joint('j', 'fixed', 'a', 'b'), joint('k', 'revolute', 'a', 'b')]),
+     ['j and k', 'link b', 'closed chain']),
+    (urdf([A, B, link('c'), joint('j', 'fixed', 'a', 'b'), joint('k', 'revolute', 'b', 'a')]),
+     ['j, k', 'closed chain']),
+    (urdf([A, B, joint('j', 'revolute', 'a', 'b'), joint('k', 'revolute', 'b', 'a')]),
+     ['j, k', 'closed chain']),
+    (urdf([A, B, link('c'), joint('j', 'revolute', 'a', 'b')]), ['a, c', 'base']),
+    (urdf([A, A]), ['two links are named a']),
+    (urdf([A, '<link/>']), ['a link is not named']),
+    (urdf([A, B, link('c'), joint('j', 'fixed', 'a', 'b'), joint('j', 'fixed', 'a', 'c')]),
+     ['two joints are named j']),
+    (urdf([A, B, joint('j', 'revolute', 'a', 'z')]), ['child of joint j', 'z', 'no link']),
+    (urdf([A, B, '<joint name="j" type="fixed"><parent link="a"/></joint>']),
+     ['child of joint j', 'missing']),
+    (urdf([A, B, joint('j', 'revolute', 'a', 'b', more='<limit effort="much"/>')]),
+     ['joint j: effort', "'much'", 'a number']),
+    (urdf([A, B, joint('j', 'revolute', 'a', 'b', more='<limit upper="nan"/>')]),
+     ['joint j: upper', "'nan'"]),
+    (two_links().replace('value="3.0"', 'value="heavy"'),
+     ['inertial of link upper', 'mass value', "'heavy'"]),
+    (two_links().replace('ixy="0"', '', 1), ['inertial of link base', 'inertia ixy', "''"]),
+    (two_links().replace('<mass value="3.0"/>', ''), ['inertial of link upper has no mass']),
+    (two_links().replace('xyz="0 0 -0.3"', 'xyz="0 -0.3"'), ['link upper', 'xyz', '3 numbers'])])
+def test_what_is_no_arm(text: str, words: list[str]) -> None:
+    """Check one line that names what is wrong."""
+    with pytest.raises(CtcError) as error:
+        Tree(text)
+    assert [word for word in words if word not in str(error.value)] == []
+    assert '\n' not in str(error.value)
+
+
+def test_bare() -> None:
+    """Check that meshes, mimics and limits are gone, and that what counts is there."""
+    robot = ET.fromstring(Tree(panda()).bare())
+    tags = {element.tag for element in robot.iter()}
+    assert tags == {'robot', 'link', 'inertial', 'origin', 'mass', 'inertia', 'joint', 'parent',
+                    'child', 'axis', 'limit'}
+    assert len(robot.findall('joint')) == panda().count('<joint ')
+    assert {x.get('type') for x in ET.fromstring(Tree(two_links('continuous')).bare())} == {
+        None, 'revolute', 'fixed'}

@@ -1,0 +1,55 @@
+"""Where the configuration files are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import ctc_chattering
+from ctc_chattering.experiment.package_share import config_directory
+
+SHOW = 'from ctc_chattering.experiment.package_share import config_directory as c; print(c())'
+SOURCE = Path(__file__).parents[2]
+
+
+def shown(site: Path, code: str = SHOW) -> subprocess.CompletedProcess[str]:
+    """Run `code` with the package of the directory `site`."""
+    return subprocess.run([sys.executable, '-B', '-c', code], cwd=site, text=True,
+                          capture_output=True, timeout=60, check=False,
+                          env={'PYTHONPATH': str(site)})
+
+
+def copied(site: Path) -> None:
+    target = site / 'ctc_chattering'
+    target.mkdir(parents=True)
+    for name in ('__init__.py', 'experiment/package_share.py', 'errors.py'):
+        shutil.copy(Path(ctc_chattering.__file__).with_name(name), target)
+
+
+def test_directory_of_the_experiments() -> None:
+    """Check that the files of the paper's experiments are there."""
+    assert {'friction.yaml', 'disturbance.yaml', 'switch.yaml'} <= {
+        path.name for path in config_directory().iterdir()}
+
+
+def test_installed_below_a_prefix(tmp_path: Path) -> None:
+    """Check an installation, and that a `config` beside it which is not ours is passed over."""
+    site = tmp_path / 'lib' / 'python3' / 'site-packages'
+    copied(site)
+    share = tmp_path / 'share' / 'ctc_chattering' / 'config'
+    shutil.copytree(SOURCE / 'config', share)
+    (site / 'config').mkdir()
+    (site / 'config' / 'friction.yaml').write_text('')
+    assert Path(shown(site).stdout.strip()) == share
+
+
+def test_not_installed(tmp_path: Path) -> None:
+    """Check the error, one line of ours."""
+    copied(tmp_path)
+    code = (f'import sys\nfrom ctc_chattering.errors import CtcError\nsys.prefix = "/nowhere"\n'
+            f'try:\n    {SHOW}\nexcept CtcError as error:\n    print("refused:", error)')
+    result = shown(tmp_path, code.replace('; print', '\n    print'))
+    assert result.stdout.startswith('refused: ')
+    assert len(result.stdout.splitlines()) == 1

@@ -1,0 +1,34 @@
+"""The list of the paper's experiments."""
+
+from __future__ import annotations
+
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.paper import EXPERIMENTS
+from ctc_chattering.simulation.closed_loop import Event
+
+
+def test_all_figures_and_the_switch() -> None:
+    """Check both laws of both experiments, and the switch from one to the other at 5 s."""
+    setups = {x.name: parameter_file.load(x.path, x.overrides) for x in EXPERIMENTS}
+    assert len(setups) == len(EXPERIMENTS) == 6
+    observer = setups['friction_chattering_implicit_observer'].controller
+    assert (observer.law, observer.switching, observer.ka) == (
+        'chattering', 'implicit_observer', (12.0, 12.0))
+    others = [s.controller for name, s in setups.items() if 'observer' not in name]
+    assert {(c.switching, c.ka) for c in others} == {('sign', (10.0, 10.0))}
+    assert {(s.plant.experiment, s.controller.law) for s in setups.values()} == {
+        ('friction', 'compensation'), ('friction', 'chattering'),
+        ('disturbance', 'compensation'), ('disturbance', 'chattering'),
+        ('switch', 'compensation')}
+    for name, setup in setups.items():
+        expected = (Event(5.0, 'controller', {'law': 'chattering'}),) if name == 'switch' else ()
+        assert setup.events == expected
+        assert (setup.plant.pacing, setup.plant.duration) == ('lockstep', 10.0)
+
+
+def test_names_make_different_bags() -> None:
+    """Check that the names are plain file names, all different."""
+    names = [x.name for x in EXPERIMENTS]
+    assert len(set(names)) == len(names)
+    assert all(name.replace('_', '').isalnum() for name in names)
+    assert all(x.path.is_file() for x in EXPERIMENTS)

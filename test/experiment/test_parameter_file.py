@@ -1,0 +1,327 @@
+"""Parameter files: what they say, and one line for everything that is wrong with them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+from urdfs import two_links
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.node_parameters import NODES
+from ctc_chattering.parameters import LARGEST, LEAST
+
+CONFIG = Path(__file__).parents[2] / 'config'
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / 'a file.yaml'
+
+
+def section(node: str, body: str) -> str:
+    return f'"{node}":\n  ros__parameters:\n' + ''.join(
+        f'    {line}\n' for line in body.splitlines())
+
+
+def loaded(file: Path, *sections: tuple[str, str]) -> parameter_file.Setup:
+    file.write_text(''.join(section(*x) for x in sections), encoding='utf-8')
+    return parameter_file.load(file)
+
+
+def refused(call: Any, *words: str) -> None:
+    """Assert that `call` raises one line with all `words` in it."""
+    with pytest.raises(CtcError) as error:
+        call()
+    text = str(error.value)
+    assert len(text.splitlines()) == 1
+    assert [word for word in words if word not in text] == []
+
+
+@pytest.mark.parametrize('name', ['friction', 'disturbance', 'switch'])
+def test_files_are_the_paper_s(name: str) -> None:
+    """Check section 4, number by number."""
+    setup = parameter_file.load(CONFIG / f'{name}.yaml')
+    c, p, r = setup.controller, setup.plant, setup.reference
+    assert (c.kp, c.kv, c.ka, c.lambda_, c.b) == ((100, 100), (50, 50), (10, 10), 10, 1)
+    assert (c.switching, c.effort_limit) == ('sign', (math.inf, math.inf))
+    assert c.law == ('compensation' if name == 'switch' else 'chattering')
+    assert p.coulomb_friction == (9.9, 9.9)
+    assert p.disturbance_amplitude == ((1, 1) if name == 'disturbance' else (0, 0))
+    assert p.disturbance_frequency == (1, 2)
+    assert (p.initial_position, p.initial_velocity) == ((0, 0), (0, 0))
+    assert (p.gravity, p.duration, p.pacing, p.experiment) == (9.81, 10, 'lockstep', name)
+    assert (r.center, r.amplitude) == ((math.pi, math.pi / 2), (0.5, 0.5))
+    assert (r.frequency, r.phase) == ((1, 1), (0, 0))
+    assert c.control_period == p.control_period == r.control_period == 0.001
+    events = [(e.time, e.node, dict(e.values)) for e in setup.events]
+    assert events == ([(5.0, 'controller', {'law': 'chattering'})] if name == 'switch' else [])
+
+
+def test_every_file_is_tried() -> None:
+    assert {x.name for x in CONFIG.glob('*.yaml')} == {
+        'friction.yaml', 'disturbance.yaml', 'switch.yaml', 'switching.yaml', 'panda.yaml',
+        'ur5.yaml'}
+
+
+def test_the_tour_of_the_switchings_is_the_first_experiment_but_for_the_gain() -> None:
+    tour, first = (parameter_file.load(CONFIG / f'{name}.yaml')
+                   for name in ('switching', 'friction'))
+    assert tour.plant == first.plant.changed({'experiment': 'switching'})
+    assert tour.controller == first.controller.changed({'ka': [12, 12]})
+    assert tour.reference == first.reference
+    assert [(event.time, dict(event.values)) for event in tour.events] == [
+        (4.0, {'switching': 'boundary_layer'}), (6.0, {'switching': 'implicit'}),
+        (8.0, {'switching': 'implicit_observer'})]
+
+
+@pytest.mark.parametrize(('content', 'word'), [
+    (None, 'No such file'), (b'', 'node names'), (b'# nothing\n', 'node names'),
+    (b'- a\n- b\n', 'node names'), (b'hello', 'node names'), (b'5', 'node names'),
+    (b'a: [1, 2', 'not a YAML file'), (b'a: b: c', 'not a YAML file'),
+    (b'\xff\xfe\x00x', 'not a YAML file'), (b'\x00', 'not a YAML file'), (b'a: !what 1', ''),
+    (b'{[a]: 1}', ''), (b'a: 2024-99-99', ''), (b'a: !!int x', ''), (b'a: *nowhere', ''),
+    (b'a: &a {b: *a}', ''), (b'plant: 5', 'ros__parameters'), (b'plant:', 'ros__parameters'),
+    (b'plant: {duration: 1.0}', 'ros__parameters'), (b'plant: {ros__parameters: [1]}', ''),
+    (b'plant: {ros__parameters: 5}', 'plant'), (b'plant: {ros__parameters: 0}', 'plant'),
+    (b'robot: {ros__parameters: {a: 1}}', 'robot'),
+    (b'plant: {ros__parameters: {mass: 1}}', 'mass'),
+    (b'plant: {ros__parameters: {kp: [1, 1]}}', 'kp'),
+    (b'plant: {ros__parameters: {duration: {a: 1}}}', 'duration.a'),
+    (b'plant: {ros__parameters: {1: 2}}', 'plant'),
+    (b'/**: {ros__parameters: {mass: 1}}', 'mass')])
+def test_what_is_no_parameter_file(file: Path, content: bytes | None, word: str) -> None:
+    """Check that the line names the file and what is wrong."""
+    if content is not None:
+        file.write_bytes(content)
+    refused(lambda: parameter_file.load(file), str(file), word)
+
+
+def test_directory(tmp_path: Path) -> None:
+    refused(lambda: parameter_file.load(tmp_path), str(tmp_path))
+    refused(lambda: parameter_file.load(tmp_path / 'none' / 'x'), str(tmp_path))
+
+
+@pytest.mark.parametrize(('node', 'line', 'value', 'allowed'), [
+    ('controller', 'lambda: 0.0', '0.0', '>= 1e-09'),
+    ('controller', 'lambda: -1', '-1', '>= 1e-09'),
+    ('controller', 'lambda: .nan', 'nan', 'finite'), ('controller', 'b: .inf', 'inf', 'finite'),
+    ('controller', 'lambda: "x"', "'x'", 'number'), ('controller', 'lambda: true', 'True', 'numb'),
+    ('controller', 'lambda: [1.0]', '[1.0]', 'number'), ('controller', 'lambda:', 'None', 'numb'),
+    ('controller', f'lambda: 1{"0" * 400}', '1000', 'number'),
+    ('controller', 'kp: 100.0', '100.0', 'list'), ('controller', 'kp: [1.0]', '[1.0]', 'n = 2'),
+    ('controller', 'kp: [1, 2, 3]', '3.0]', 'n = 2'), ('controller', 'kp: [1, a]', "'a'", 'list'),
+    ('controller', 'kp: [1, null]', 'None', 'list'), ('controller', 'kp: [[1], [0]]', '', 'list'),
+    ('controller', 'kv: [1, 0.5, 0.4, 1]', '0.4', 'symmetric'),
+    ('controller', 'kv: [1, 2, 2, 1]', '2.0', 'positive definite'),
+    ('controller', 'ka: [-1, 1]', '-1.0', '>= 0'), ('controller', 'law: pid', 'pid', 'chattering'),
+    ('controller', 'law: 5', '5', 'compensation'), ('controller', 'state_decimation: 0', '0', '1'),
+    ('controller', 'state_decimation: 1.5', '1.5', 'integer'),
+    ('controller', 'model: puma', 'puma', 'two_link'),
+    ('controller', 'effort_limit: [.nan, 1]', 'nan', 'number'),
+    ('plant', 'pacing: fast', 'fast', 'lockstep'), ('plant', 'duration: -1', '-1', '>= 0'),
+    ('plant', 'duration: 2024-01-01', '2024', 'number'),
+    ('plant', 'disturbance: {amplitude: [1]}', '1.0', 'n = 2'),
+    ('plant', 'disturbance.amplitude: x', 'x', 'list'), ('plant', 'experiment: 5', '5', 'string'),
+    ('plant', 'initial_position: [0, 0, 0]', '[0.0, 0.0, 0.0]', 'n = 2'),
+    ('/**', 'control_period: 0.0', '0.0', '>= 1e-09'),
+    ('/**', 'control_period: 1e-10', '1e-10', '>= 1e-09'),
+    ('/**', 'joint_names: [a]', "['a']", '2'), ('/**', 'joint_names: [a, a]', "'a', 'a'", 'diff'),
+    ('/**', 'joint_names: a', "'a'", 'list of strings'), ('/**', 'joint_names: []', '[]', ''),
+    ('reference', 'horizon: 0', '0', '0.01'), ('recorder', 'bag: 5', '5', 'string'),
+    ('bringup', 'events: x', 'x', 'list of strings'), ('bringup', 'events: [5]', '5', 'list')])
+def test_what_is_no_value(file: Path, node: str, line: str, value: str, allowed: str) -> None:
+    """Check that the line names parameter, value and what is allowed."""
+    name = line.split(':')[0].split('{')[0]
+    word = 'nanoseconds' if allowed == 'ns' else allowed
+    refused(lambda: loaded(file, (node, line)), name, value, word, 'allowed')
+
+
+@pytest.mark.parametrize(('node', 'line'), [
+    ('plant', 'control_period: 0.002'), ('reference', 'control_period: 0.002'),
+    ('controller', 'control_period: 0.002'), ('plant', 'joint_names: [joint2, joint1]'),
+    ('controller', 'joint_names: [a, b]'), ('reference', 'joint_names: [joint1, other]'),
+    ('plant', 'gravity: 9.8'), ('controller', 'gravity: 1.0')])
+def test_contradictions(file: Path, node: str, line: str) -> None:
+    """Check that both nodes and the parameter are named; the same under /** is no trouble."""
+    name = line.split(':')[0]
+    refused(lambda: loaded(file, (node, line)), name, ' of ', 'contradicts', node, '/**')
+    if 'other' not in line:
+        assert loaded(file, ('/**', line)).values[node][name]
+
+
+def test_a_reference_may_have_more_joints(file: Path) -> None:
+    body = ('joint_names: [joint2, x, joint1]\ncenter: [1, 2, 3]')
+    assert loaded(file, ('reference', body)).reference.center == (1, 2, 3)
+
+
+def test_the_experiment_is_called_as_its_file(file: Path) -> None:
+    assert loaded(file, ('plant', 'duration: 1.0')).plant.experiment == 'a file'
+    assert loaded(file, ('plant', 'experiment: x')).plant.experiment == 'x'
+    assert parameter_file.load(file, {'plant': {'experiment': 'y'}}).plant.experiment == 'y'
+
+
+def test_simulated_time_contradicts_real_time(file: Path) -> None:
+    for node in ('/**', 'plant'):
+        refused(lambda: loaded(file, (node, 'use_sim_time: true\npacing: real_time')),
+                'use_sim_time', 'real_time')
+        assert loaded(file, (node, 'use_sim_time: true\npacing: lockstep'))
+    assert loaded(file, ('controller', 'use_sim_time: true'))
+
+
+def test_values(file: Path) -> None:
+    """Check dotted and nested names, integers, 1e-3, and a node's own over /**."""
+    setup = loaded(
+        file,
+        ('controller', 'kp: [1, 2e1]\nlambda: 5\nstate_decimation: 7'),
+        ('/**', 'kp: [7, 7]\nkv: [8, 8]\ncontrol_period: 1e-3\nuse_sim_time: true\ngravity: 1E1'),
+        ('plant', 'pacing: lockstep\ndisturbance.amplitude: [1, 2]\n'
+                  'disturbance: {frequency: [3.0, 4]}'))
+    assert setup.controller.kp == (1.0, 20.0)
+    assert setup.controller.kv == (8.0, 8.0)
+    assert setup.plant.control_period == setup.reference.control_period == 0.001
+    assert setup.plant.gravity == 10.0
+    assert isinstance(setup.controller.lambda_, float)
+    assert setup.plant.disturbance_amplitude == (1.0, 2.0)
+    assert setup.plant.disturbance_frequency == (3.0, 4.0)
+    assert setup.values['controller']['state_decimation'] == 7
+    assert list(setup.values) == list(NODES)
+
+
+@pytest.mark.parametrize('text', [
+    '1e-3', '1.e-3', '0.001', '.001', '1E-3', '+1e-3', '1.0e-3', '10e-4'])
+def test_numbers_as_ros_reads_them(file: Path, text: str) -> None:
+    assert loaded(file, ('/**', f'control_period: {text}')).plant.control_period == 0.001
+
+
+@pytest.mark.parametrize('key', [
+    'controller', '/controller', '/robot1/controller', '/a/b/controller', '/**/controller'])
+def test_namespaces(file: Path, key: str) -> None:
+    """Check that a namespace in front of a node's name does not matter, nor nesting."""
+    assert loaded(file, (key, 'lambda: 3.5')).controller.lambda_ == 3.5
+    file.write_text('robot1:\n  controller:\n    ros__parameters: {lambda: 4.5}\n'
+                    '  plant: {ros__parameters: {}}\n/ns/**: {ros__parameters: {b: 2.0}}\n')
+    setup = parameter_file.load(file)
+    assert (setup.controller.lambda_, setup.controller.b) == (4.5, 2.0)
+
+
+def test_overrides(file: Path) -> None:
+    """Check that they stand above the file, /** for whom it concerns, a node's above that."""
+    loaded(file, ('controller', 'lambda: 3.0\nlaw: compensation\nb: 4'))
+    setup = parameter_file.load(file, {
+        'controller': {'lambda': 2, 'law': 'chattering'},
+        '/**': {'control_period': 0.004, 'lambda': 9.0, 'gravity': 1.0}})
+    assert (setup.controller.lambda_, setup.controller.law) == (2.0, 'chattering')
+    assert setup.controller.b == 4.0
+    assert {x.control_period for x in (setup.plant, setup.controller, setup.reference)} == {0.004}
+    assert setup.plant.gravity == setup.controller.gravity == 1.0
+    refused(lambda: parameter_file.load(file, {'controller': {'law': 'pid'}}),
+            'law', 'pid', 'chattering')
+
+
+def events(*lines: str) -> list[tuple[float, str, dict[str, Any]]]:
+    setup = parameter_file.load(None, {'bringup': {'events': list(lines)}})
+    return [(e.time, e.node, dict(e.values)) for e in setup.events]
+
+
+def test_events() -> None:
+    """Check order, types, matrices and empty lines."""
+    assert events('', '5 controller law compensation', '1.5 plant disturbance.amplitude [1, 2]',
+                  '1e-1 controller kp [4, 1, 1, 4]', ' 5.0  controller   lambda  1e1 ') == [
+        (0.1, 'controller', {'kp': (4.0, 1.0, 1.0, 4.0)}),
+        (1.5, 'plant', {'disturbance.amplitude': (1.0, 2.0)}),
+        (5.0, 'controller', {'law': 'compensation'}), (5.0, 'controller', {'lambda': 10.0})]
+    assert events() == []
+
+
+@pytest.mark.parametrize(('line', 'word'), [
+    ('5', 'time node parameter value'), ('5 controller law', 'time node'),
+    ('x controller law pid', 'time node'), ('5 robot law chattering', 'plant | controller'),
+    ('-1 controller b 2', '>= 0'), ('nan controller b 2', '>= 0'),
+    ('inf controller b 2', '>= 0'),
+    ('5 controller law pid', 'compensation'), ('5 controller mass 1', 'mass'),
+    ('5 controller b 0', '>= 0.001'), ('5 controller kp [1]', 'n = 2'),
+    ('5 plant gravity 1', 'change'),
+    ('5 controller control_period 0.1', 'change'), ('5 controller kp [1, 2', 'kp'),
+    ('5 controller b null', 'b'), ('5 controller b # 2', 'b'), ('5 controller b 2024-99-99', 'b'),
+    ('5 controller b {a: 1}', 'b'), ('5 controller law "a\\nb"', 'law')])
+def test_bad_events(line: str, word: str) -> None:
+    """Check that each kind of mistake is named."""
+    refused(lambda: events(line), word, 'allowed')
+
+
+def test_events_are_judged_in_their_order() -> None:
+    """Check a value that a later event makes right again, and one that an earlier one does."""
+    assert len(events('2 controller ka [0, 0]', '1 controller ka [5, 5]')) == 2
+    refused(lambda: events('3 controller b 1', '2 controller b -1'), '-1')
+
+
+gains = st.floats(LEAST, LARGEST)
+rows = st.lists(gains, min_size=2, max_size=2)
+#: Strings that YAML could take for something else.
+WORDS = ['yes', 'null', '1e3', '1.5', '~', '5', 'a: b', '#', 'é', '', ' x ', '.inf', '2024-01-01',
+         '0x1F', '1_000', "it's", '"', 'a\nb', '=', '<<', '%', '-']
+
+
+@settings(max_examples=60)
+@given(kp=rows, ka=rows, b=st.floats(1e-3, 1e3), position=st.lists(
+    st.floats(-LARGEST, LARGEST), min_size=2, max_size=2))
+def test_dump_and_load(tmp_path_factory: pytest.TempPathFactory, kp: list[float], ka: list[float],
+                       b: float, position: list[float]) -> None:
+    """Check that every number comes back, to the last bit."""
+    setup = parameter_file.load(CONFIG / 'switch.yaml', {
+        'controller': {'kp': kp, 'ka': ka, 'b': b}, 'plant': {'initial_position': position}})
+    file = tmp_path_factory.getbasetemp() / 'dumped.yaml'
+    parameter_file.dump(setup.values, '/robot', file)
+    again = parameter_file.load(file)
+    assert again == setup
+    assert str(again.plant.initial_position) == str(tuple(position))
+
+
+@pytest.mark.parametrize('namespace', ['', '/', '/a', '/a/b'])
+@pytest.mark.parametrize('word', WORDS)
+def test_dump_and_load_of_words(file: Path, word: str, namespace: str) -> None:
+    """Check that a string stays one."""
+    setup = parameter_file.load(None, {'recorder': {'bag': word}, 'plant': {'experiment': word}})
+    parameter_file.dump(setup.values, namespace, file)
+    assert parameter_file.load(file).values == setup.values
+
+
+def test_dump_names_the_namespace(file: Path) -> None:
+    """Check the form that rcl takes: full names, flat parameters."""
+    parameter_file.dump(parameter_file.load(None).values, '/robot1', file)
+    assert set(parameter_file.read(file)) == set(NODES)
+    text = file.read_text(encoding='utf-8')
+    assert '/robot1/controller:\n  ros__parameters:' in text
+    assert 'disturbance.amplitude: [0.0, 0.0]' in text
+    assert '!!' not in text
+
+
+def test_what_is_beyond_the_limits_of_the_urdf_is_refused_at_load(tmp_path: Path) -> None:
+    """The motion, its start, and that of the builtin plant, by name and amount."""
+    robot, file = tmp_path / 'arm.urdf', tmp_path / 'params.yaml'
+    robot.write_text(two_links())
+    file.write_text(f"""
+/**:
+  ros__parameters: {{joint_names: [a, b], model: urdf, description: {robot}}}
+reference:
+  ros__parameters: {{center: [1.0, 0.0], amplitude: [0.5, 0.5], frequency: [0.4, 0.4],
+                    start_duration: 2.0}}
+""")
+    assert parameter_file.load(file).reference.model == 'urdf'
+    for node, values, message in (
+            ('reference', {'center': [2.7, 0.0]}, 'reference: the motion is beyond the limits of '
+             'the description: a: position 3.2 rad, 0.2 beyond its limit of 3'),
+            ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 beyond'),
+            ('reference', {'center': [1.0, 3.0]}, r'reference: start_duration 2 s: .*; b: |'
+             r'b: velocity .* would do'),
+            ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
+             'limits of the description: a: position -2.1 rad, 0.1 beyond its limit of -2'),
+            ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 beyond')):
+        with pytest.raises(CtcError, match=message):
+            parameter_file.load(file, {node: values})

@@ -1,0 +1,120 @@
+"""Where the text of a robot's description comes from, and what is said when it does not."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import sys
+
+import pytest
+from urdfs import panda, two_links, ur5
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.robot_description import read_description
+
+ROBOTS = 'package://example-robot-data/robots'
+
+
+@pytest.fixture(autouse=True)
+def no_installation(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+
+
+def install(prefix: Path, text: str, package: str = 'arm', path: str = 'urdf/arm.urdf') -> Path:
+    """Put a description where a package below `prefix` has it."""
+    file = prefix / 'share' / package / path
+    file.parent.mkdir(parents=True)
+    file.write_text(text, encoding='utf-8')
+    return file
+
+
+def refusal(location: str) -> str:
+    with pytest.raises(CtcError) as refused:
+        read_description(location)
+    text = str(refused.value)
+    assert len(text.splitlines()) == 1
+    assert text.startswith(f'description: {location}: ')
+    return text.removeprefix(f'description: {location}: ')
+
+
+def test_a_path_is_read_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = two_links().replace('name="r"', 'name="Änderung"')
+    (tmp_path / 'arm.urdf').write_text(text, encoding='utf-8')
+    assert read_description(str(tmp_path / 'arm.urdf')) == text
+    monkeypatch.chdir(tmp_path)
+    assert read_description('arm.urdf') == text
+
+
+def test_a_package_is_found_below_the_installations_in_their_order(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As ROS has it: an overlay stands before what it lies upon; empty entries do not matter."""
+    overlay, base = tmp_path / 'overlay', tmp_path / 'base'
+    install(base, 'base')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', os.pathsep.join([str(overlay), '', str(base), '']))
+    assert read_description('package://arm/urdf/arm.urdf') == 'base'
+    install(overlay, 'overlay')
+    assert read_description('package://arm/urdf/arm.urdf') == 'overlay'
+
+
+def test_a_package_is_found_in_the_environment_and_in_a_wheel(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    environment, site = tmp_path / 'environment', tmp_path / 'site'
+    install(environment, 'of the environment', 'one')
+    install(site / 'cmeel.prefix', 'of a wheel', 'two')
+    install(site / 'cmeel.prefix', 'hidden', 'one')
+    monkeypatch.setattr(sys, 'prefix', str(environment))
+    monkeypatch.setattr(sys, 'path', ['', str(tmp_path / 'nothing'), str(site)])
+    assert read_description('package://one/urdf/arm.urdf') == 'of the environment'
+    assert read_description('package://two/urdf/arm.urdf') == 'of a wheel'
+
+
+def test_the_robots_of_the_configurations_come_from_their_wheel() -> None:
+    """The same texts as by the wheel's list of files."""
+    assert read_description(f'{ROBOTS}/panda_description/urdf/panda.urdf') == panda()
+    assert read_description(f'{ROBOTS}/ur_description/urdf/ur5_robot.urdf') == ur5()
+
+
+def test_what_is_not_installed_is_said_with_the_places(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, '', path='urdf/arm.urdf/a_directory')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    for location in ('package://arm/urdf/arm.urdf', 'package://arm/no.urdf', 'package://arm',
+                     'package://', 'package://nobody/x'):
+        text = refusal(location)
+        below = '/'.join(['share', *location.removeprefix('package://').split('/')]).rstrip('/')
+        assert text.startswith(f'not installed; looked for {below} below ')
+        assert str(tmp_path) in text
+        assert sys.prefix in text
+
+
+def test_what_cannot_be_read_is_said_in_one_line(tmp_path: Path) -> None:
+    binary = tmp_path / 'arm.urdf'
+    binary.write_bytes(b'\xff\xfe\x00\x01')
+    assert refusal(str(binary)) == 'not a text file'
+    assert refusal(str(tmp_path / 'no.urdf')) == 'No such file or directory'
+    assert refusal(str(tmp_path)) == 'Is a directory'
+    assert refusal(f'{binary}/x') == 'Not a directory'
+    assert refusal('a\0b') == 'not a text file'
+    assert 'too long' in refusal('x' * 5000)
+
+
+@pytest.mark.parametrize(('shared', 'plant', 'needs'), [
+    ('model: urdf', '', {'plant', 'controller'}),
+    ('', 'plant_backend: mujoco', {'plant'}),
+    ('', '', set())])
+def test_a_parameter_file_reads_it_for_those_who_need_it(
+        tmp_path: Path, shared: str, plant: str, needs: set[str]) -> None:
+    robot, file = tmp_path / 'arm.urdf', tmp_path / 'params.yaml'
+    file.write_text(f"""
+/**: {{ros__parameters: {{joint_names: [a, b], description: {robot}}}}}
+plant: {{ros__parameters: {{{plant}}}}}
+reference: {{ros__parameters: {{center: [0, 0], amplitude: [0.1, 0.1]}}}}
+""".replace('joint_names', f'{shared}, joint_names' if shared else 'joint_names'))
+    if needs:
+        with pytest.raises(CtcError, match=r'^description: .*arm\.urdf: No such file'):
+            parameter_file.load(file)
+        robot.write_text(two_links())
+    setup = parameter_file.load(file)
+    assert setup.descriptions == dict.fromkeys(needs, two_links())
+    assert parameter_file.load(file, {'/**': {'description': ''}}).descriptions == {}

@@ -1,0 +1,163 @@
+"""Files of waypoints: what they say, and one line for everything that is wrong with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import runpy
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.trajectory_file import read_trajectory
+from ctc_chattering.trajectory.waypoints import Waypoints
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / 'config' / 'trajectories' / 'waypoints.yaml'
+NAMES = ('joint1', 'joint2')
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / 'a file.yaml'
+
+
+def point(**change: Any) -> dict[str, Any]:
+    """Return a point with some keys changed; None takes one away."""
+    whole = {'positions': [1.0, 2.0], 'time_from_start': 1.0, **change}
+    return {key: value for key, value in whole.items() if value is not None}
+
+
+def refused(file: Path, *words: str) -> None:
+    """Assert that the error is one line with the file and all `words` in it."""
+    with pytest.raises(CtcError) as error:
+        read_trajectory(file, NAMES)
+    text = str(error.value)
+    assert len(text.splitlines()) == 1
+    assert [word for word in (str(file), *words) if word not in text] == []
+
+
+def test_values(file: Path) -> None:
+    """Check both forms of time, integers, 1e-1, the order of the joints, and a header."""
+    file.write_text("""
+header: {stamp: {sec: 5, nanosec: 0}, frame_id: ''}
+joint_names: [joint2, joint1]
+points:
+  - {positions: [1, 2.5], time_from_start: 0}
+  - {positions: [3, 4], velocities: [5, 6], accelerations: [], effort: [], time_from_start: 1e-1}
+  - positions: [1e-3, -4]
+    velocities: [5, 6]
+    accelerations: [7, 8]
+    time_from_start: {sec: 1, nanosec: 500000001}
+  - {positions: [0, 0], time_from_start: {sec: 3}}
+""")
+    names, times, points = read_trajectory(file, NAMES)
+    assert names == NAMES
+    assert times == (0, 100_000_000, 1_500_000_001, 3_000_000_000)
+    assert points == (((2.5, 1.0), (), ()), ((4.0, 3.0), (6.0, 5.0), ()),
+                      ((-4.0, 1e-3), (6.0, 5.0), (8.0, 7.0)), ((0.0, 0.0), (), ()))
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    ({'positions': None}, ('positions', 'one per joint')),
+    ({'positions': []}, ('positions', 'got 0')), ({'positions': [1.0]}, ('positions', 'got 1')),
+    ({'positions': 5}, ('positions', '5', 'list')),
+    ({'positions': [1.0, 'x']}, ('positions', "'x'", 'finite numbers')),
+    ({'positions': [1.0, float('nan')]}, ('positions', 'nan', 'finite')),
+    ({'positions': [[1.0], [2.0]]}, ('positions', 'list')),
+    ({'velocities': [1.0]}, ('velocities', 'n = 2')),
+    ({'velocities': [1.0, float('inf')]}, ('velocities', 'inf', 'finite')),
+    ({'velocities': 'fast'}, ('velocities', 'fast')),
+    ({'accelerations': [1.0, 2.0]}, ('accelerations', 'velocities')),
+    ({'velocities': [0, 0], 'accelerations': [1.0]}, ('accelerations', 'got 1')),
+    ({'effort': [1.0, 2.0]}, ('effort', 'none')),
+    ({'velocity': [0, 0]}, ('velocity', 'positions')),
+    ({'time_from_start': None}, ('time_from_start', 'seconds')),
+    ({'time_from_start': -1}, ('time_from_start', '-1', '>= 0')),
+    ({'time_from_start': 1e10}, ('time_from_start',)),
+    ({'time_from_start': True}, ('time_from_start', 'True')),
+    ({'time_from_start': '1 s'}, ('time_from_start', '1 s')),
+    ({'time_from_start': float('nan')}, ('time_from_start', 'nan')),
+    ({'time_from_start': {}}, ('time_from_start', 'sec and nanosec')),
+    ({'time_from_start': {'sec': 1.5}}, ('time_from_start', '1.5', 'integers')),
+    ({'time_from_start': {'sec': True}}, ('time_from_start', 'integers')),
+    ({'time_from_start': {'sec': -1, 'nanosec': 5}}, ('time_from_start', '-1')),
+    ({'time_from_start': {'sec': 1, 'nanosec': 10 ** 9}}, ('time_from_start', '1000000000')),
+    ({'time_from_start': {'sec': 1, 'nsec': 5}}, ('time_from_start', 'nsec')),
+    ({'time_from_start': 0.5}, ('time_from_start', '0.5', 'point before')),
+    ({'time_from_start': 0.25}, ('time_from_start', '0.25', 'more than'))])
+def test_what_is_no_point(file: Path, change: dict[str, Any], words: tuple[str, ...]) -> None:
+    """Check that the line names the file, the point and what is allowed."""
+    tree = {'joint_names': list(NAMES), 'points': [
+        point(time_from_start=0.5), point(**change), point(time_from_start=2.0)]}
+    file.write_text(yaml.safe_dump(tree))
+    refused(file, 'points[1]', 'allowed', *words)
+
+
+@pytest.mark.parametrize(('content', 'words'), [
+    (None, ('No such file',)), (b'', ('mapping',)), (b'- a', ('mapping',)), (b'5', ('mapping',)),
+    (b'a: [1', ('not a YAML file',)), (b'\xff\xfe\x00x', ('not a YAML file',)),
+    (b'{a: 1}\n---\n{b: 1}', ('not a YAML file', 'single document')),
+    (b'{joint_names: [joint1, joint2]}', ('points', 'list')), (b'{points: []}', ('joint_names',)),
+    (b'{joint_names: [joint1, joint2], points: []}', ('points', 'one or more')),
+    (b'{joint_names: [joint1, joint2], points: [5]}', ('points[0]', 'mapping')),
+    (b'{joint_names: [joint1, joint2], points: {a: 1}}', ('points', 'list')),
+    (b'{joint_names: [joint1, joint2], points: &a [*a]}', ('points[0]',)),
+    (b'{joint_names: [joint1, joint2], point: []}', ("'point'", 'points')),
+    (b'{joint_names: joint1, points: []}', ('joint_names', 'list of strings')),
+    (b'{joint_names: [1, 2], points: []}', ('joint_names', 'list of strings')),
+    (b'{joint_names: [joint1, x], points: [{positions: [1, 2], time_from_start: 0}]}',
+     ('joint_names', "'x'", 'joint1, joint2')),
+    (b'{joint_names: [joint1], points: [{positions: [1], time_from_start: 0}]}',
+     ('joint_names', 'joint1, joint2')),
+    (b'plant: {ros__parameters: {gravity: 1.0}}', ('plant', 'joint_names'))])
+def test_what_is_no_trajectory(file: Path, content: bytes | None, words: tuple[str, ...]) -> None:
+    """Check that the line names the file and what is wrong."""
+    if content is not None:
+        file.write_bytes(content)
+    refused(file, *words)
+
+
+def test_a_directory_is_no_file(tmp_path: Path) -> None:
+    refused(tmp_path)
+
+
+def test_the_example() -> None:
+    """Check that it is what it says: quintics, then cubics."""
+    names, times, points = read_trajectory(EXAMPLE, NAMES)
+    assert names == NAMES
+    assert times == (2_000_000_000, 4_000_000_000, 6_500_000_000, 9_000_000_000)
+    assert [bool(p[2]) for p in points] == [True, True, False, False]
+    assert Waypoints(times, points).at(times[-1])[0] == (0.0, 0.0)
+
+
+def test_the_example_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check that every file below config is packaged where it stands."""
+    seen: dict[str, Any] = {}
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr('setuptools.setup', seen.update)
+    runpy.run_path(str(ROOT / 'setup.py'))
+    packaged = {f'{target.removeprefix("share/ctc_chattering/")}/{Path(name).name}': name
+                for target, names in seen['data_files'] for name in names if 'config' in target}
+    assert all(target == name for target, name in packaged.items())
+    assert set(packaged) == {
+        str(path.relative_to(ROOT)) for path in (ROOT / 'config').rglob('*') if path.is_file()}
+
+
+def test_a_parameter_file_names_it() -> None:
+    """Check the whole way: parameters, file, simulation that meets the waypoints."""
+    setup = parameter_file.load(None, {
+        'plant': {'duration': 4.5}, 'reference': {'trajectory_file': str(EXAMPLE)},
+        'controller': {'ka': [12.0, 12.0], 'switching': 'implicit_observer'}})
+    assert setup.route == read_trajectory(EXAMPLE, NAMES)
+    run = simulated(setup).run
+    for k, q in ((0, [0.0, 0.0]), (2000, [1.0, 0.5]), (4000, [2.0, 1.5])):
+        assert run.q_d[k].tolist() == q
+        np.testing.assert_allclose(run.q[k], q, atol=1e-3)
+    with pytest.raises(CtcError, match=r'none\.yaml'):
+        parameter_file.load(None, {'reference': {'trajectory_file': 'none.yaml'}})
+    assert parameter_file.load(None).route is None

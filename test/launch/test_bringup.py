@@ -1,0 +1,154 @@
+"""The life and death of the processes that bringup starts."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from pathlib import Path
+import signal
+import subprocess
+import time
+
+from processes import alive, bringup, CONFIG, descendants, PATIENCE, perform, probe, wait_for
+import pytest
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.launch.parameter_events import Observer
+from ctc_chattering.simulation.closed_loop import Event
+
+pytestmark = pytest.mark.ros
+ENDLESS = ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0')
+NODES = ('plant', 'controller', 'reference', 'recorder')
+
+
+def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
+    """Wait until all nodes run and the recorder has its bag; return their processes by name."""
+    def found() -> dict[str, int]:
+        return {node: pid for pid, line in descendants(process.pid).items()
+                for node in NODES if f'ctc_chattering.cli.node {node} ' in line}
+    wait_for(lambda: len(found()) == len(NODES) and bag.exists(), 'the nodes')
+    return found()
+
+
+@pytest.mark.parametrize('numbers', [
+    (signal.SIGINT, signal.SIGINT), (signal.SIGTERM,), (signal.SIGHUP,), (signal.SIGQUIT,)])
+def test_a_signal_stops_all_of_them_cleanly(
+        tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
+    bag = tmp_path / 'bag'
+    with bringup(*ENDLESS, '--record', str(bag)) as process:
+        pids = running(process, bag)
+        for number in numbers:
+            process.send_signal(number)
+            time.sleep(0.05)  # Two at once are one.
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert 'Traceback' not in output
+    assert alive(list(pids.values())) == []
+    assert (bag / 'metadata.yaml').exists()
+
+
+@pytest.mark.parametrize('victim', [
+    pytest.param(x, marks=pytest.mark.slow) if x in NODES[2:] else x for x in NODES])
+def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) -> None:
+    bag = tmp_path / 'bag'
+    with bringup(*ENDLESS, '--record', str(bag)) as process:
+        pids = running(process, bag)
+        os.kill(pids[victim], signal.SIGKILL)
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert f'bringup: {victim} ended with signal SIGKILL; its last output:' in output
+    assert 'Traceback' not in output
+    assert alive(list(pids.values())) == []
+
+
+def test_no_process_outlives_a_killed_bringup(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    with bringup(*ENDLESS, '--record', str(bag)) as process:
+        pids = running(process, bag)
+        process.kill()
+        process.wait(PATIENCE)
+        wait_for(lambda: not alive(list(pids.values())), 'the end of the nodes')
+    assert (bag / 'metadata.yaml').exists()
+
+
+def test_real_time_takes_its_time(tmp_path: Path) -> None:
+    begin = time.monotonic()
+    with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',
+                 '--duration', '1.0', '--record', str(tmp_path / 'bag')) as process:
+        assert process.stdout is not None
+        said = 'the experiment has ended at t = 1 s after 1001 samples'
+        output = list(itertools.takewhile(lambda line: said not in line, process.stdout))
+        ended = time.monotonic()
+        last = list(process.stdout)
+        output += last
+        assert process.wait(PATIENCE) == 0, output
+        assert [line for line in last if '[ERROR]' in line] == []
+    assert ended - begin > 1.0
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (('--params-file', 'missing.yaml'), 'missing.yaml: No such file or directory'),
+    (('--duration', 'nan'), 'plant: duration: nan is not allowed'),
+    (('--control-period', '0.0'), 'control_period: 0.0 is not allowed'),
+    (('--record', '/'), '/: exists already, not overwritten'),
+])
+def test_what_is_wrong_is_said_in_one_line_before_anything_starts(
+        arguments: tuple[str, ...], message: str) -> None:
+    status, output = perform(*arguments)
+    assert status == 1
+    assert len(output.splitlines()) == 1
+    assert message in output
+
+
+def test_arguments_for_ros_stand_above_its_own(tmp_path: Path) -> None:
+    """Check by the bag that they reach the nodes, in a namespace, the last one of each."""
+    file, bag = tmp_path / 'more.yaml', tmp_path / 'bag'
+    file.write_text('controller: {ros__parameters: {law: compensation, b: 2.0}}')
+    status, output = perform(
+        '--duration', '0.2', '--law', 'chattering', '--record', str(bag), '--ros-args',
+        '-p', 'law:=chattering', '--params-file', str(file), '-r', '__ns:=/robot1',
+        '-p', 'experiment:=mine', '-p', 'controller:b:=3')
+    assert status == 0, output
+    result = read_bag(bag)
+    (_, config), = result.configs
+    assert (result.experiment, config.law, config.b) == ('mine', 'compensation', 3.0)
+
+
+def test_an_event_that_a_running_node_would_refuse_is_refused_at_once(tmp_path: Path) -> None:
+    file = tmp_path / 'params.yaml'
+    file.write_text("bringup: {ros__parameters: {events: ['1.0 controller ka [-1.0, 0.0]']}}")
+    status, output = perform('--params-file', str(file))
+    assert status == 1
+    assert output.startswith('bringup: ka: [-1.0, 0.0] is not allowed')
+
+
+def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:
+    """The middleware drops an answer to a client that the server has not met yet."""
+    asked: list[tuple[str, object]] = []
+
+    async def answer(request: SetParameters.Request, response: SetParameters.Response
+                     ) -> SetParameters.Response:
+        asked.extend((x.name, parameter_value_to_python(x.value)) for x in request.parameters)
+        if len(asked) == 1:
+            await Future()  # For ever.
+        response.results = [SetParametersResult(successful=True) for _ in request.parameters]
+        return response
+
+    with probe() as it:
+        it.node.create_service(SetParameters, '/controller/set_parameters', answer,
+                               callback_group=ReentrantCallbackGroup())
+        events = [Event(0.0, 'controller', {'lambda': x}) for x in (7.0, 8.0)]
+        observer = Observer(events, lockstep=False, ros_args=())
+        try:
+            def carried_out() -> bool:
+                observer.look()
+                return len(asked) == 3
+            it.until(carried_out, 'the events')
+        finally:
+            observer.close()
+    assert asked == [('lambda', 7.0), ('lambda', 7.0), ('lambda', 8.0)]

@@ -1,0 +1,183 @@
+"""Real processes under supervision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+import os
+from pathlib import Path
+import platform
+import signal
+import subprocess
+import sys
+from threading import Event
+from time import monotonic
+
+import pytest
+from stopwatch import Stopwatch
+
+from ctc_chattering.launch.child_process import Child, stop
+
+FOREVER = 'import time\nprint("ready")\nwhile True: time.sleep(60)'
+IGNORE = 'import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n'
+DEADLINE = 20.0
+Start = Callable[[str], Child]
+
+
+@pytest.fixture
+def lines() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def start(lines: list[str]) -> Iterator[Start]:
+    """Return a function that starts a child and waits for its first line."""
+    children: list[Child] = []
+
+    def run(code: str) -> Child:
+        said = Event()
+
+        def show(line: str) -> None:
+            lines.append(line)
+            said.set()
+        children.append(Child('kid', [sys.executable, '-c', code], show))
+        assert said.wait(DEADLINE)
+        return children[-1]
+    yield run
+    for child in children:
+        with suppress(ProcessLookupError):
+            child.process.kill()
+        child.process.wait(DEADLINE)
+
+
+def gone(pid: int) -> bool:
+    """Return whether a process ends before the deadline; a zombie has."""
+    end = monotonic() + DEADLINE
+    while monotonic() < end:
+        try:
+            state = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rsplit(')', 1)[1]
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        if state.split()[0] in 'ZX':
+            return True
+    return False
+
+
+def test_output_and_exit_report(start: Start, lines: list[str]) -> None:
+    """Check both streams, in order, and that the report has status and the last lines."""
+    child = start('import sys\nfor i in range(50): print("line", i)\n'
+                  'sys.stderr.write("oops \\udcff\\n"); sys.stdout.buffer.write(b"\\xff\\n")\n'
+                  'sys.exit(3)')
+    child.process.wait(DEADLINE)
+    text = child.exit_report()
+    assert child.status == 3
+    assert lines[:50] == [f'[kid] line {i}' for i in range(50)]
+    assert len(lines) == 52
+    assert text.startswith('kid ended with status 3;')
+    assert 'line 49' in text
+    assert 'line 10' not in text
+    assert 'oops' in text
+
+
+def test_exit_report_names_the_signal(start: Start) -> None:
+    child = start('import os, signal\nprint("x")\nos.kill(os.getpid(), signal.SIGSEGV)')
+    child.process.wait(DEADLINE)
+    assert child.status == -signal.SIGSEGV
+    assert 'signal SIGSEGV' in child.exit_report()
+
+
+def test_exit_report_of_the_silent() -> None:
+    child = Child('kid', [sys.executable, '-c', 'raise SystemExit(7)'], lambda _: None)
+    child.process.wait(DEADLINE)
+    assert child.exit_report().startswith('kid ended with status 7;')
+    assert 'it printed nothing' in child.exit_report()
+
+
+@pytest.mark.parametrize(('before', 'number'), [
+    ('import signal\nsignal.signal(signal.SIGINT, signal.SIG_DFL)\n', signal.SIGINT),
+    (IGNORE, signal.SIGTERM),
+    (IGNORE + 'signal.signal(signal.SIGTERM, signal.SIG_IGN)\n', signal.SIGKILL)])
+def test_stop_escalates(start: Start, before: str, number: signal.Signals) -> None:
+    """Check that a child gets as many signals as it takes, and no more patience than that."""
+    child = start(before + FOREVER)
+    assert child.status is None
+    begin = monotonic()
+    stop([child], patience=0.2)
+    assert child.status == -number
+    steps = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL).index(number)
+    assert monotonic() - begin >= 0.2 * steps - 0.01
+
+
+def test_stop_lets_a_child_finish(start: Start, lines: list[str]) -> None:
+    """Check that work after SIGINT is done before the next signal."""
+    child = start(f'try:\n  {FOREVER.replace(chr(10), chr(10) + "  ")}\n'
+                  'except KeyboardInterrupt:\n  time.sleep(0.3); print("closed")')
+    stop([child], patience=DEADLINE)
+    assert child.status == 0
+    assert 'closed' in child.exit_report()
+    assert lines[-1] == '[kid] closed'
+
+
+def test_stop_shares_its_patience(start: Start) -> None:
+    """Check that three stubborn children take no longer than one, and dead ones are no trouble."""
+    stubborn = IGNORE + 'signal.signal(signal.SIGTERM, signal.SIG_IGN)\n' + FOREVER
+    children = [start(stubborn) for _ in range(3)]
+    dead = start('print("bye")')
+    dead.process.wait(DEADLINE)
+    watch = Stopwatch(os.getpid())
+    stop([*children, dead], patience=0.5)
+    assert watch.read() < 2.0
+    assert [child.status for child in children] == [-signal.SIGKILL] * 3
+    assert dead.status == 0
+    stop([], patience=0.1)
+
+
+def test_children_outlive_no_parent() -> None:
+    """Kill a parent with SIGKILL; its child, which ignores SIGINT, must go too."""
+    kid = ('import os\nfrom ctc_chattering import supervisor\n'
+           f'{IGNORE}supervisor.end_with(os.getppid())\n{FOREVER}')
+    code = ('import sys\nfrom threading import Event\n'
+            'from ctc_chattering.launch.child_process import Child\nready = Event()\n'
+            f'child = Child("kid", [sys.executable, "-c", {kid!r}], lambda line: ready.set())\n'
+            'ready.wait()\nprint(child.process.pid, flush=True)\nchild.process.wait()')
+    root = str(Path(__file__).parents[2])
+    with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True,
+                          env={**os.environ, 'PYTHONPATH': root}) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        os.kill(pid, 0)
+        parent.kill()
+    assert gone(pid)
+
+
+def test_child_is_no_target_of_the_terminal(start: Start) -> None:
+    """Check that Ctrl-C in the terminal reaches the parent only."""
+    child = start(FOREVER)
+    assert os.getpgid(child.process.pid) != os.getpgid(0)
+    stop([child], patience=DEADLINE)
+    assert child.status != 0
+
+
+MEMORY = """
+from pathlib import Path
+import resource
+
+def resident():
+    return int(Path('/proc/self/statm').read_text().split()[1]) * resource.getpagesize()
+
+bytearray(1 << 24)
+before = resident()
+blocks = [bytearray(1 << 20) for _ in range(16)]
+blocks.clear()
+print(resident() - before)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='a setting of glibc')
+def test_a_child_returns_freed_memory(start: Start, lines: list[str]) -> None:
+    """Check blocks that glibc keeps otherwise."""
+    start(MEMORY)
+    assert int(lines[0].removeprefix('[kid] ')) < 1 << 20
+    kept = subprocess.check_output([sys.executable, '-c', MEMORY], env={
+        name: value for name, value in os.environ.items() if name != 'MALLOC_TRIM_THRESHOLD_'})
+    assert int(kept) > 1 << 23

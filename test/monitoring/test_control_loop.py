@@ -1,0 +1,242 @@
+"""The control loop without ROS: what is sent for what comes, in both kinds of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.errors import RejectedMessage
+from ctc_chattering.monitoring.control_loop import ControlLoop, JointSample
+from ctc_chattering.monitoring.controller_state import State
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+
+MS = 1_000_000
+ZERO = [0.0, 0.0]
+MOTION = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(2000)]
+
+
+class Log:
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.info = self.warning = self.error = self.lines.append
+
+
+class Robot:
+    """A robot before a loop; it stands at q, and a state comes as soon as it is taken."""
+
+    def __init__(self, simulated: bool, enabled: bool = True, **config: object) -> None:
+        self.sent: list[list[float]] = []
+        self.log = Log()
+        self.config = ControllerConfig().changed(config)
+        self.loop = ControlLoop(
+            self.config, 0.02, 0.1, enabled, lambda tau: self.sent.append([float(x) for x in tau]),
+            self.log)
+        self.loop.law = Controller(self.config)
+        self.loop.restart_duration = 2.0
+        self.simulated = simulated
+        self.k = 0
+
+    def reference(self, first: int, last: int) -> None:
+        self.loop.take_reference([k * MS for k in range(first, last)], MOTION[first:last])
+
+    def state(self, k: int, q: Sequence[float] = (0.1, 0.2), matched: bool = True
+              ) -> list[list[float]]:
+        """Send the state of sample k; return what was sent for it."""
+        self.k, before = k, len(self.sent)
+        self.loop.take_state(JointSample(k * MS, q, ZERO), k * MS, self.simulated)
+        self.answer(matched)
+        return self.sent[before:]
+
+    def answer(self, matched: bool = True) -> None:
+        answer = self.loop.answer(matched)
+        if answer is not None:
+            self.loop.note(answer)
+
+    def silence(self, k: int) -> list[list[float]]:
+        """Let it be sample k without a state."""
+        before = len(self.sent)
+        if not self.simulated:
+            self.loop.check_silence(k * MS, lambda: 1)
+        self.answer()
+        return self.sent[before:]
+
+    def status(self) -> tuple[int, str]:
+        return self.loop.status(self.k * MS, {})
+
+
+def law(*qs: Sequence[float], first: int = 0, bumpless: bool = False) -> list[list[float]]:
+    """Return the torques of a law that begins at sample `first`, a state at each sample."""
+    it = Controller(ControllerConfig())
+    it.reset(bumpless=bumpless)
+    return [[float(x) for x in it.step(q, ZERO, *MOTION[first + i]).tau]
+            for i, q in enumerate(qs)]
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_states_are_answered_by_the_law(simulated: bool) -> None:
+    robot = Robot(simulated)
+    robot.reference(0, 100)
+    qs = [(0.1 + 0.01 * k, 0.2) for k in range(50)]
+    assert [robot.state(k, q)[0] for k, q in enumerate(qs)] == law(*qs)
+    assert robot.status() == (0, 'running')
+
+
+@pytest.mark.parametrize('missing', ['reference', 'readers'])
+@pytest.mark.parametrize('simulated', [False, True])
+def test_a_state_waits_for_what_is_missing(simulated: bool, missing: str) -> None:
+    robot = Robot(simulated)
+    assert robot.status() == (1, 'waiting for joint_states')
+    if missing == 'readers':
+        robot.reference(0, 100)
+    assert robot.state(0, matched=False) == []
+    assert robot.status() == (1, 'waiting for reference')
+    robot.reference(0, 100)
+    robot.answer()
+    assert robot.sent == law((0.1, 0.2))
+    robot.answer()
+    assert len(robot.sent) == 1
+
+
+def test_simulated_time_waits_where_the_reference_ends_and_goes_on_as_if_it_had_not() -> None:
+    robot = Robot(simulated=True)
+    robot.reference(0, 3)
+    for k in range(3):
+        robot.state(k)
+    assert robot.state(3) == []
+    assert robot.status() == (1, 'waiting for reference')
+    assert robot.silence(5000) == []  # However long it takes.
+    robot.reference(3, 10)
+    robot.answer()
+    robot.state(4)
+    assert robot.sent == law(*[(0.1, 0.2)] * 5)
+
+
+def test_a_state_that_is_repeated_is_answered_as_before_in_simulated_time() -> None:
+    robot = Robot(simulated=True)
+    robot.reference(0, 10)
+    first = robot.state(0)
+    with pytest.raises(RejectedMessage) as raised:
+        robot.state(0, (5.0, 5.0))
+    assert raised.value.kind == 'repeated'
+    assert robot.sent == 2 * first
+    assert robot.state(1) == law((0.1, 0.2), (0.1, 0.2))[1:]
+
+
+def test_silence_ends_the_torques_and_the_next_state_restarts_the_law() -> None:
+    robot = Robot(simulated=False)
+    robot.reference(0, 2000)
+    for k in range(100):
+        robot.state(k)
+    assert robot.silence(118) == []
+    assert robot.silence(120) == [ZERO]
+    assert robot.silence(300) == []
+    robot.k = 300
+    assert robot.status() == (2, 'no state for 0.2 s')
+    assert robot.loop.watchdog.outages == 1
+    assert robot.state(301)
+    assert robot.loop.state.state is State.RESTARTING
+    assert robot.loop.health.restarts == 1
+    assert 'back to the reference' in robot.log.lines[-1]
+    at_once = Robot(simulated=False)
+    at_once.loop.restart_duration = 0.0
+    at_once.reference(0, 2000)
+    at_once.state(0)
+    at_once.silence(30)
+    assert at_once.state(31) == law((0.1, 0.2), first=31, bumpless=True)
+
+
+def test_a_reference_that_is_late_is_held_and_followed_again() -> None:
+    robot = Robot(simulated=False)
+    robot.reference(0, 50)
+    for k in range(300):
+        assert robot.state(k)
+        held = robot.loop.state.state is State.HOLDING
+        assert held == (k > 149)  # The last point is that of 49 ms; 0.1 s are granted.
+    assert robot.status() == (2, 'no reference for 0.1 s; holding the position')
+    assert robot.loop.reference_outages == 1
+    robot.reference(290, 400)
+    assert robot.state(300)
+    assert robot.loop.state.state is State.RUNNING
+
+
+def test_a_position_error_trips_until_reset() -> None:
+    robot = Robot(simulated=False, error_limit=[4.0, 4.0])
+    robot.reference(0, 100)
+    assert robot.state(0)
+    assert robot.state(1, (0.1, 9.0)) == [ZERO]
+    assert robot.status() == (
+        2, 'tripped: the position error of joint2 exceeded error_limit; call ~/reset')
+    assert robot.state(2) == []
+    robot.loop.enable(False)
+    robot.loop.enable(True)
+    assert robot.state(3) == []
+    assert robot.loop.reset()
+    assert not robot.loop.reset()
+    assert robot.state(4) == law((0.1, 0.2), first=4, bumpless=True)
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_disabled_it_sends_nothing(simulated: bool) -> None:
+    """In real time a last torque of zero; in simulated time the robot waits for an answer."""
+    robot = Robot(simulated)
+    robot.reference(0, 100)
+    robot.state(0)
+    robot.loop.enable(False)
+    assert robot.sent[1:] == ([] if simulated else [ZERO])
+    before = len(robot.sent)
+    assert robot.state(1) == []
+    assert robot.status() == (1, 'disabled; call ~/enable')
+    robot.loop.enable(True)
+    robot.answer()
+    assert robot.sent[before:] == law((0.1, 0.2), first=1, bumpless=True)
+
+
+def test_a_robot_disabled_from_the_start() -> None:
+    robot = Robot(simulated=False, enabled=False)
+    robot.reference(0, 100)
+    assert robot.state(0) == []
+    assert robot.silence(300) == []
+    assert robot.state(301) == []
+    robot.loop.enable(True)
+    assert robot.state(302)
+
+
+def test_time_that_goes_back_begins_a_new_run() -> None:
+    robot = Robot(simulated=True)
+    robot.reference(500, 600)
+    for k in range(500, 510):
+        robot.state(k)
+    with pytest.raises(RejectedMessage) as raised:
+        robot.state(0)
+    assert raised.value.kind == 'backward'
+    assert not robot.loop.restarted
+    assert robot.state(1) == []  # Two in a row are believed; there is no reference yet.
+    assert robot.loop.restarted
+    robot.reference(0, 100)
+    robot.answer()
+    assert robot.sent[-1:] == law((0.1, 0.2), first=1)
+
+
+def test_without_a_finite_torque_nothing_is_sent_and_the_loop_goes_on() -> None:
+    robot = Robot(simulated=False)
+    robot.reference(0, 100)
+    robot.state(0)
+    with pytest.raises(RejectedMessage) as raised:
+        robot.state(1, (1e308, -1e308))
+    assert raised.value.kind == 'overflow'
+    assert len(robot.sent) == 1
+    assert robot.state(2)
+
+
+def test_references_without_states_do_not_fill_the_memory() -> None:
+    robot = Robot(simulated=False)
+    for k in range(100):
+        robot.loop.take_reference([(1000 * k + i) * MS for i in range(1000)], MOTION[:1000])
+    assert len(robot.loop.motion) == 60_000
+    for k in range(10):
+        robot.state(99_500 + k)
+    assert len(robot.loop.motion) <= 1000

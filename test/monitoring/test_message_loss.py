@@ -1,0 +1,42 @@
+"""Messages lost, against a network that is played through."""
+
+from __future__ import annotations
+
+import random
+
+from ctc_chattering.monitoring.message_loss import SequenceTracker
+
+
+def lost(numbering: SequenceTracker, number: int, publishers: int) -> int:
+    """Return what the recorder counts."""
+    return 0 if numbering.follows(number) else numbering.lost(number, publishers)
+
+
+def test_what_one_publisher_loses_is_counted() -> None:
+    rng = random.Random(1)
+    numbering, found, expected = SequenceTracker(), 0, 0
+    lost(numbering, 41, 1)  # Who comes late has missed nothing.
+    for number in range(42, 1000):
+        if number < 999 and rng.random() < 0.3:
+            expected += 1
+        else:
+            found += lost(numbering, number, 1)
+    assert found == expected > 100
+
+
+def test_a_second_publisher_loses_nothing_by_coming_and_going() -> None:
+    """The last words of one that has gone are told from the next ones of the one that stays."""
+    numbering = SequenceTracker()
+    assert not any(lost(numbering, k, 1) for k in range(1, 1000))
+    for k in range(1, 50):
+        assert lost(numbering, 999 + k, 2) == lost(numbering, k, 2) == 0
+    # Both are underway still, but the second one is off the graph already.
+    assert not any(lost(numbering, k, 1) for k in (50, 1049, 1050))
+    assert lost(numbering, 1054, 1) == 3
+
+
+def test_a_publisher_that_begins_anew_loses_nothing() -> None:
+    numbering = SequenceTracker()
+    for _ in range(40):
+        assert not any(lost(numbering, k, 1) for k in range(1, 20))
+    assert lost(numbering, 22, 1) == 2

@@ -1,0 +1,342 @@
+"""Verdicts on stamps, against time lines of which the truth is known."""
+
+from collections.abc import Sequence
+import dataclasses
+
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from ctc_chattering.monitoring.stamps import (
+    BACKWARD,
+    GAP,
+    JUMP,
+    NEXT,
+    REPEATED,
+    RESTART,
+    STALE,
+    Stamps,
+    TAKEN,
+)
+
+MS = 1_000_000
+LIMIT = 20 * MS
+PERIODS = st.integers(100_000, 10 * MS)
+CLOCKS = st.integers(-10 ** 18, 10 ** 18)
+
+
+@dataclasses.dataclass
+class Line:
+    """
+    A source and its way to us: what really happens.
+
+    Attributes
+    ----------
+    period : int
+        Of the source [ns].
+    offset : int
+        Its clock less ours [ns].
+    delay : int
+        Least time underway [ns].
+
+    """
+
+    period: int = MS
+    offset: int = 10 ** 17
+    delay: int = 300_000
+
+    def __post_init__(self) -> None:
+        self.stamps = Stamps(LIMIT)
+        self.t = 0
+
+    def say(self, late: int = 0, jump: int = 0, simulated: bool = False) -> str:
+        """Return the verdict on the state of now, which comes `late` [ns] after it should."""
+        self.offset += jump
+        return self.stamps.classify(
+            self.t + self.offset, self.t + self.delay + late, simulated)
+
+    def go(self, count: int, simulated: bool = False) -> list[str]:
+        """Let `count` periods pass, one state each, and return the verdicts."""
+        found = []
+        for _ in range(count):
+            self.t += self.period
+            found.append(self.say(simulated=simulated))
+        return found
+
+    def burst(self, stall: int) -> list[tuple[str, int]]:
+        """Let us stand still for `stall` [ns]; return each state's verdict and how late it was."""
+        start = self.t
+        rows = []
+        for k in range(1, stall // self.period + 1):
+            self.t = start + k * self.period
+            late = start + stall - self.t
+            rows.append((self.say(late), late))
+        return rows
+
+
+@given(PERIODS, CLOCKS, st.lists(st.integers(0, LIMIT), min_size=5, max_size=200))
+def test_regular_with_jitter(period: int, offset: int, late: list[int]) -> None:
+    """Check that whatever comes in order and late by no more than the limit is taken."""
+    line = Line(period, offset)
+    arrived, found = 0, []
+    for x in late:
+        line.t += period
+        arrived = max(arrived, line.t + x)
+        found.append(line.say(arrived - line.t))
+    assert found == [RESTART] + [NEXT] * (len(late) - 1)
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+@pytest.mark.parametrize('late', [0.9, 1.1])
+def test_the_limit_of_lateness(late: float, simulated: bool) -> None:
+    """Check that a state is refused beyond the limit and not below, and not in simulated time."""
+    line = Line()
+    line.go(100, simulated)
+    verdicts = []
+    for _ in range(5):
+        line.t += line.period
+        verdicts.append(line.say(round(late * LIMIT), simulated=simulated))
+    assert set(verdicts) == ({STALE} if late > 1.0 and not simulated else {NEXT})
+    assert line.go(1, simulated) == [NEXT]
+
+
+@given(PERIODS, CLOCKS, st.integers(0, 3000 * MS))
+def test_a_backlog_after_a_stall(period: int, offset: int, stall: int) -> None:
+    """Check that of the states queued in a stall exactly those are taken that are not too old."""
+    line = Line(period, offset)
+    line.go(30)
+    rows = line.burst(stall)
+    margin = stall // 1000 + 1  # what the shortest delay may have grown by
+    for verdict, late in rows:
+        assert verdict in (TAKEN if late <= LIMIT else {STALE, *TAKEN})
+        assert (verdict == STALE) or late <= LIMIT + margin
+    verdicts = [verdict for verdict, _ in rows]
+    taken = [v for v in verdicts if v != STALE]
+    if verdicts and verdicts[0] == STALE:
+        step = period * (len(verdicts) - len(taken) + 1)
+        assert taken[:1] in ([], [NEXT] if step <= LIMIT else [GAP])
+    assert set(taken[1:]) <= {NEXT}
+    after = line.go(20)
+    assert set(after[1:]) == {NEXT}
+    assert after[0] in TAKEN
+
+
+@given(PERIODS, CLOCKS, st.lists(st.tuples(
+    st.sampled_from(['run', 'outage', 'stall']), st.integers(0, 400 * MS)), max_size=8))
+def test_any_mixture_takes_what_is_fresh_and_nothing_else(
+        period: int, offset: int, story: list[tuple[str, int]]) -> None:
+    """Check every state of runs, outages and stalls against how late it truly was."""
+    line = Line(period, offset)
+    line.go(1)
+    told = MS + sum(length for _, length in story)
+    for kind, length in story:
+        if kind == 'run':
+            verdicts = line.go(length // (5 * period))
+            assert set(verdicts) <= {NEXT, GAP}
+            assert GAP not in verdicts[1:]
+        elif kind == 'outage':
+            line.t += length
+            assert line.go(1) == [NEXT if length + period <= LIMIT else GAP]
+        else:
+            for verdict, late in line.burst(length):
+                assert verdict in {NEXT, GAP, STALE}
+                if late <= LIMIT:
+                    assert verdict != STALE
+                if late > LIMIT + told // 1000:
+                    assert verdict == STALE
+
+
+@given(PERIODS, st.integers(0, 10_000 * MS), st.booleans())
+def test_an_outage_is_a_gap(period: int, silence: int, simulated: bool) -> None:
+    """Check a source that was silent: at once in real time, confirmed in simulated time."""
+    line = Line(period)
+    line.go(10, simulated)
+    line.t += silence
+    verdicts = line.go(10, simulated)
+    if silence + period <= LIMIT:
+        assert verdicts == [NEXT] * 10
+    elif simulated:
+        assert verdicts == [JUMP, GAP] + [NEXT] * 8
+    else:
+        assert verdicts == [GAP] + [NEXT] * 9
+
+
+@given(PERIODS, st.integers(-10_000 * MS, 10_000 * MS), st.booleans())
+def test_a_clock_that_is_set(period: int, jump: int, simulated: bool) -> None:
+    """Check that one state is lost, and that lateness is then measured by the new clock."""
+    assume(abs(abs(jump) - LIMIT) > MS // 10)
+    assume(abs(2 * period + jump) > period)  # Else the next one is beyond the last one again.
+    line = Line(period)
+    line.go(50, simulated)
+    line.t += period
+    step = period + jump
+    first = line.say(jump=jump, simulated=simulated)
+    after = line.go(20, simulated)
+    if 0 < step <= LIMIT and (jump > -LIMIT or simulated):
+        assert [first, *after] == [NEXT] * 21
+    elif 0 < jump < LIMIT and not simulated:
+        assert [first, *after] == [GAP] + [NEXT] * 20
+    else:
+        assert first == (BACKWARD if step < 0 else JUMP)
+        assert after == [RESTART if step < 0 else GAP] + [NEXT] * 19
+    if abs(jump) > LIMIT and not simulated:
+        line.t += period
+        assert line.say(late=LIMIT // 2) == NEXT
+        line.t += period
+        assert line.say(late=LIMIT + 2 * MS) == STALE
+
+
+@pytest.mark.parametrize('jump', [-500 * MS, 500 * MS])
+def test_lateness_is_measured_by_the_new_clock(jump: int) -> None:
+    """Check that a clock set back makes nothing stale, and one set forward hides nothing."""
+    line = Line()
+    line.go(100)
+    line.t += MS
+    line.say(jump=jump)
+    assert line.go(50) == [RESTART if jump < 0 else GAP] + [NEXT] * 49
+    line.t += MS
+    assert line.say(late=LIMIT + 2 * MS) == STALE
+    assert line.go(1) == [NEXT]
+
+
+@pytest.mark.parametrize('again', [False, True])
+def test_a_simulation_that_is_reset(again: bool) -> None:
+    """Check time that begins at 0 anew, also by a plant that says its first state again."""
+    stamps = Stamps(LIMIT)
+    for k in range(1000):
+        assert stamps.classify(k * MS, 7 * k, True) == (NEXT if k else RESTART)
+    assert stamps.classify(0, 10 ** 10, True) == BACKWARD
+    assert stamps.classify(0 if again else MS, 10 ** 10 + 1, True) == RESTART
+    assert stamps.classify(2 * MS, 10 ** 10 + 1, True) == NEXT
+
+
+@given(st.integers(2, 60), st.integers(-10 ** 12, -LIMIT) | st.integers(2 * LIMIT, 10 ** 12),
+       st.booleans())
+def test_a_single_message_out_of_order(at: int, away: int, simulated: bool) -> None:
+    """Check that it is refused and disturbs nobody, wherever it points to but shortly ahead."""
+    line = Line()
+    line.go(at, simulated)
+    now = line.t + line.delay + 1000
+    verdict = line.stamps.classify(line.t + line.offset + away, now, simulated)
+    assert verdict == (BACKWARD if away < 0 else JUMP)
+    assert line.go(60, simulated) == [NEXT] * 60
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_a_repeated_stamp(simulated: bool) -> None:
+    """Check that it is refused any number of times, and the next one is taken."""
+    line = Line()
+    line.go(10, simulated)
+    for _ in range(3):
+        assert line.say(late=1000, simulated=simulated) == REPEATED
+    assert line.go(2, simulated) == [NEXT, NEXT]
+
+
+def _drifting(rate: float, minutes: float, period: int = 10 * MS) -> list[str]:
+    """Return the verdicts where our clock runs faster than the source's by `rate`."""
+    stamps = Stamps(LIMIT)
+    rng = np.random.default_rng(0)
+    sent = np.arange(round(minutes * 60e9 / period)) * period
+    arrivals = np.round(sent * (1.0 + rate)).astype(np.int64)
+    arrivals += rng.integers(0, period // 2, len(sent))
+    return [stamps.classify(t, now, False) for t, now in zip(sent.tolist(), arrivals.tolist())]
+
+
+@pytest.mark.parametrize('rate', [200e-6, -200e-6, 500e-6, -5e-3])
+def test_clocks_that_drift_apart(rate: float) -> None:
+    """Check that in ten minutes nothing is called stale, though they part by 0.12 s and more."""
+    verdicts = _drifting(rate, 10.0)
+    assert set(verdicts[1:]) == {NEXT}
+    assert len(verdicts) * 10 * MS * abs(rate) > 5 * LIMIT
+
+
+def test_no_clock_drifts_like_that() -> None:
+    """Check that a delay that grows by half a percent is noticed: the leak is bounded."""
+    assert STALE in _drifting(5e-3, 1.0)
+
+
+@pytest.mark.parametrize('rate', [200e-6, -200e-6])
+@pytest.mark.parametrize('minutes', [1, 5, 60])
+def test_drift_over_an_outage(rate: float, minutes: int) -> None:
+    """Check that the first state after a long silence is taken, whatever the clocks did."""
+    stamps, start = Stamps(LIMIT), minutes * 60_000 * MS
+    for k in range(100):
+        stamps.classify(k * MS, k * MS, False)
+    for k in range(100):
+        now = start + k * MS
+        assert stamps.classify(round((1.0 + rate) * start) + k * MS, now, False) == (
+            NEXT if k else GAP)
+
+
+@pytest.mark.parametrize('limits', [40, 60])
+def test_a_delay_that_stays_is_believed_at_last(limits: int) -> None:
+    """Check that a way that became longer is refused for fifty limits, and then goes on."""
+    line = Line()
+    line.go(100)
+    line.delay += 2 * LIMIT
+    verdicts = line.go(limits * LIMIT // MS)
+    refused = verdicts.count(STALE)
+    assert verdicts[:refused] == [STALE] * refused
+    assert refused == pytest.approx(min(limits, 50) * LIMIT / MS, abs=2)
+    assert verdicts[refused:] == [GAP] * (limits > 50) + [NEXT] * (len(verdicts) - refused - 1)
+
+
+def test_belief_needs_nothing_but_stale_states() -> None:
+    """Check that single late ones, however many and long, are never believed."""
+    line = Line()
+    line.go(10)
+    for _ in range(200):
+        line.t += MS
+        assert line.say(late=2 * LIMIT) == STALE
+        assert set(line.go(20)) == {NEXT}
+
+
+def test_a_clock_set_back_in_an_outage_is_believed_at_last() -> None:
+    """Check that stamps which went on by less than the silence are stale for fifty limits."""
+    line = Line()
+    line.go(100)
+    line.t += 1000 * MS
+    line.offset -= 500 * MS
+    verdicts = line.go(51 * LIMIT // MS)
+    assert verdicts[999] == STALE
+    assert verdicts[-1] == NEXT
+
+
+@given(st.lists(st.tuples(st.integers(1, LIMIT), st.integers(0, 10 ** 12)), max_size=100))
+def test_simulated_time_is_never_late(steps: list[tuple[int, int]]) -> None:
+    """Check that arrival says nothing there: whatever goes on by a limit at most is taken."""
+    stamps, t, now = Stamps(LIMIT), 0, 0
+    stamps.classify(t, now, True)
+    for step, wait in steps:
+        t, now = t + step, now + wait
+        assert stamps.classify(t, now, True) == NEXT
+
+
+@settings(max_examples=200)
+@given(st.lists(st.tuples(st.integers(-50, 50), st.integers(0, 50)), max_size=60), st.booleans())
+def test_nothing_is_taken_twice(steps: Sequence[tuple[int, int]], simulated: bool) -> None:
+    """Check of any stamps at all that those taken go forward between two new runs."""
+    stamps, t, now, last = Stamps(LIMIT), 0, 0, None
+    for step, wait in steps:
+        t, now = t + step * MS, now + wait * MS
+        verdict = stamps.classify(t, now, simulated)
+        if verdict in TAKEN:
+            assert last is None or verdict == RESTART or t > last
+            assert (verdict == NEXT) <= (last is not None and t - last <= LIMIT)
+            last = t
+        else:
+            assert last is not None
+            assert (verdict == REPEATED) == (t == last)
+            assert verdict != BACKWARD or t < last
+            assert verdict not in (JUMP, STALE) or t > last
+
+
+def test_forget_takes_anything_as_the_first() -> None:
+    """Check that a stamp far back begins anew at once, and with its own delay."""
+    line = Line()
+    line.go(10)
+    line.stamps.forget()
+    line.t += MS
+    assert line.say(jump=-10 ** 15) == RESTART
+    assert line.go(5) == [NEXT] * 5

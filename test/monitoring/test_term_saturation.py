@@ -1,0 +1,88 @@
+"""How often the chattering term is at its bound, counted by hand and seen in closed loop."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import pytest
+
+from ctc_chattering.analysis.terms import terms
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
+from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+KA = (2.0, 3.0)
+
+
+def counted(rows: list[tuple[float, float]], switching: str = 'implicit') -> list[Saturation]:
+    count = TermSaturation(2)
+    for row in rows:
+        count.add(row, KA, switching)
+    return count.found()
+
+
+def test_by_hand() -> None:
+    """Check two stretches on the first joint, three on the second, one of which changes side."""
+    rows = [(2.0, 0.0), (2.0, 3.0), (1.9, -3.0), (-2.0, -3.0), (-1.0, 0.0), (0.0, 3.0)]
+    assert counted(rows) == [Saturation(3 / 6, 1.5), Saturation(4 / 6, 4 / 3)]
+
+
+def test_sign_counts_long_stretches_only() -> None:
+    long = [(2.0, 3.0 * side) for side in (1, -1) for _ in range(150)]
+    assert counted(long, 'sign') == [Saturation(1.0, 300.0), Saturation(0.0, 0.0)]
+    assert counted(long)[1] == Saturation(1.0, 150.0)
+
+
+def test_nothing_and_no_chattering_term() -> None:
+    """Check no sample, and a joint whose ka is 0."""
+    assert TermSaturation(2).found() == [Saturation(0.0, 0.0)] * 2
+    count = TermSaturation(1)
+    count.add((0.0,), (0.0,), 'implicit')
+    assert count.found() == [Saturation(0.0, 0.0)]
+
+
+def test_windows_and_gaps() -> None:
+    """Check that a stretch goes on through `clear`, and ends at `pause`."""
+    count = TermSaturation(1)
+    for _ in range(4):
+        count.add((1.0,), (1.0,), 'boundary_layer')
+    count.pause()
+    count.add((1.0,), (1.0,), 'boundary_layer')
+    assert count.found() == [Saturation(1.0, 2.5)]
+    count.clear()
+    for _ in range(20):
+        count.add((1.0,), (1.0,), 'boundary_layer')
+    assert count.found()[0].fraction == 1.0
+    assert count.found()[0].cause == 'ka too small'
+
+
+def loop(switching: str, ka: float, **plant: Any) -> list[Saturation]:
+    """Return what a simulated loop shows from 1 s to 3 s; its friction is 9.9 N·m."""
+    config = ControllerConfig(switching=switching, ka=(ka, ka))
+    run = simulate(PlantConfig(duration=3.0, **plant), config, ReferenceConfig())
+    count = TermSaturation(2)
+    rows = terms(run, [(0.0, config)]).chattering.tolist()
+    for row in itertools.islice(rows, 1000, None):
+        count.add(row, config.ka, switching)
+    return count.found()
+
+
+@pytest.mark.parametrize('switching', ['sign', 'boundary_layer', 'implicit', 'implicit_observer'])
+def test_the_cause_in_closed_loop(switching: str) -> None:
+    """Check friction below, at and above ka, and noise: each is told apart on joint 2."""
+    assert [x.cause for x in loop(switching, 12.0)] == ['', '']
+    assert loop(switching, 8.0)[1].cause == 'ka too small'
+    noisy = loop(switching, 12.0, velocity_noise=(0.02, 0.02))
+    expected = '' if switching == 'sign' else 'noise too large'
+    assert [x.cause for x in noisy] == [expected, expected]
+
+
+def test_words() -> None:
+    assert str(Saturation(0.614, 203.4)) == (
+        'chattering term at its bound for 61 % of the samples, 203 at a stretch: ka too small')
+    assert str(Saturation(0.9, 2.96)).endswith('90 % of the samples, 3.0 at a stretch: '
+                                               'noise too large')
+    assert str(Saturation(0.02, 80.0)).endswith('for 2 % of the samples, 80 at a stretch')

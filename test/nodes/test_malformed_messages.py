@@ -1,0 +1,206 @@
+"""Messages that no honest node would send, from the only publisher and from a second one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from pathlib import Path
+import re
+import time
+from typing import Any
+
+from bags import efforts, piece, state
+from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed
+import numpy as np
+from processes import bringup, CONFIG, PATIENCE, Probe, probe
+import pytest
+from rclpy.qos import QoSProfile
+from recorded_runs import FIELDS
+from sensor_msgs.msg import JointState
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.ros.messages import read_clock
+from ctc_chattering.ros.serialization import EffortReader, StateReader, TrajectoryReader
+from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
+
+pytestmark = pytest.mark.ros
+COUNT = 1000
+#: Who reads a topic, and how.
+READERS: dict[str, tuple[str, Callable[[], Callable[[bytes], Any]]]] = {
+    JOINT_STATES: ('controller', lambda: StateReader().read),
+    COMMANDS: ('plant', lambda: EffortReader().read),
+    REFERENCE: ('controller', lambda: TrajectoryReader().read),
+    CLOCK: ('reference', lambda: read_clock)}
+#: By what a topic's messages are refused when there is only one publisher.
+REFUSALS = {
+    JOINT_STATES: {'undecodable', 'joints', 'length', 'not_finite', 'stamp', 'repeated',
+                   'backward', 'jump', 'stale', 'overflow'},
+    COMMANDS: {'undecodable', 'joints', 'length', 'not_finite'},
+    REFERENCE: {'undecodable', 'joints', 'length', 'not_finite', 'stamp', 'times'},
+    CLOCK: {'undecodable', 'stamp'}}
+
+
+def undecodable(kind: Kind, messages: list[bytes]) -> int:
+    """Return how many are no messages at all."""
+    read, count = READERS[kind.topic][1](), 0
+    for data in messages:
+        try:
+            read(data)
+        except Exception:
+            count += 1
+    return count
+
+
+def is_huge(data: bytes) -> bool:
+    """Return whether these are torques from which no motion can be computed: such a run ends."""
+    try:
+        values = EffortReader().read(data).values
+    except Exception:
+        return False
+    return any(math.isfinite(x) and abs(x) > 1e6 for x in values)
+
+
+def listen_raw(it: Probe, kind: Any, topic: str) -> list[bytes]:
+    """Return a list that fills with messages as they came."""
+    heard: list[bytes] = []
+    it.node.create_subscription(kind, topic, heard.append, QoSProfile(depth=1000), raw=True)
+    return heard
+
+
+def reports_of_refusals(it: Probe, node: str, topic: str) -> list[float]:
+    """Return when a node said that it refuses messages of a topic [s]."""
+    head = re.compile(rf'\[{node}\] \[WARN\] \[([0-9.]+)\] .*: {topic}: refused: ')
+    return [float(found[1]) for line in it.lines if (found := head.match(line))]
+
+
+def send(it: Probe, publisher: Any, messages: list[bytes]) -> None:
+    """Publish in batches that no queue drops."""
+    for i, data in enumerate(messages):
+        publisher.publish(data)
+        if i % 50 == 49:
+            it.executor.spin_once(timeout_sec=0.01)
+
+
+@pytest.mark.parametrize(('topic', 'arguments'), [
+    (JOINT_STATES, ()), (REFERENCE, ()), (CLOCK, ()), (COMMANDS, ('-p', 'pacing:=lockstep')),
+    (COMMANDS, ('-p', 'pacing:=real_time'))])
+def test_a_node_alone_refuses_counts_and_lives(topic: str, arguments: tuple[str, ...]) -> None:
+    kind, name = KINDS[topic], READERS[topic][0]
+    # Each time that goes back or leaps has the reference publish its motion anew.
+    messages = [data for data in malformed(kind, COUNT // 5 if topic == CLOCK else COUNT)
+                if topic != COMMANDS or not is_huge(data)]
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        answers = {
+            'plant': lambda: listen_raw(it, JointState, JOINT_STATES),
+            'controller': lambda: listen_raw(it, KINDS[COMMANDS].type, COMMANDS),
+            'reference': lambda: listen_raw(it, KINDS[REFERENCE].type, REFERENCE)}[name]()
+        publisher = it.node.create_publisher(kind.type, topic, 1000)
+        child = it.start(name, *arguments)
+        diagnostics.until(
+            name, lambda r: r.values.get(f'{topic}: publishers') == '/probe', 'a connection')
+        send(it, publisher, messages)
+        bad = undecodable(kind, messages)
+        report = diagnostics.until(
+            name, lambda r: r.refused(topic).get('undecodable') == bad, f'{bad} undecodable')
+        refused = report.refused(topic)
+        assert set(refused) <= REFUSALS[topic]
+        assert sum(refused.values()) == report.count(f'{topic}: refused') < COUNT
+        said = reports_of_refusals(it, name, topic)
+        assert said
+        assert len(said) <= 2.0 + said[-1] - said[0]  # Once a second at the most.
+
+        others = {JOINT_STATES: REFERENCE, REFERENCE: JOINT_STATES}
+        other = None
+        if topic in others:
+            other = it.node.create_publisher(KINDS[others[topic]].type, others[topic], 10)
+            it.until(other.get_subscription_count, 'the node')
+        answers.clear()
+        k = 0
+
+        def answered() -> bool:
+            """Send good messages until one is answered."""
+            nonlocal k
+            k += 1
+            t = divmod(time.time_ns(), 10 ** 9)
+            now = {CLOCK: clock(k, 0), COMMANDS: kind.valid, JOINT_STATES: state(
+                JOINTS, [[0.1, 0.2]] * 3, t), REFERENCE: piece(
+                    JOINTS, [([[0.1, 0.2]] * 3 + [[]], 0, 0)], (1, 0))}
+            publisher.publish(now[topic])
+            if other is not None:
+                other.publish(now[others[topic]])
+            return bool(answers) if topic != COMMANDS else any(
+                list(StateReader().read(x).effort) == [0.2, 0.1] for x in answers)
+
+        it.until(answered, 'an answer')
+        assert child.status is None
+        assert not any('Traceback' in line or 'sequence size' in line for line in it.lines)
+
+
+@pytest.mark.parametrize(
+    'pacing', ['lockstep', pytest.param('real_time', marks=pytest.mark.slow)])
+def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing: str) -> None:
+    with probe() as it:
+        publisher = it.node.create_publisher(KINDS[COMMANDS].type, COMMANDS, 10)
+        states = listen_raw(it, JointState, JOINT_STATES)
+        child = it.start('plant', '-p', f'pacing:={pacing}')
+        it.until(lambda: states and publisher.get_subscription_count(), 'the plant')
+
+        def ended() -> bool:
+            publisher.publish(efforts(JOINTS, [1e200, 1e200]))
+            return child.status is not None
+
+        it.until(ended, 'the end')
+        child.exit_report()
+        assert child.status == 1
+        lines = [line for line in it.lines if not any(word in line for word in (
+            'waiting for', 'waits for', 'scheduling', 'SCHED_FIFO'))]
+        assert len(lines) == 1
+        assert 'the motion of the plant diverged at t = ' in lines[0]
+
+
+def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: Path) -> None:
+    """The run waits until it has left, equals the simulation, and the bag can be read."""
+    bag, file = tmp_path / 'bag', tmp_path / 'params.yaml'
+    file.write_text((CONFIG / 'friction.yaml').read_text().replace(
+        'pacing: lockstep', 'pacing: lockstep\n    hold_at: 0.5'))
+    messages = {topic: malformed(kind, COUNT // 5, 2) for topic, kind in KINDS.items()}
+    # One that speaks of our joints from the first message on is no publisher of other joints.
+    messages[JOINT_STATES].insert(0, state(JOINTS[:1], [[0.1]] * 3, (0, 0)))
+    bad = {topic: undecodable(kind, messages[topic]) for topic, kind in KINDS.items()}
+    with bringup('--params-file', str(file), '--duration', '1.5', '--record',
+                 str(bag)) as process:
+        it = Probe()
+        try:
+            diagnostics = Diagnostics(it)
+            diagnostics.until('plant', lambda r: r.message.startswith('held'), 'the hold')
+            publishers = {topic: it.node.create_publisher(kind.type, topic, 1000)
+                          for topic, kind in KINDS.items()}
+            for topic, (node, _) in READERS.items():
+                said = f'{topic} has several publishers, none is obeyed: '
+                diagnostics.until(
+                    node, lambda r, said=said: said in r.message, 'contention')  # type: ignore
+            assert it.set('plant', 'hold_at', 0.0).successful
+            for topic, publisher in publishers.items():
+                send(it, publisher, messages[topic])
+            for topic, (node, _) in READERS.items():
+                report = diagnostics.until(
+                    node, lambda r, topic=topic:  # type: ignore[misc]
+                    r.refused(topic).get('undecodable') == bad[topic], f'{bad[topic]} undecodable')
+                assert report.refused(topic)['second_publisher'] > 40
+            report = diagnostics.next('plant')
+            assert float(report.values['time of the run [s]']) == 0.5
+            for publisher in publishers.values():
+                it.node.destroy_publisher(publisher)
+            output, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            it.close()
+    assert process.returncode == 0, output
+    assert 'Traceback' not in output and 'sequence size' not in output
+    run = read_bag(bag).run
+    expected = simulated(parameter_file.load(file, {'plant': {'duration': 1.5}})).run
+    for field in FIELDS:  # Of the last torque there is no state that says that it was applied.
+        end = -1 if field == 'tau' else None
+        assert np.array_equal(getattr(run, field)[:end], getattr(expected, field)[:end]), field

@@ -1,0 +1,306 @@
+"""Each node alone on a real graph, with the test as its counterpart."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+import signal
+
+from controller_process import ControllerUnderTest
+from processes import interrupt, probe
+import pytest
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import DescribeParameters, ListParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_messages import COMMANDS, MS, reference, stamp, state, torques
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.experiment.node_parameters import parameters_of
+from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+
+pytestmark = pytest.mark.ros
+
+
+def test_the_controller_finds_its_joints_by_name() -> None:
+    """Extra joints, any order, no efforts, a reference in another order: the law's torque."""
+    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(20)]
+    law = Controller(ControllerConfig())
+    with probe() as it:
+        controller = ControllerUnderTest(it)
+        controller.references.publish(reference(
+            ['gripper', 'joint2', 'joint1'],
+            [[[9.0, *reversed(row)] for row in point] for point in motion]))
+        orders = (('joint1', 'joint2'), ('wheel', 'joint2', 'joint1'), ('joint2', 'x', 'joint1'))
+        for k in range(12):
+            joints = {'joint1': (0.1 * k, 0.2), 'joint2': (-0.3, 0.01 * k),
+                      'wheel': (7.0, math.nan), 'x': (math.inf, 6.0)}
+            found = controller.answer(state(k * MS, **{
+                name: joints[name] for name in orders[k % 3]}))
+            expected = law.step((0.1 * k, -0.3), (0.2, 0.01 * k), *motion[k]).tau
+            assert found == list(expected)
+        assert [x.label for x in controller.commands[-1].layout.dim] == ['joint1', 'joint2']
+
+
+def test_a_state_waits_for_its_reference_and_bad_states_are_passed_over() -> None:
+    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(5)]
+    law = Controller(ControllerConfig())
+    with probe() as it:
+        controller = ControllerUnderTest(it)
+        good = {'joint1': (0.1, 0.0), 'joint2': (0.2, 0.0)}
+        controller.states.publish(state(0, **good))
+        for bad in (state(0, joint1=(0.0, 0.0)), state(0, **{**good, 'joint2': (math.nan, 0.0)}),
+                    JointState(name=['joint1', 'joint2'], position=[0.0, 0.0])):
+            controller.states.publish(bad)
+        it.until(lambda: any('refused' in line for line in it.lines), 'the refusal')
+        assert controller.commands == []
+        controller.references.publish(reference(['joint1', 'joint2'], motion))
+        it.until(lambda: controller.commands, 'the torque')
+        expected = law.step((0.1, 0.2), (0.0, 0.0), *motion[0]).tau
+        assert list(controller.commands[0].data) == list(expected)
+        expected = law.step((0.1, 0.2), (0.0, 0.0), *motion[1]).tau
+        assert controller.answer(state(MS, **good)) == list(expected)
+        assert len(controller.commands) == 2
+
+
+def test_the_state_topics_say_what_the_torque_is_made_of() -> None:
+    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(5)]
+    law = Controller(ControllerConfig())
+    with probe() as it:
+        heard = {name: it.listen(JointState, f'controller/{name}')
+                 for name in ('tracking', 'filter', 'torques')}
+        controller = ControllerUnderTest(it, '-p', 'state_decimation:=2')
+        controller.references.publish(reference(['joint1', 'joint2'], motion))
+        for k in range(4):
+            controller.answer(state(k * MS, joint1=(0.1, 0.2), joint2=(0.3, 0.4)))
+            sample = law.step((0.1, 0.3), (0.2, 0.4), *motion[k])
+            if k == 2:
+                third = sample
+        it.until(lambda: all(len(x) == 2 for x in heard.values()), 'every second sample')
+        for messages in heard.values():
+            assert [m.header.stamp for m in messages] == [stamp(0), stamp(2 * MS)]
+        tracking, filtered, parts = (heard[x][-1] for x in ('tracking', 'filter', 'torques'))
+        assert tracking.name == ['joint1/desired', 'joint2/desired', 'joint1/error',
+                                 'joint2/error']
+        assert list(tracking.position) == [*motion[2][0], *third.e]
+        assert list(tracking.velocity) == [*motion[2][1], *third.de]
+        assert list(filtered.velocity) == list(third.v)
+        named = dict(zip(parts.name, parts.effort))
+        assert named.pop('V') == law.lyapunov((0.1, 0.3), third.v)
+        total = [sum(value for name, value in named.items() if name.startswith(joint))
+                 for joint in ('joint1/', 'joint2/')]
+        assert total == pytest.approx(list(third.tau), rel=1e-12)
+
+
+def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample() -> None:
+    """As `ros2 param set` would: the chattering term goes and comes, v lives on."""
+    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(40)]
+    law = Controller(ControllerConfig())
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    with probe() as it:
+        controller = ControllerUnderTest(it)
+        controller.references.publish(reference(['joint1', 'joint2'], motion))
+        changes = {10: ('law', 'compensation'), 20: ('kp', [90.0, 80.0]), 25: ('lambda', 7),
+                   30: ('law', 'chattering')}
+        for k in range(40):
+            if k in changes:
+                name, value = changes[k]
+                assert it.set('controller', name, value).successful
+                law.configure(law.config.changed({name: value}))
+            q, dq = (0.1 + 0.01 * k, 0.3), (0.2, 0.4)
+            expected = law.step(q, dq, *motion[k]).tau
+            assert controller.answer(state(
+                k * MS, joint1=(q[0], dq[0]), joint2=(q[1], dq[1]))) == list(expected)
+        told = it.listen(ParameterEvent, 'controller/parameters', latched)
+        it.until(lambda: len(told) == 5, 'the parameters in force')
+        assert len(told[0].new_parameters) == len(parameters_of('controller'))
+        assert [(m.stamp, [p.name for p in m.changed_parameters]) for m in told[1:]] == [
+            (stamp(k * MS), [name]) for k, (name, _) in changes.items()]
+
+
+def test_what_may_not_be_set_is_refused_with_the_reason_and_changes_nothing() -> None:
+    with probe() as it:
+        it.start('controller')
+        for name, value, reason in (
+                ('law', 'nonsense', "law: 'nonsense' is not allowed; allowed: compensation | "
+                                    'chattering'),
+                ('law', 5, 'law: 5 is not allowed'),
+                ('kp', [1.0], 'kp: [1.0] is not allowed'),
+                ('kp', [1.0, 2.0, 3.0, 1.0], 'symmetric positive definite'),
+                ('kv', [-1.0, 1.0], 'kv: [-1.0, 1.0] is not allowed'),
+                ('ka', [math.nan, 1.0], 'ka: [nan, 1.0] is not allowed'),
+                ('lambda', 0.0, 'lambda out of range Min: 1e-09'),
+                ('lambda', math.nan, 'lambda'), ('b', -1.0, 'b'),
+                ('switching', 'magic', "switching: 'magic' is not allowed; allowed: sign"),
+                ('effort_limit', [0.0, 1.0], 'effort_limit: [0.0, 1.0] is not allowed'),
+                ('model', 'two_link', 'read-only'), ('joint_names', ['a', 'b'], 'read-only')):
+            before = it.get('controller', name)
+            result = it.set('controller', name, value)
+            assert not result.successful
+            assert reason in result.reason
+            assert it.get('controller', name) == before
+        assert it.set('controller', 'ka', [3, 4]).successful
+        assert it.get('controller', 'ka') == [3.0, 4.0]
+
+
+@pytest.mark.parametrize('name', ['plant', 'controller', 'reference', 'recorder'])
+def test_every_parameter_is_described_and_a_signal_ends_the_node(
+        name: str, tmp_path: Path) -> None:
+    with probe() as it:
+        child = it.start(name, *(('-p', f'bag:={tmp_path}/bag') if name == 'recorder' else ()))
+        listed = it.call(ListParameters, f'/{name}/list_parameters', ListParameters.Request())
+        names = [x for x in listed.result.names if x in parameters_of(name)]
+        assert set(names) == set(parameters_of(name))
+        descriptors = it.call(DescribeParameters, f'/{name}/describe_parameters',
+                              DescribeParameters.Request(names=names)).descriptors
+        for found in descriptors:
+            spec = parameters_of(name)[found.name]
+            assert found.description.startswith(spec.description)
+            assert found.read_only == spec.read_only
+            if spec.kind == 'float' and spec.minimum == 0.0 and not spec.infinite:
+                least = found.floating_point_range[0].from_value
+                assert 0.0 < least <= 1e-9 if spec.exclusive else least == 0.0
+        assert interrupt(child, signal.SIGTERM if name == 'plant' else signal.SIGINT) < 1.0
+        assert child.status == 0
+        assert not any('Traceback' in line for line in it.lines)
+
+
+@pytest.mark.parametrize(('name', 'arguments', 'message'), [
+    ('controller', ('-p', 'law:=nonsense'), "law: 'nonsense' is not allowed; allowed: "),
+    ('controller', ('-p', 'kp:=[1.0, 2.0, 3.0]'), 'kp: [1.0, 2.0, 3.0] is not allowed'),
+    ('controller', ('-p', 'lambda:=0.0'), 'lambda: 0.0 is not allowed'),
+    ('controller', ('-p', 'kv:=[.nan, 1.0]'), 'kv: [nan, 1.0] is not allowed'),
+    ('plant', ('-p', 'coulomb_friction:=[-1.0, 1.0]'), 'coulomb_friction: [-1.0, 1.0]'),
+    ('plant', ('-p', 'pacing:=fast'), "pacing: 'fast' is not allowed"),
+    ('reference', ('-p', 'joint_names:=[a, a]'), "joint_names: ['a', 'a'] is not allowed"),
+    ('recorder', ('-p', 'bag:=/'), '/: exists already'),
+    ('plant', ('--params-file', 'missing.yaml'), 'missing.yaml: No such file or directory'),
+])
+def test_a_wrong_start_is_refused_in_one_line(
+        name: str, arguments: tuple[str, ...], message: str) -> None:
+    with probe() as it:
+        child = it.start(name, *arguments)
+        it.until(lambda: child.status is not None, 'the end')
+        child.exit_report()
+        assert child.status == 1
+        assert len(it.lines) == 1
+        assert it.lines[0].startswith(f'[{name}] {name}: {message}')
+
+
+@pytest.mark.parametrize('name', ['plant', 'controller'])
+def test_an_unknown_parameter_in_the_file_is_refused(name: str, tmp_path: Path) -> None:
+    file = tmp_path / 'params.yaml'
+    file.write_text(f'{name}: {{ros__parameters: {{gravitty: 9.81}}}}')
+    with probe() as it:
+        child = it.start(name, '--params-file', str(file))
+        it.until(lambda: child.status is not None, 'the end')
+        child.exit_report()
+        assert child.status == 1
+        assert len(it.lines) == 1
+        assert f'{name} has no parameter gravitty' in it.lines[0]
+
+
+def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
+    oracle = Plant(PlantConfig())
+    with probe() as it:
+        states, clocks = it.listen(JointState, 'joint_states'), it.listen(Clock, 'clock')
+        commands = it.node.create_publisher(Float64MultiArray, COMMANDS, 1000)
+        it.start('plant', '-p', 'pacing:=lockstep', '-p', 'hold_at:=0.005')
+        it.until(lambda: states and commands.get_subscription_count(), 'the first state')
+        assert list(states[0].position) == [0.0, 0.0]
+        for k in range(5):
+            for bad in (torques([1.0]), torques([1.0, math.inf]), torques([1.0, 2.0], 'a', 'b'),
+                        torques([1.0, 2.0], 'joint1', 'joint1')):
+                commands.publish(bad)
+            tau = (60.0 + k, -30.0)
+            commands.publish(torques([tau[1], math.nan, tau[0]], 'joint2', 'other', 'joint1')
+                             if k % 2 else torques([*tau]))
+            oracle.step(tau)
+            if k == 4:
+                break
+            it.until(lambda: len(states) == k + 2, 'the next state')
+            assert states[-1].header.stamp == stamp((k + 1) * MS)
+            assert list(states[-1].position) == list(oracle.q)
+            assert list(states[-1].velocity) == list(oracle.dq)
+            assert list(states[-1].effort) == [*tau]
+        it.until(lambda: clocks[-1].clock == stamp(5 * MS), 'the hold')
+        commands.publish(torques([0.0, 0.0]))
+        assert it.set('plant', 'coulomb_friction', [0.0, 0.0]).successful
+        assert it.set('plant', 'hold_at', 0.0).successful
+        it.until(lambda: states[-1].header.stamp == stamp(5 * MS), 'the state after the hold')
+        assert list(states[-1].position) == list(oracle.q)
+        assert any('refused' in line for line in it.lines)
+
+
+def test_the_reference_follows_the_clock_ahead_of_time() -> None:
+    motion = Sinusoid(ReferenceConfig(phase=(0.3, 0.4), control_period=2e-3))
+    with probe() as it:
+        pieces = it.listen(JointTrajectory, 'reference')
+        clock = it.node.create_publisher(Clock, 'clock', 10)
+        it.start('reference', '-p', 'phase:=[0.3, 0.4]', '-p', 'control_period:=0.002',
+                 '-p', 'horizon:=0.2')
+        it.until(clock.get_subscription_count, 'the reference')
+
+        def known() -> dict[int, JointTrajectoryPoint]:
+            return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
+                    + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
+                    for m in pieces for p in m.points}
+        for now in (0, 50 * MS, 90 * MS, 1_500 * MS):
+            clock.publish(Clock(clock=stamp(now)))
+            it.until(lambda: known() and max(known()) >= now + 190 * MS, 'the motion ahead')
+        points = known()
+        assert all(t % (2 * MS) == 0 for t in points)
+        assert all(t in points for t in range(0, 290 * MS, 2 * MS))
+        for t, point in points.items():
+            q_d, dq_d, ddq_d = motion.at(t / 1e9)
+            assert list(point.positions) == list(q_d)
+            assert list(point.velocities) == list(dq_d)
+            assert list(point.accelerations) == list(ddq_d)
+
+
+def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> None:
+    """Set at once, each by a call of its own: position and velocity go on, to the new motion."""
+    period = 10 * MS
+    changed = ReferenceConfig(
+        amplitude=(0.2, 0.9), center=(1.0, -1.0), frequency=(0.4, 1.7), control_period=1e-2)
+    with probe() as it:
+        pieces = it.listen(JointTrajectory, 'reference')
+        clock = it.node.create_publisher(Clock, 'clock', 10)
+        it.start('reference', '-p', 'control_period:=0.01')
+        it.until(clock.get_subscription_count, 'the reference')
+        now = -200 * MS
+
+        def known() -> dict[int, JointTrajectoryPoint]:
+            return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
+                    + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
+                    for m in pieces for p in m.points}
+
+        def run_to(end: int) -> None:
+            nonlocal now
+            while now < end:
+                now += 200 * MS
+                clock.publish(Clock(clock=stamp(now)))
+                it.until(lambda: known() and max(known()) >= now + 400 * MS, 'the motion ahead')
+        run_to(1000 * MS)
+        for name in ('amplitude', 'center', 'frequency'):
+            assert it.set('reference', name, list(getattr(changed, name))).successful
+        assert not it.set('reference', 'frequency', [-1.0, 1.0]).successful
+        run_to(6000 * MS)
+        points = known()
+        times = sorted(points)
+        assert times == list(range(0, times[-1] + 1, period))
+        for before, after in itertools.pairwise(times):
+            a, b = points[before], points[after]
+            for j in range(2):
+                mean = 0.5 * (a.velocities[j] + b.velocities[j])
+                assert b.positions[j] - a.positions[j] == pytest.approx(1e-2 * mean, abs=2e-4)
+                mean = 0.5 * (a.accelerations[j] + b.accelerations[j])
+                assert b.velocities[j] - a.velocities[j] == pytest.approx(1e-2 * mean, abs=2e-2)
+        last = Sinusoid(changed).at(times[-1] / 1e9)
+        assert list(points[times[-1]].positions) == list(last[0])
+        assert points[0].positions[0] == math.pi

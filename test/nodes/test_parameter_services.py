@@ -1,0 +1,431 @@
+"""Parameters set while the loop runs: all or nothing, and nothing that is sent ends a node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from pathlib import Path
+import random
+from typing import Any, NamedTuple
+
+from faults import Diagnostics
+import numpy as np
+from processes import bringup, CONFIG, PATIENCE, Probe, probe
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
+from recorded_runs import FIELDS
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+import yaml
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.node_parameters import NODES, parameters_of
+from ctc_chattering.parameters import LARGEST, LEAST
+from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
+
+pytestmark = pytest.mark.ros
+#: Calls of the fuzzer by node; each sets up to six parameters.
+CALLS = {'plant': 150, 'controller': 200, 'reference': 40, 'recorder': 40}
+NAN, INF, HUGE, TINY = math.nan, math.inf, 1e308, 5e-324
+#: A set of several parameters that is allowed, by node.
+VALID: dict[str, dict[str, Any]] = {
+    'plant': {'coulomb_friction': [1.0, 2.0], 'command_timeout': 0.5, 'fault_damping': [3.0, 4.0],
+              'use_sim_time': True},
+    'controller': {'kp': [90.0, 80.0], 'law': 'compensation', 'lambda': 7.0,
+                   'anti_windup': False, 'state_decimation': 20, 'use_sim_time': True},
+    'reference': {'use_sim_time': True}, 'recorder': {'use_sim_time': True}}
+#: What is not, each for another reason; None is for a value that is not set.
+WRONG: dict[str, list[tuple[str, Any]]] = {
+    'plant': [('viscous_friction', [NAN, 0.0]), ('hold_at', -1.0), ('gravity', 1.0),
+              ('command_timeout', 0.0), ('stribeck_velocity', [0.1]), ('', 1.0),
+              ('fault_damping', 'much'), ('coulomb_friction', None)],
+    'controller': [('kv', [1.0, 2.0, 3.0, 1.0]), ('switching', 'magic'), ('b', INF),
+                   ('state_decimation', 0), ('model', 'two_link'), ('ka', [-1.0, 1.0]),
+                   ('kp', None), ('unknown', 1)],
+    'reference': [('amplitude', [NAN, 0.0]), ('horizon', 1.0), ('use_sim_time', 'yes')],
+    'recorder': [('bag', 'other'), ('unknown', True), ('use_sim_time', None)]}
+
+
+class Answer(NamedTuple):
+    """What a node says to a set."""
+
+    successful: bool
+    reason: str
+
+
+class Setter:
+    """The parameter services of a node, one call at a time."""
+
+    def __init__(self, it: Probe, node: str) -> None:
+        self.probe, self.node = it, node
+        self._clients = {
+            kind: it.node.create_client(kind, f'/{node}/{name}') for kind, name in (
+                (SetParameters, 'set_parameters'),
+                (SetParametersAtomically, 'set_parameters_atomically'),
+                (GetParameters, 'get_parameters'))}
+        self.names = [*parameters_of(node), 'use_sim_time']
+        self.settable = ['use_sim_time', *(
+            name for name, spec in parameters_of(node).items() if not spec.read_only)]
+
+    def ready(self) -> bool:
+        return all(client.service_is_ready() for client in self._clients.values())
+
+    def send(self, kind: Any, parameters: Sequence[Parameter]) -> Any:
+        return self._clients[kind].call_async(kind.Request(parameters=parameters))
+
+    def all_or_nothing(self, values: Iterable[tuple[str, Any]]) -> Answer:
+        """Call set_parameters_atomically."""
+        future = self.send(SetParametersAtomically, [message(*item) for item in values])
+        self.probe.until(future.done, f'an answer of {self.node}')
+        return Answer(future.result().result.successful, future.result().result.reason)
+
+    def values(self) -> dict[str, Any]:
+        """Return all parameters; each must be there."""
+        future = self._clients[GetParameters].call_async(
+            GetParameters.Request(names=self.names))
+        self.probe.until(future.done, f'the values of {self.node}')
+        found = [plain(value) for value in future.result().values]
+        return dict(zip(self.names, found, strict=True))
+
+
+def message(name: str, value: Any) -> Parameter:
+    if value is None:
+        return Parameter(name=name)
+    return RosParameter(name, value=value).to_parameter_msg()
+
+
+def plain(value: ParameterValue) -> Any:
+    found = parameter_value_to_python(value)
+    return found if isinstance(found, str) or not hasattr(found, '__len__') else list(found)
+
+
+class Loop:
+    """The whole graph in lockstep, and what is needed to see that it goes on."""
+
+    def __init__(self, it: Probe, bag: Path, *plant: str) -> None:
+        self.probe = it
+        self.children = {
+            'plant': it.start('plant', '-p', 'pacing:=lockstep', *plant),
+            'controller': it.start('controller'), 'reference': it.start('reference'),
+            'recorder': it.start('recorder', '-p', f'bag:={bag}')}
+        self.setters = {node: Setter(it, node) for node in self.children}
+        it.until(lambda: all(x.ready() for x in self.setters.values()), 'the services')
+        self.goes_on()
+
+    def goes_on(self) -> None:
+        """Wait for torques and the states that answer them; nobody may have died or raised."""
+        it = self.probe
+        stamps: set[tuple[int, int]] = set()
+        torques: list[Float64MultiArray] = []
+
+        def on_state(state: JointState) -> None:
+            stamps.add((state.header.stamp.sec, state.header.stamp.nanosec))
+
+        # Not for longer than needed: hearing thousands of messages a second, we would be slow.
+        ears = [it.node.create_subscription(JointState, JOINT_STATES, on_state, 10),
+                it.node.create_subscription(Float64MultiArray, COMMANDS, torques.append, 10)]
+
+        def moving() -> bool:
+            assert [x for x in self.children if self.children[x].status is not None] == []
+            return len(torques) > 100 and len(stamps) > 100
+
+        it.until(moving, 'motion')
+        for ear in ears:
+            it.node.destroy_subscription(ear)
+        self.time = max(stamps)
+        assert not any('Traceback' in line for line in it.lines)
+
+
+def assert_loads_its_dump(setter: Setter, file: Path) -> None:
+    """Write what `ros2 param dump` writes, and send what `ros2 param load` reads of it."""
+    before = setter.values()
+    file.write_text(yaml.dump({setter.node: {'ros__parameters': before}}))
+    read = parameter_dict_from_yaml_file(str(file))
+    values = [read[name] for name in setter.settable]
+    future = setter.send(SetParameters, values)
+    setter.probe.until(future.done, f'an answer of {setter.node}')
+    assert [x.reason for x in future.result().results if not x.successful] == []
+    assert setter.values() == before
+
+
+def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
+        tmp_path: Path) -> None:
+    with probe() as it:
+        loop = Loop(it, tmp_path / 'bag')
+        words = [('effort_limit', '[inf, 500.0]'), ('error_limit', ['inf', '.inf']),
+                 ('ka', '[10.5, 1e-05]'), ('lambda', '1e1')]
+        assert loop.setters['controller'].all_or_nothing(words) == (True, '')
+        assert {name: it.get('controller', name) for name, _ in words} == {
+            'effort_limit': [INF, 500.0], 'error_limit': [INF, INF], 'ka': [10.5, 1e-5],
+            'lambda': 10.0}
+        for setter in loop.setters.values():
+            assert_loads_its_dump(setter, tmp_path / 'dump.yaml')
+        for node, setter in loop.setters.items():
+            before = setter.values()
+            for bad in WRONG[node]:
+                valid = [item for item in VALID[node].items() if item[0] != bad[0]]
+                for at in (0, len(valid)):
+                    answer = setter.all_or_nothing([*valid[:at], bad, *valid[at:]])
+                    assert not answer.successful, (node, bad)
+                    assert bad[0] in answer.reason or bad[0] == 'use_sim_time'  # That is rclpy's.
+                    assert setter.values() == before
+            assert not setter.all_or_nothing([]).successful
+        loop.goes_on()
+        for node, setter in loop.setters.items():
+            before = setter.values()
+            assert setter.all_or_nothing(VALID[node].items()) == (True, '')
+            assert setter.values() == {**before, **VALID[node]} != before
+        loop.goes_on()
+
+
+def test_a_run_under_rejected_sets_equals_the_simulation(tmp_path: Path) -> None:
+    bag, file = tmp_path / 'bag', tmp_path / 'params.yaml'
+    file.write_text((CONFIG / 'friction.yaml').read_text().replace(
+        'pacing: lockstep', 'pacing: lockstep\n    hold_at: 0.2'))
+    refused = 0
+    with bringup('--params-file', str(file), '--record', str(bag), '--duration', '1') as process:
+        it = Probe()
+        try:
+            setters = {node: Setter(it, node) for node in CALLS}
+            it.until(lambda: all(x.ready() for x in setters.values()), 'the services')
+            Diagnostics(it).until('plant', lambda r: r.message.startswith('held'), 'the hold')
+            before = {node: setter.values() for node, setter in setters.items()}
+            assert it.set('plant', 'hold_at', 0.9).successful
+            before['plant']['hold_at'] = 0.9
+            for i in range(10):
+                futures = []
+                for node, setter in setters.items():
+                    bad = WRONG[node]
+                    mixed = {**VALID[node], **dict([bad[i % len(bad)]])}.items()
+                    futures.append(setter.send(SetParameters, [message(*x) for x in bad]))
+                    futures.append(setter.send(
+                        SetParametersAtomically, [message(*x) for x in mixed]))
+                it.until(lambda futures=futures: all(  # type: ignore[misc]
+                    x.done() for x in futures), 'answers')
+                for future in futures:
+                    answer = future.result()
+                    results = answer.results if hasattr(answer, 'results') else [answer.result]
+                    assert not any(x.successful for x in results)
+                    refused += len(results)
+            assert {node: setter.values() for node, setter in setters.items()} == before
+            assert it.set('plant', 'hold_at', 0.0).successful
+        finally:
+            it.close()
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert 'Traceback' not in output
+    assert refused > 200
+    run = read_bag(bag).run
+    expected = simulated(parameter_file.load(file, {'plant': {'duration': 1.0}})).run
+    for field in FIELDS:
+        assert np.array_equal(getattr(run, field), getattr(expected, field)), field
+
+
+def test_no_gains_stop_time() -> None:
+    """The largest and the least that are accepted give torques; what is beyond is refused."""
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        children = [it.start('plant', '-p', 'pacing:=lockstep', '-p', 'hold_at:=0.01',
+                             '-p', 'torque_saturation:=[30.0, 30.0]'),
+                    it.start('controller', '-p', 'input_delay:=3'), it.start('reference')]
+        diagnostics.until('plant', lambda r: r.message.startswith('held'), 'the hold')
+        for value in (TINY, HUGE):
+            assert 'b out of range Min: 0.001' in it.set('controller', 'b', value).reason
+        for k, (switching, lambda_, gain) in enumerate([
+                ('implicit', LEAST, LEAST), ('implicit_observer', LARGEST, LARGEST)]):
+            for name, wanted in (('switching', switching), ('lambda', lambda_), ('b', 1e-3),
+                                 ('kp', [gain, gain]), ('kv', [gain, gain]), ('ka', [TINY, gain])):
+                assert it.set('controller', name, wanted).successful, name
+            time = f'{0.02 + 0.01 * k:g}'
+            assert it.set('plant', 'hold_at', float(time)).successful
+            diagnostics.until('plant', lambda r, t=time: (  # type: ignore[misc]
+                r.values['time of the run [s]'] == t), 'motion')
+        assert [child.status for child in children] == [None, None, None]
+        # A plant that waits sends a state again: those are refused, too.
+        assert 'overflow' not in diagnostics.next('controller').refused(JOINT_STATES)
+
+
+NUMBERS = (0.0, 0.5, 1.0, 2.0, 20.0, -1.0, NAN, INF, -INF, HUGE, -HUGE, TINY, LEAST, LARGEST)
+#: What may be drawn of these while the loop runs, as others stop it in good order or have the
+#: robot move beyond all numbers.
+TAME: dict[str, Sequence[float]] = {
+    'hold_at': (0.0, HUGE, -1.0, NAN, INF), 'error_limit': (INF, HUGE, 0.0, -1.0, NAN),
+    **dict.fromkeys((
+        'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'fault_damping',
+        'disturbance.amplitude', 'disturbance.frequency'),
+        (0.0, 0.5, 1.0, 20.0, -1.0, NAN, INF, -INF, -0.0, TINY))}
+STRINGS = ('', 'law', 'sign', 'chattering', 'compensation', 'boundary_layer', 'implicit',
+           'implicit_observer', '1.0', '\0', '\u00fc' * 300, 'x' * 10_000)
+LENGTHS = (0, 1, 2, 2, 2, 3, 4, 5, 3000)
+
+
+def any_value(dice: random.Random, numbers: Sequence[float]) -> ParameterValue:
+    """Return a value of any type, of none, or of one that does not exist."""
+    def several(pick: Callable[[], Any]) -> list[Any]:
+        return [pick() for _ in range(dice.choice(LENGTHS))]
+
+    def number() -> float:
+        return dice.choice(numbers)
+
+    def integer() -> int:
+        return dice.choice((0, 1, -1, 7, 10 ** 6, 10 ** 6 + 1, 2 ** 63 - 1, -2 ** 63))
+
+    value = ParameterValue(type=dice.choice((*range(10), *range(10), 10, 77, 255)))
+    if value.type == ParameterType.PARAMETER_BOOL:
+        value.bool_value = dice.random() < 0.5
+    elif value.type == ParameterType.PARAMETER_INTEGER:
+        value.integer_value = integer()
+    elif value.type == ParameterType.PARAMETER_DOUBLE:
+        value.double_value = number()
+    elif value.type == ParameterType.PARAMETER_STRING:
+        value.string_value = dice.choice(STRINGS)
+    elif value.type == ParameterType.PARAMETER_BYTE_ARRAY:
+        value.byte_array_value = several(lambda: bytes([dice.randrange(256)]))
+    elif value.type == ParameterType.PARAMETER_BOOL_ARRAY:
+        value.bool_array_value = several(lambda: dice.random() < 0.5)
+    elif value.type == ParameterType.PARAMETER_INTEGER_ARRAY:
+        value.integer_array_value = several(integer)
+    elif value.type == ParameterType.PARAMETER_DOUBLE_ARRAY:
+        value.double_array_value = several(number)
+    elif value.type == ParameterType.PARAMETER_STRING_ARRAY:
+        value.string_array_value = several(lambda: dice.choice(STRINGS))
+    return value
+
+
+def likely_value(dice: random.Random, kind: str, numbers: Sequence[float]) -> ParameterValue:
+    """Return a value of the right type, and often of the right length."""
+    if kind == 'float[]':
+        return ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=[
+            abs(dice.choice(numbers)) for _ in range(dice.choice((2, 2, 2, 4)))])
+    if kind == 'str':
+        return ParameterValue(type=ParameterType.PARAMETER_STRING,
+                              string_value=dice.choice(STRINGS))
+    value: Any = {'bool': dice.random() < 0.5, 'int': dice.randrange(30)}.get(
+        kind, dice.choice(numbers))
+    return RosParameter('', value=value).get_parameter_value()
+
+
+def draw(dice: random.Random, node: str, names: Sequence[str],
+         tame: Mapping[str, Sequence[float]]) -> Parameter:
+    """Return a parameter to set, which may not exist."""
+    name = dice.choice(names) if dice.random() < 0.9 else dice.choice(
+        ('', 'x', 'kp.x', ' kp', 'KP', '\u03bb', 'bag' * 100, 'qos_overrides./x'))
+    spec = parameters_of(node).get(name)
+    numbers = tame.get(name, NUMBERS)
+    if dice.random() < 0.5:
+        kind = 'bool' if spec is None else spec.kind
+        return Parameter(name=name, value=likely_value(dice, kind, numbers))
+    return Parameter(name=name, value=any_value(dice, numbers))
+
+
+class Fuzzer:
+    """Random sets at a node, and what its parameters must be by the answers."""
+
+    def __init__(self, setter: Setter, calls: int, tame: Mapping[str, Sequence[float]],
+                 but: str = '') -> None:
+        self.setter, self._left = setter, calls
+        self.expected = setter.values()
+        self._names = [x for x in (*setter.settable, *setter.settable, *setter.names) if x != but]
+        self._tame = tame
+        self._dice = random.Random(f'{setter.node} {calls}')
+        self._sent: list[Parameter] = []
+        self._future: Any = None
+        self.accepted = self.refused = 0
+
+    def over(self) -> bool:
+        """Judge the answer if it is there, and send the next set; return whether none is left."""
+        if self._future is not None:
+            if not self._future.done():
+                return False
+            self._judge(self._future.result())
+            self._future = None
+        if not self._left:
+            return True
+        self._left -= 1
+        self._sent = [draw(self._dice, self.setter.node, self._names, self._tame)
+                      for _ in range(self._dice.choice((1, 1, 2, 3, 6)))]
+        kind = self._dice.choice((SetParameters, SetParametersAtomically))
+        self._future = self.setter.send(kind, self._sent)
+        return False
+
+    def _judge(self, answer: Any) -> None:
+        results = (answer.results if hasattr(answer, 'results')
+                   else [answer.result] * len(self._sent))
+        for parameter, result in zip(self._sent, results, strict=True):
+            if result.successful:
+                self.accepted += 1
+                self.expected[parameter.name] = plain(parameter.value)
+            else:
+                self.refused += 1
+                assert result.reason
+
+    def check(self) -> None:
+        """Compare all values with the answers, and with what the declarations allow."""
+        found = self.setter.values()
+        assert found == self.expected
+        assert isinstance(found.pop('use_sim_time'), bool)
+        for name, value in found.items():
+            spec = parameters_of(self.setter.node)[name]
+            scalar = {'float': float, 'int': int, 'bool': bool, 'str': str}[
+                spec.kind.removesuffix('[]')]
+            assert isinstance(value, list) == spec.kind.endswith('[]'), name
+            for item in value if isinstance(value, list) else [value]:
+                assert type(item) is scalar, name
+                assert not spec.choices or item in spec.choices
+                if isinstance(item, float):
+                    assert not math.isnan(item) and (spec.infinite or math.isfinite(item))
+            if spec.shape == 'n':
+                assert len(value) == 2
+            matrix = spec.shape == 'nn' and len(value) == 4
+            if matrix:
+                a, b, c, d = value
+                assert b == pytest.approx(c) and a > 0.0 and d > 0.0
+            elif scalar in (float, int):
+                assert np.min(value) >= spec.minimum and np.max(value) <= spec.maximum
+                assert not spec.exclusive or np.min(value) >= LEAST
+        for config in NODES[self.setter.node]:
+            mine = {name: found[name] for name in config.parameters()}
+            assert {name: list(value) if isinstance(value, tuple) else value for name, value in
+                    config.from_mapping(mine).as_mapping().items()} == mine
+
+
+def test_a_thousand_random_sets_end_no_node_and_leave_valid_values(tmp_path: Path) -> None:
+    """The loop runs meanwhile, with whatever gains; its drives are limited, as real ones are."""
+    with probe() as it:
+        loop = Loop(it, tmp_path / 'bag', '-p', 'torque_saturation:=[30.0, 30.0]')
+        initial = {node: setter.values() for node, setter in loop.setters.items()}
+        fuzzers = [Fuzzer(setter, CALLS[node], TAME)
+                   for node, setter in loop.setters.items() if node != 'recorder']
+        it.until(lambda: False not in [x.over() for x in fuzzers], 'the answers')
+        for fuzzer in fuzzers:
+            fuzzer.check()
+            assert fuzzer.refused > 50
+            assert fuzzer.accepted > (10 if fuzzer.setter.node in ('plant', 'controller') else 1)
+        assert sum(x.refused + x.accepted for x in fuzzers) > 900
+        for node, setter in loop.setters.items():
+            assert setter.all_or_nothing(
+                [(name, initial[node][name]) for name in setter.settable]).successful
+            assert setter.values() == initial[node]
+        assert it.call(Trigger, '/controller/reset', Trigger.Request()).success
+        loop.goes_on()
+
+        # Any friction and disturbance while time is held, after which they are as before; and the
+        # recorder, whose services have to wait for messages otherwise.
+        plant = loop.setters['plant']
+        assert plant.all_or_nothing([('hold_at', float(loop.time[0]) + 1e-3)]).successful
+        Diagnostics(it).until('plant', lambda r: r.message.startswith('held'), 'the hold')
+        fuzzers = [Fuzzer(plant, 100, {}, but='hold_at'),
+                   Fuzzer(loop.setters['recorder'], CALLS['recorder'], TAME)]
+        it.until(lambda: False not in [x.over() for x in fuzzers], 'the answers')
+        for fuzzer in fuzzers:
+            fuzzer.check()
+        assert fuzzers[0].accepted > 10 and fuzzers[1].refused > 50
+        assert plant.all_or_nothing(
+            [(name, initial['plant'][name]) for name in plant.settable]).successful
+        loop.goes_on()

@@ -1,0 +1,515 @@
+"""Robots other than the paper's, and sources of states other than the plant of ours."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
+import itertools
+import math
+from pathlib import Path
+import time
+from typing import Any, NamedTuple
+
+from builtin_interfaces.msg import Duration, Time
+from controller_process import PATIENT
+from faults import Diagnostics, ERROR, OK, Report, WARN
+import numpy as np
+from processes import CONFIG, Probe, probe
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from recorded_runs import assert_equal, record
+from ros_messages import COMMANDS, MS, stamp
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from urdfs import BOMBS, link, mutated, PANDA, panda, two_links, UR5, ur5
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.trajectory.buffer import Trajectory
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+
+pytestmark = pytest.mark.ros
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DESCRIPTION = 'robot_description'
+ARM = ['-p', 'model:=urdf', '-p', 'joint_names:=[a,b]']
+S = 10 ** 9
+
+
+def ns(t: Time) -> int:
+    return int(t.sec) * S + int(t.nanosec)
+
+
+# Robots, in lockstep.
+
+@pytest.mark.parametrize(('name', 'backend', 'urdf', 'joints'), [
+    pytest.param('panda', 'builtin', panda, PANDA, marks=pytest.mark.slow),
+    ('panda', 'mujoco', panda, PANDA),
+    pytest.param('ur5', 'mujoco', ur5, UR5, marks=pytest.mark.slow)])
+def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
+        name: str, backend: str, urdf: Callable[[], str], joints: Sequence[str],
+        tmp_path: Path) -> None:
+    """To the last bit; the bag is read when the files are gone."""
+    robot, file, bag = tmp_path / 'robot.urdf', tmp_path / 'params.yaml', tmp_path / 'bag'
+    robot.write_text(urdf(), encoding='utf-8')
+    text = (CONFIG / f'{name}.yaml').read_text(encoding='utf-8')
+    where = next(x for x in text.split() if x.startswith('package://'))
+    file.write_text(text.replace(where, str(robot)).replace(
+        'pacing: lockstep', f'pacing: lockstep\n    plant_backend: {backend}'))
+    expected = simulated(parameter_file.load(file, {'plant': {'duration': 1.0}}))
+    record(bag, '--params-file', str(file), '--duration', '1')
+    robot.unlink()
+    file.unlink()
+    result = read_bag(bag)
+    assert_equal(result, expected)
+    assert len(result.run.t) == 1001
+    assert result.joint_names == tuple(joints)
+    assert (result.experiment, result.switching) == (name, 'implicit_observer')
+    assert np.abs(result.terms.chattering).max() > 0.0
+    with closing(open_bag(bag)) as reader:
+        told = [reader.deserialize(data, connection.msgtype).data
+                for connection, _, data in reader.messages() if DESCRIPTION in connection.topic]
+    assert told == [urdf()]
+
+
+# The description from a topic, and its limits.
+
+def test_a_description_that_comes_later_and_is_wrong_at_first() -> None:
+    """All wait for it and say so once; what is refused is named, and the next one taken."""
+    massless = two_links().replace(link('lower', 1.5, (0, 0, -0.25), (0.05, 0.05, 0.01)),
+                                   link('lower'))
+    assert massless != two_links()
+    with probe() as it:
+        reports = Diagnostics(it)
+        commands = it.listen(Float64MultiArray, COMMANDS)
+        told = it.listen(String, f'controller/{DESCRIPTION}', LATCHED)
+        # So fast that the limits are always reached; in lockstep, so that no delay makes a motion
+        # with such torques diverge.
+        it.start('controller', *ARM)
+        it.start('plant', *ARM, '-p', 'initial_position:=[0.2, -0.3]', '-p', 'pacing:=lockstep')
+        it.start('reference', '-p', 'joint_names:=[a,b]', '-p', 'amplitude:=[1.5, 0.5]',
+                 '-p', 'frequency:=[6.0, 6.0]')
+        nodes = ('controller', 'plant')
+        for node in nodes:
+            report = reports.until(node, lambda r: r.level == ERROR, 'the error')
+            assert report.message == f'waiting for {DESCRIPTION}'
+        topic = it.node.create_publisher(String, DESCRIPTION, LATCHED)
+        for text, words in (
+                ('', ['model urdf needs']), ('<robot', ['the description is not XML']),
+                (ur5(), ["joint_names: ['a', 'b'] is not allowed", 'shoulder_pan_joint']),
+                (massless, ['M is singular', 'moved by b '])):
+            topic.publish(String(data=text))
+            for node in nodes:
+                it.until(lambda: any(
+                    x.startswith(f'[{node}] [ERROR]') and f']: {DESCRIPTION}: ' in x
+                    and all(word in x for word in words) for x in it.lines), words[0])
+        for node in nodes:
+            report = reports.until(node, lambda r: 'singular' in r.message, 'the reason')
+            assert report.level == ERROR
+        assert commands == told == []
+        topic.publish(String(data=two_links()))
+        it.until(lambda: len(commands) > 100, 'torques')
+        for node in nodes:
+            well = reports.until(node, lambda r: r.message.startswith('running'), 'health')
+            assert well.level in (OK, WARN)
+            mine = [x for x in it.lines if x.startswith(f'[{node}]')]
+            assert len([x for x in mine if x.endswith(f': waiting for {DESCRIPTION}')]) == 1
+            assert len([x for x in mine if f'{DESCRIPTION} has come' in x]) == 1
+        assert [m.data for m in told] == [two_links()]
+
+        # Its limits bound the torques, 40 N·m and none, until there are others.
+        def greatest(joint: int) -> float:
+            return max((abs(m.data[joint]) for m in commands[-400:]), default=0.0)
+        it.until(lambda: greatest(0) == 40.0, 'the limit of the description')
+        assert it.set('controller', 'effort_limit', [55.0, 3.0]).successful
+        commands.clear()
+        it.until(lambda: (greatest(0), greatest(1)) == (55.0, 3.0), 'the other limits')
+        assert it.set('controller', 'effort_limit', [math.inf, math.inf]).successful
+        commands.clear()
+        it.until(lambda: greatest(0) == 40.0 and greatest(1) > 3.0, 'the first limit')
+        assert not any('Traceback' in line for line in it.lines)
+
+
+def test_no_description_ends_a_node() -> None:
+    """Neither one that waits for it nor one that runs: all are refused, and the good one taken."""
+    clash = two_links().replace('name="c"', 'name="lower"')  # A fixed joint called as a link.
+    bad = [*BOMBS.values(), *(text for seed in range(0, 60, 4)
+                              if not is_robot(text := mutated(two_links(), seed)))]
+    assert len(bad) > 12
+    with probe() as it:
+        commands = it.listen(Float64MultiArray, COMMANDS)
+        children = [
+            it.start('controller', *ARM, '-p', 'state_timeout:=1.0'),
+            it.start('plant', *ARM, '-p', 'plant_backend:=mujoco', '-p', 'pacing:=lockstep'),
+            it.start('reference', '-p', 'joint_names:=[a,b]')]
+        topic = it.node.create_publisher(String, DESCRIPTION, LATCHED)
+        it.until(lambda: topic.get_subscription_count() == 2, 'the nodes')
+
+        def refusals() -> list[int]:
+            return [len([x for x in it.lines if x.startswith(f'[{node}] [ERROR]')
+                         and f']: {DESCRIPTION}: ' in x]) for node in ('controller', 'plant')]
+        for count, text in enumerate(bad):
+            topic.publish(String(data=text))
+            it.until(lambda count=count: min(refusals()) > count,  # type: ignore[misc]
+                     f'the refusal of {text[:200]}')
+        topic.publish(String(data=clash))
+        it.until(lambda: len(commands) > 100, 'torques')
+        for text in bad[:6]:
+            topic.publish(String(data=text))
+        commands.clear()
+        it.until(lambda: len(commands) > 100, 'more torques')
+        assert [child.status for child in children] == [None, None, None], it.lines[-20:]
+        assert refusals() == [len(bad)] * 2
+        assert not any('Traceback' in line for line in it.lines)
+
+
+def is_robot(text: str) -> bool:
+    """Return whether a plant can be made of it, by its equations or by MuJoCo."""
+    made = 0
+    for backend in ('builtin', 'mujoco'):
+        with suppress(CtcError):
+            make_plant(PlantConfig(
+                joint_names=('a', 'b'), model='urdf', plant_backend=backend), text)
+            made += 1
+    return made > 0
+
+
+def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, broken, stubs = (tmp_path / x for x in ('arm.urdf', 'broken.urdf', 'stubs'))
+    robot.write_text(two_links())
+    broken.write_text('<robot name="r"><link')
+    urdf = ('-p', 'model:=urdf')
+    good = ('-p', f'description:={robot}')
+    mujoco = ('-p', 'plant_backend:=mujoco', '-p', 'joint_names:=[a,b]')
+    cases = [
+        ('controller', (*urdf, *good, '-p', 'joint_names:=[a,elbow]'), 'elbow'),
+        ('controller', (*ARM, '-p', 'description:=no.urdf'),
+         'description: no.urdf: No such file or directory'),
+        ('controller', (*ARM, '-p', f'description:={broken}'), 'the description is not XML'),
+        ('controller', (*ARM, *good, '-p', 'locked:=[c 1]'), 'c'),
+        ('plant', (*mujoco, '-p', f'description:={broken}'), 'the description is not XML'),
+        ('plant', (*mujoco, '-p', 'description:=package://arm/arm.urdf'), 'not installed'),
+        ('controller', ('-p', 'model:=nowhere:Arm'),
+         "the model nowhere:Arm cannot be made: ModuleNotFoundError: No module named 'nowhere'")]
+    missing = [
+        ('controller', (*ARM, *good),
+         'the model urdf needs Pinocchio (not here): pip install pin, or '),
+        ('plant', (*mujoco, *good), 'needs MuJoCo: pip install mujoco')]
+    for name in ('pinocchio', 'mujoco'):
+        package = stubs / name
+        package.mkdir(parents=True)
+        (package / '__init__.py').write_text("raise ImportError('not here')\n")
+    with probe() as it:
+        children = [(it.start(node, *arguments), words) for node, arguments, words in cases]
+        monkeypatch.setenv('PYTHONPATH', str(stubs), prepend=':')
+        children += [(it.start(node, *arguments), words) for node, arguments, words in missing]
+        for child, words in children:
+            it.until(lambda: child.status is not None, f'the end: {words}')
+            child.exit_report()
+            assert (child.status, len(child.tail)) == (1, 1), child.tail
+            assert child.tail[0].startswith(f'{child.name}: ')
+            assert words in child.tail[0]
+
+
+# Sources of states that are not ours.
+
+class Broadcaster:
+    """Plays the joint_state_broadcaster of ros2_control: no clock, all joints that there are."""
+
+    #: The order is that of the hardware, with joints that are none of the controller's business.
+    ORDER = ('gripper', 'joint2', 'wheel', 'joint1')
+
+    def __init__(self, it: Probe) -> None:
+        self.probe = it
+        self.reports = Diagnostics(it)
+        self.commands = it.listen(Float64MultiArray, COMMANDS)
+        self.states = it.node.create_publisher(JointState, 'joint_states', 10)
+
+    def publish(self, t: int, q: Sequence[float], dq: Sequence[float]) -> None:
+        """Publish positions and velocities of joint1 and joint2; no efforts."""
+        positions = {'joint1': q[0], 'joint2': q[1], 'gripper': 0.04}
+        velocities = {'joint1': dq[0], 'joint2': dq[1], 'wheel': 7.0}
+        message = JointState(name=list(self.ORDER))
+        message.header.stamp = stamp(t)
+        message.header.frame_id = 'base_link'
+        message.position = array('d', [positions.get(x, math.nan) for x in self.ORDER])
+        message.velocity = array('d', [velocities.get(x, math.nan) for x in self.ORDER])
+        self.states.publish(message)
+
+    def answer(self, t: int, q: Sequence[float], dq: Sequence[float]) -> list[float]:
+        """Publish a state and return the torque that answers it."""
+        before = len(self.commands)
+        self.publish(t, q, dq)
+        self.probe.until(lambda: len(self.commands) > before, 'a torque')
+        return list(self.commands[-1].data)
+
+    def until(self, node: str, done: Callable[[Report], bool], publish: Callable[[], None],
+              what: str) -> Report:
+        """Publish states until a node reports what is waited for."""
+        self.reports.latest.pop(node, None)
+
+        def found() -> bool:
+            publish()
+            return node in self.reports.latest and done(self.reports.latest[node])
+        self.probe.until(found, f'{what} of {node}')
+        return self.reports.latest[node]
+
+
+def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
+    """
+    Other order, more joints, no efforts, no clock, stamps that are on nobody's grid.
+
+    States that come at another period than `control_period` are answered by the same law, and a
+    warning says that its filter takes them for something else.
+    """
+    period = 2 * MS
+    law = Controller(ControllerConfig(control_period=2e-3))
+    motion = Sinusoid(ReferenceConfig())
+    rows = [motion.at(k * 2e-3) for k in range(100)]
+    rows.append((rows[-1][0], (0.0, 0.0), (0.0, 0.0)))
+    with probe() as it:
+        source = Broadcaster(it)
+        references = it.node.create_publisher(JointTrajectory, 'reference', 10)
+        it.start('controller', '-p', 'control_period:=0.002', '-p', 'state_timeout:=20.0')
+        it.until(lambda: source.states.get_subscription_count()
+                 and references.get_subscription_count(), 'the controller')
+        start, known = time.time_ns(), Trajectory()
+        known.extend([start + k * period for k in range(len(rows))], rows)
+        for k in range(3):
+            source.publish(start + k * period, (0.1 * k, 0.2), (0.0, 0.3))
+        report = source.reports.until('controller', lambda r: 'waiting for ref' in r.message,
+                                      'that it waits')
+        assert report.level == WARN
+        assert report.values['time'] == 'real'
+        assert source.commands == []
+        references.publish(JointTrajectory(
+            header=JointState().header, joint_names=['joint2', 'joint1'],
+            points=[JointTrajectoryPoint(
+                positions=array('d', q[::-1]), velocities=array('d', dq[::-1]),
+                accelerations=array('d', ddq[::-1]),
+                time_from_start=Duration(sec=t // S, nanosec=t % S))
+                for t, (q, dq, ddq) in zip(
+                    (start + k * period for k in range(len(rows))), rows)]))
+        it.until(lambda: source.commands, 'the torque')
+        point = known.at(start + 2 * period)
+        assert point is not None
+        tau = law.step((0.2, 0.2), (0.0, 0.3), *point).tau
+        assert list(source.commands[0].data) == list(tau)
+        t = start
+        for k in range(3, 30):
+            t = start + k * period + (k * 7919) % 701 * 1000 - 350_000  # ± 0.35 ms
+            q, dq = (0.1 * k, 0.2 - 0.01 * k), (0.3, -0.4)
+            point = known.at(t)
+            assert point is not None
+            assert source.answer(t, q, dq) == list(law.step(q, dq, *point).tau)
+        assert 'states come every' not in source.reports.next('controller').message
+
+        def publish(step: int) -> Callable[[], None]:
+            def one() -> None:
+                nonlocal t
+                t += step
+                source.publish(t, (0.0, 0.0), (0.0, 0.0))
+            return one
+        report = source.until('controller', lambda r: 'states come' in r.message,
+                              publish(5 * MS), 'the warning')
+        assert report.level == WARN
+        assert report.message.startswith(
+            'running, but states come every 5 ms; control_period is 2 ms')
+        assert float(report.values['period of the stamps, mean [ms]']) == 5.0
+        assert report.count('restarts') == 0
+        source.until('controller', lambda r: 'states come' not in r.message, publish(period),
+                     'health')
+
+
+def test_states_of_another_clock_have_a_reference_in_its_time() -> None:
+    """A simulator that publishes no clock, at 500 Hz: it begins where the robot is."""
+    with probe() as it:
+        source = Broadcaster(it)
+        tracking = it.listen(JointState, 'controller/tracking')
+        period = ('-p', 'control_period:=0.002')
+        it.start('controller', *period, '-p', 'state_decimation:=1', '-p', 'state_timeout:=1.0')
+        it.start('reference', *period, '-p', 'start_duration:=2.0')
+        source.reports.until('controller', lambda r: r.values['reference: publishers']
+                             == '/reference', 'that it knows the reference')
+        begin = time.monotonic_ns()
+        it.node.create_timer(0.002, lambda: source.publish(
+            5 * S + time.monotonic_ns() - begin, (0.4, -0.3), (0.0, 0.0)))
+        it.until(lambda: tracking and tracking[-1].position[0] > 0.5, 'motion')
+        assert source.reports.next('controller').message.startswith('running')
+        report = source.reports.next('reference')
+        assert (report.level, report.values['time']) == (OK, 'real')
+        assert all(5 * S < ns(m.header.stamp) < 60 * S for m in tracking)
+        assert list(tracking[0].position[:2]) == pytest.approx([0.4, -0.3], abs=0.02)
+        assert len(source.commands) >= len(tracking)
+
+
+# Waypoints, as MoveIt sends them.
+
+class Sample(NamedTuple):
+    """A desired position and velocity, and when [ns]."""
+
+    t: int
+    q: tuple[float, ...]
+    dq: tuple[float, ...]
+
+
+def route(names: Sequence[str], *points: tuple[float, Sequence[float], Sequence[float] | None,
+                                               Sequence[float] | None]) -> JointTrajectory:
+    """Return waypoints: time [s], positions, velocities and accelerations, or None."""
+    return JointTrajectory(joint_names=list(names), points=[
+        JointTrajectoryPoint(
+            positions=array('d', q), velocities=array('d', dq or ()),
+            accelerations=array('d', ddq or ()),
+            time_from_start=Duration(sec=int(t), nanosec=round(t % 1 * S)))
+        for t, q, dq, ddq in points])
+
+
+ZERO = (0.0, 0.0)
+FAST = (0.3, -0.6)
+
+
+def test_waypoints_are_gone_through_in_real_time_and_held_at_the_end() -> None:
+    """
+    The first point is where the robot is, at time 0, as MoveIt has it.
+
+    The desired position goes through every waypoint and never jumps; it rests at the last one.
+    A refused trajectory is counted, and nothing moves.
+    """
+    kinds: list[tuple[Any, Any]] = [(FAST, ZERO), (FAST, None), (None, None)]
+    with probe() as it:
+        reports = Diagnostics(it)
+        tracking = it.listen(JointState, 'controller/tracking', 10_000)
+        topic = it.node.create_publisher(JointTrajectory, 'reference/joint_trajectory', 10)
+        it.start('plant')
+        # A machine that is late for 0.1 s would have the controller lead back to the reference.
+        it.start('controller', '-p', 'state_decimation:=1', '-p', 'state_timeout:=1.0', '-p',
+                 'restart_duration:=0.0', *PATIENT)
+        it.start('reference', '-p', 'center:=[0.0, 0.0]', '-p', 'amplitude:=[0.0, 0.0]')
+        it.until(lambda: len(tracking) > 100 and topic.get_subscription_count(), 'motion')
+
+        def sample(m: JointState) -> Sample:
+            return Sample(ns(m.header.stamp), tuple(m.position[:2]), tuple(m.velocity[:2]))
+
+        def samples() -> list[Sample]:
+            return [sample(m) for m in tracking]
+
+        def held(q: Sequence[float], since: int = 0) -> Callable[[], bool]:
+            """Return whether the desired position has rested there for 0.2 s."""
+            def done() -> bool:
+                for m in reversed(tracking):
+                    x = sample(m)
+                    if x.q != tuple(q) or x.dq != ZERO or x.t <= since:
+                        return False
+                    if x.t <= ns(tracking[-1].header.stamp) - S // 5:
+                        return True
+                return False
+            return done
+
+        here: Sequence[float] = ZERO
+        for i, (moving, resting) in enumerate(kinds):
+            a, b, c = (0.3 + 0.2 * i, -0.2), (0.5, -0.5 + 0.1 * i), (0.1 * i, 0.2 - 0.3 * i)
+            begun = ns(tracking[-1].header.stamp)
+            tracking.clear()
+            still = moving and ZERO
+            message = route(
+                ('joint2', 'joint1'), *[
+                    (t, q[::-1], v and v[::-1], resting) for t, q, v in (
+                        (0.0, here, still), (0.55, a, moving), (0.75, b, moving),
+                        (1.0, c, still))])
+            topic.publish(message)
+            it.until(held(c, begun + S), f'the end of trajectory {i}')
+            seen = [Sample(begun, tuple(here), ZERO), *samples()]
+            speed = max(abs(v) for x in seen for v in x.dq)
+            for x, y in itertools.pairwise(seen[1:]):
+                assert np.abs(np.subtract(y.q, x.q)).max() <= (
+                    1.5 * speed * 1e-9 * (y.t - x.t) + 1e-6)
+            times = np.array([x.t - begun for x in seen]) * 1e-9
+            desired = np.array([x.q for x in seen])
+            end = times[next(k for k in range(len(seen)) if all(
+                y.q == c for y in seen[k:]))]
+            gaps = np.diff(times, prepend=times[0])  # Wide where the machine was late.
+            for back, q in ((0.25, b), (0.45, a)):  # Before the end.
+                found = [np.interp(end - back, times, desired[:, j]) for j in range(2)]
+                late = sum(max(0.0, gaps[np.searchsorted(times, x)] - 2e-3)
+                           for x in (end, end - back))
+                assert found == pytest.approx(q, abs=2e-3 * max(1.0, speed) + late * speed)
+            here = c
+        reached = reports.next('controller')
+        assert reached.level in (OK, WARN) and reached.message.startswith('running')
+        assert reached.count('timeouts, reference') == reached.count('restarts') == 0
+        assert reports.next('reference').level == OK
+
+        good = (0.2, (1.0, 1.0), None, None)
+        wrong = [route(('joint1', 'elbow'), good), route(('joint1',), (0.2, (1.0,), None, None)),
+                 route(('joint1', 'joint2'), good, good),
+                 route(('joint1', 'joint2'), (0.2, (1.0, math.nan), None, None)),
+                 route(('joint1', 'joint2'), (0.2, (1.0, 1.0), (1.0,), None)),
+                 route(('joint1', 'joint2'))]
+        begun = ns(tracking[-1].header.stamp)
+        for message in wrong:
+            topic.publish(message)
+        report = reports.until('reference', lambda r: sum(r.refused(
+            '~/joint_trajectory').values()) == len(wrong), 'the refusals')
+        assert report.refused('~/joint_trajectory') == {'waypoints': len(wrong)}
+        it.until(held(here, begun + S // 2), 'that nothing moves')
+        assert {x.q for x in samples() if x.t > begun} == {tuple(here)}
+
+
+# The start, and waypoints from a file.
+
+START = """
+plant: {{ros__parameters: {{pacing: {pacing}, duration: 1.5, initial_position: [0.4, -0.3]}}}}
+controller: {{ros__parameters: {{{law}, state_timeout: 1.0}}}}
+reference: {{ros__parameters: {{start_duration: {start}}}}}
+"""
+BEST = 'switching: implicit_observer, ka: [12.0, 12.0]'
+
+
+def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
+    """In lockstep as in the simulation, and in real time, where no jump comes either."""
+    file = tmp_path / 'params.yaml'
+    file.write_text(START.format(pacing='lockstep', start=0.0, law=BEST))
+    assert np.abs(simulated(parameter_file.load(file)).run.tau).max() > 4000.0
+    for pacing, law in (('lockstep', BEST),
+                        ('real_time', 'law: compensation, kp: [25.0, 25.0], kv: [10.0, 10.0]')):
+        file.write_text(START.format(pacing=pacing, start=1.0, law=law))
+        result = record(tmp_path / pacing, '--params-file', str(file))
+        run = result.run
+        if pacing == 'lockstep':
+            assert_equal(result, simulated(parameter_file.load(file)))
+            assert run.q_d[0].tolist() == run.q[0].tolist() == [0.4, -0.3]
+            assert run.dq_d[0].tolist() == [0.0, 0.0]
+        # In real time the controller may be late by some tenths of a second, and miss samples.
+        assert run.q_d[0] == pytest.approx(run.q[0], abs=0.1)
+        # A state that was not answered has no torque in the bag.
+        assert np.nanmax(np.abs(run.tau)) < (300.0 if pacing == 'lockstep' else 1000.0)
+
+
+def test_waypoints_from_a_file_equal_the_simulation(tmp_path: Path) -> None:
+    """Quintic, cubic and linear, for the joints in another order, and the rest at the end."""
+    file, waypoints = tmp_path / 'params.yaml', tmp_path / 'waypoints.yaml'
+    waypoints.write_text("""
+joint_names: [joint2, joint1]
+points:
+  - {positions: [-0.1, 0.5], velocities: [0.3, 0.0], accelerations: [0, 0],
+     time_from_start: 0.2}
+  - {positions: [0.1, 0.7], velocities: [0.0, 0.4], accelerations: [0, 1],
+     time_from_start: {sec: 0, nanosec: 400000000}}
+  - {positions: [0.2, 0.6], velocities: [0.0, 0.0], time_from_start: 0.6}
+  - {positions: [0.0, 0.4], time_from_start: 0.8}
+""")
+    file.write_text(START.format(pacing='lockstep', start=0.0, law=BEST).replace(
+        'start_duration: 0.0', f'trajectory_file: {waypoints}').replace(
+        'duration: 1.5', 'duration: 1.0'))
+    result = record(tmp_path / 'bag', '--params-file', str(file))
+    assert_equal(result, simulated(parameter_file.load(file)))
+    assert result.run.q_d[[0, 200, 400, 600, 800, 1000]] == pytest.approx(np.array(
+        [[0.4, -0.3], [0.5, -0.1], [0.7, 0.1], [0.6, 0.2], [0.4, 0.0], [0.4, 0.0]]))

@@ -1,0 +1,114 @@
+"""Nodes that are left alone: without a plant, stopped, or with their output blocked."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from faults import Diagnostics, ERROR
+from processes import probe
+import pytest
+from ros_messages import COMMANDS, MS, reference, stamp, state
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+pytestmark = pytest.mark.ros
+JOINTS, ZERO = ['joint1', 'joint2'], [0.0, 0.0]
+PIECE = 1000
+
+
+def ns(message: JointState) -> int:
+    return int(message.header.stamp.sec) * 10 ** 9 + int(message.header.stamp.nanosec)
+
+
+def test_references_that_nobody_uses_are_forgotten() -> None:
+    """Send more than a minute to a controller that is disabled, without a state and with one."""
+    with probe() as it:
+        reports = Diagnostics(it)
+        states = it.node.create_publisher(JointState, 'joint_states', 10)
+        pieces = it.node.create_publisher(JointTrajectory, 'reference', 1000)
+        it.start('controller', '-p', 'enabled:=false')
+        it.until(lambda: states.get_subscription_count() and pieces.get_subscription_count(),
+                 'the controller')
+        piece = reference(JOINTS, [[[0.1, 0.2], [0.3, 0.4], ZERO]] * PIECE)
+        for k in range(1, 71):
+            piece.header.stamp = stamp(k * PIECE * MS)
+            pieces.publish(piece)
+        held = 'points of the reference'
+        reports.until('controller', lambda r: r.count(held) == 60_000, 'a full memory')
+        states.publish(state(70_500 * MS, joint1=(0.0, 0.0), joint2=(0.0, 0.0)))
+        reports.until('controller', lambda r: 0 < r.count(held) <= PIECE, 'what is ahead')
+
+
+def test_the_last_torque_does_not_wait_for_the_log() -> None:
+    """The controller's output is a pipe that is full, and that is not read."""
+    source, sink = os.pipe()
+    os.set_blocking(sink, False)
+    with pytest.raises(BlockingIOError):
+        while True:
+            os.write(sink, bytes(4096))
+    os.set_blocking(sink, True)
+    with probe() as it:
+        commands = it.listen(Float64MultiArray, COMMANDS)
+        states = it.node.create_publisher(JointState, 'joint_states', 10)
+        pieces = it.node.create_publisher(JointTrajectory, 'reference', 10)
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'ctc_chattering.cli.node', 'controller', '--ros-args', '-p',
+             'state_timeout:=1.0'], stdout=sink, stderr=sink)
+        try:
+            it.until(lambda: states.get_subscription_count() and pieces.get_subscription_count()
+                     and it.node.count_publishers(COMMANDS), 'the controller')
+            pieces.publish(reference(JOINTS, [[[1.0, -0.5], ZERO, ZERO]]))
+            states.publish(state(time.time_ns(), joint1=(0.0, 0.0), joint2=(0.0, 0.0)))
+            it.until(lambda: any(any(m.data) for m in commands), 'a torque')
+            states.publish(JointState(name=['joint1', 'joint1']))  # That gives a line.
+            it.until(lambda: list(commands[-1].data) == ZERO, 'the last torque')
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30.0) == 0
+        finally:
+            process.kill()
+            process.wait()
+            os.close(source)
+            os.close(sink)
+
+
+@pytest.mark.slow
+def test_a_node_that_was_stopped_for_longer_than_its_lease_is_heard_again() -> None:
+    """Stop each until the others have given it up; the plant's stamps never go back."""
+    with probe() as it:
+        reports = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states', 10_000)
+        period = ('-p', 'control_period:=0.004')
+        children = {
+            'plant': it.start('plant', *period, '-p', 'command_timeout:=0.1'),
+            'controller': it.start('controller', *period, '-p', 'state_timeout:=0.25'),
+            'reference': it.start('reference')}
+
+        def well() -> None:
+            for node in children:
+                reports.until(node, lambda r: r.level < ERROR and r.message.startswith('running'),
+                              'health')
+            seen = len(states)
+            it.until(lambda: any(any(m.effort) for m in states[seen:]), 'torques')
+
+        well()
+        answer = it.set('plant', 'use_sim_time', True)
+        assert not answer.successful
+        assert answer.reason.endswith('nobody publishes /clock, and time would stand still')
+        for node, child in children.items():
+            child.signal(signal.SIGSTOP)
+            try:
+                it.until(lambda node=node: node not in it.node.get_node_names(),  # type: ignore
+                         'the end of the lease')
+            finally:
+                child.signal(signal.SIGCONT)
+            well()
+        stamps = [ns(m) for m in states]
+        assert len(stamps) > 500
+        assert all(b > a for a, b in itertools.pairwise(stamps))
+        assert [child.status for child in children.values()] == [None] * 3

@@ -1,0 +1,407 @@
+"""What stops the robot when somebody falls silent, and what starts it again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+import itertools
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from faults import Diagnostics, ERROR, nodes_of, OK, WARN
+from processes import bringup, CONFIG, PATIENCE, Probe, probe, wait_for
+import pytest
+from recorded_runs import assert_equal
+from ros_messages import COMMANDS, MS, ns, reference, state
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.launch import child_process
+from ctc_chattering.ros.topics import DIAGNOSTICS
+from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.trajectory.buffer import Point
+
+pytestmark = pytest.mark.ros
+ZERO = [0.0, 0.0]
+#: For the silence that stops the controller and brakes the plant, so that a loaded machine does
+#: not [s].
+STATE_TIMEOUT, COMMAND_TIMEOUT, REFERENCE_TIMEOUT = 0.25, 0.1, 0.25
+#: Of the graph in real time, which most tests share and others run beside [s].
+PERIOD = 0.004
+
+
+def after_an_outage(q: Vector, dq: Vector, point: Point) -> list[float]:
+    """Return the first torque of a law that begins anew without a bump."""
+    law = Controller(ControllerConfig(control_period=PERIOD))
+    law.reset(bumpless=True)
+    sample = law.step(q, dq, *point)
+    assert list(sample.v) == ZERO
+    assert list(sample.tau) == list(sample.inverse_dynamics)
+    return list(sample.tau)
+
+
+class Graph:
+    """Plant, controller and reference in real time, and all that is said on their topics."""
+
+    def __init__(self, it: Probe) -> None:
+        self.probe = it
+        self.diagnostics = Diagnostics(it)
+        self.states = it.listen(JointState, 'joint_states', 10_000)
+        self.commands = it.listen(Float64MultiArray, COMMANDS, 10_000)
+        self.pieces = it.listen(JointTrajectory, 'reference', 10_000)
+        self.tracking = it.listen(JointState, 'controller/tracking')
+        self.children: dict[str, child_process.Child] = {}
+        self._begun: dict[str, int] = {}
+        for name in ('plant', 'controller', 'reference'):
+            self.start(name)
+        self.until_well()
+
+    def start(self, name: str) -> None:
+        more = {'controller': ('-p', f'state_timeout:={STATE_TIMEOUT}',
+                               '-p', f'reference_timeout:={REFERENCE_TIMEOUT}'),
+                'plant': ('-p', f'command_timeout:={COMMAND_TIMEOUT}')}.get(name, ())
+        period = () if name == 'reference' else ('-p', f'control_period:={PERIOD}')
+        self._begun[name] = len(self.probe.lines)
+        self.children[name] = self.probe.start(name, *period, *more)
+
+    def kill(self, name: str) -> None:
+        self.children[name].signal(signal.SIGKILL)
+        self.children[name].process.wait(PATIENCE)
+
+    def until_well(self) -> None:
+        """Wait until all say that they run, and the plant feels torques."""
+        for name in ('plant', 'controller', 'reference'):
+            self.diagnostics.until(  # One killed is counted as a publisher for a while.
+                name, lambda r: r.level in (OK, WARN) and r.message.startswith('running'),
+                'health')
+        self.states.clear()
+        self.probe.until(lambda: any(any(m.effort) for m in self.states), 'torques')
+
+    def until_silent(self) -> None:
+        """Wait for the last command, which is zero, and see that no other one comes."""
+        last = -1
+        while last != len(self.commands):  # A machine that is late may stop it for a moment.
+            self.probe.until(lambda: self.commands and list(self.commands[-1].data) == ZERO,
+                             'a command of zero')
+            last = len(self.commands)
+            self.diagnostics.next('controller')
+        assert any(self.commands[-2].data)
+
+    def clear(self) -> None:
+        for heard in (self.states, self.commands, self.tracking):
+            heard.clear()
+
+    def log(self, name: str, text: str) -> list[str]:
+        """Return the lines of a node since its last start that have `text` in them."""
+        return [x for x in self.probe.lines[self._begun[name]:]
+                if x.startswith(f'[{name}]') and text in x]
+
+
+@pytest.fixture(scope='module')
+def graph() -> Iterator[Graph]:
+    """Yield a running graph; every test leaves it running."""
+    with probe() as it:
+        yield Graph(it)
+        assert not any('Traceback' in line for line in it.lines)
+
+
+@pytest.fixture(autouse=True)
+def nobody_else_dies(request: pytest.FixtureRequest) -> Iterator[None]:
+    yield
+    if 'graph' in request.fixturenames:
+        children = request.getfixturevalue('graph').children
+        assert [name for name, child in children.items() if child.status is not None] == []
+
+
+@pytest.mark.parametrize(
+    'number', [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
+def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
+        graph: Graph, number: signal.Signals) -> None:
+    """One torque of zero, silence, an error; then the inverse dynamics, and on from there."""
+    before = graph.diagnostics.next('controller')
+    plant = graph.children['plant']
+    plant.signal(number)
+    try:
+        if number == signal.SIGKILL:
+            plant.process.wait(PATIENCE)
+        report = graph.diagnostics.until(
+            'controller', lambda r: r.level == ERROR and 'no state' in r.message, 'the error')
+        graph.until_silent()
+    finally:
+        last = ns(graph.states[-1].header.stamp)
+        graph.clear()
+        if number == signal.SIGKILL:
+            graph.start('plant')
+        plant.signal(signal.SIGCONT)
+    assert report.count('timeouts, state') > before.count('timeouts, state')
+    graph.probe.until(lambda: graph.log('controller', 'no state for'), 'the line')
+    graph.probe.until(lambda: len(graph.commands) > 10 and len(graph.states) > 10, 'torques')
+    if number == signal.SIGSTOP:  # Of a new plant's states it is unknown which one is heard first.
+        firsts = []
+        for m in graph.states[:50]:  # A machine that is late may have the first ones refused.
+            if ns(m.header.stamp) > last + STATE_TIMEOUT * 1e9:
+                here = (list(m.position), list(m.velocity), ZERO)  # The reference has moved on.
+                firsts.append(after_an_outage(m.position, m.velocity, here))
+        assert list(graph.commands[0].data) in firsts
+    graph.until_well()
+    after = graph.diagnostics.next('controller')
+    assert after.count('restarts') > before.count('restarts')
+
+
+def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
+    before = graph.diagnostics.next('controller')
+    graph.kill('reference')
+    report = graph.diagnostics.until(
+        'controller', lambda r: r.level == ERROR and 'no reference for 0.25 s' in r.message,
+        'the error')
+    assert 'holding the position' in report.message
+    count = report.count('timeouts, reference')  # A machine that is late may have its own.
+    assert count > before.count('timeouts, reference')
+    graph.probe.until(lambda: len(graph.log('controller', 'holding the position')) == count,
+                      'a line for each')
+    graph.clear()
+    # After a pause of the machine the desired motion leads to the held position, and stays there.
+    graph.probe.until(lambda: len(graph.tracking) > 5 and not any(
+        any(m.velocity[:2]) for m in graph.tracking[-5:]), 'the hold')
+    last = graph.pieces[-1].points[-1]
+    held = [q + REFERENCE_TIMEOUT * dq for q, dq in zip(last.positions, last.velocities)]
+    for message in graph.tracking[-5:]:
+        assert list(message.position[:2]) == held
+    assert any(any(m.data) for m in graph.commands)
+    graph.start('reference')
+    graph.until_well()
+    graph.clear()
+    graph.probe.until(lambda: any(any(m.velocity[:2]) for m in graph.tracking), 'motion')
+
+
+def test_without_commands_the_plant_brakes(graph: Graph) -> None:
+    def said() -> int:
+        return len([x for x in graph.log('plant', 'no command for') if '[ERROR]' in x])
+
+    before, lines = graph.diagnostics.next('plant'), said()
+    graph.kill('controller')
+    report = graph.diagnostics.until(
+        'plant', lambda r: r.level == ERROR and 'no command for 0.1 s' in r.message, 'the error')
+    assert 'torque 0, brakes on' in report.message
+    assert report.count('timeouts, command') > before.count('timeouts, command')
+    graph.probe.until(lambda: said() == lines + 1, 'the line')
+    robot = Plant(PlantConfig(control_period=PERIOD))
+    robot.braking = True
+    graph.probe.until(  # What is reported may be heard before the states are.
+        lambda: len(graph.states) > 50 and not any(
+            any(m.effort) for m in itertools.islice(reversed(graph.states), 50)), 'brakes')
+    driven = max((i for i, m in enumerate(graph.states) if list(m.effort) != ZERO), default=-1)
+    idle = graph.states[driven + 1:]
+    begin = idle[0]
+    # Of the brakes' first samples some may be made good in one tick and published as one.
+    robot.q, robot.dq = list(begin.position), list(begin.velocity)
+    for message in idle[1:50]:
+        passed = 1e-9 * (ns(message.header.stamp) - ns(begin.header.stamp))
+        for _ in range(round(passed / PERIOD) - robot.k):
+            robot.step(ZERO)
+        assert list(message.effort) == ZERO
+        assert list(message.position) == pytest.approx(robot.q, abs=1e-9)
+        assert list(message.velocity) == pytest.approx(robot.dq, abs=1e-9)
+    graph.start('controller')
+    graph.until_well()
+    assert graph.log('plant', 'commands again, after')
+
+
+def test_an_error_beyond_its_limit_trips_until_reset(graph: Graph) -> None:
+    it = graph.probe
+    assert it.set('controller', 'error_limit', [1e-9, 1e-9]).successful
+    graph.until_silent()
+    report = graph.diagnostics.until(
+        'controller', lambda r: r.level == ERROR and 'tripped' in r.message, 'the trip')
+    assert 'joint1 exceeded error_limit; call ~/reset' in report.message
+    assert len(graph.log('controller', 'exceed error_limit')) == 1
+    assert it.set('controller', 'error_limit', [float('inf')] * 2).successful
+    silent = len(graph.commands)
+    assert 'tripped' in graph.diagnostics.next('controller').message
+    assert len(graph.commands) == silent
+    answer = it.call(Trigger, '/controller/reset', Trigger.Request())
+    assert answer.success and answer.message == 'reset'
+    graph.until_well()
+    answer = it.call(Trigger, '/controller/reset', Trigger.Request())
+    assert answer.success and answer.message == 'was not tripped'
+
+
+def test_a_disabled_controller_publishes_nothing(graph: Graph) -> None:
+    it = graph.probe
+    assert it.call(SetBool, '/controller/enable', SetBool.Request(data=False)).success
+    graph.until_silent()
+    graph.tracking.clear()
+    silent = len(graph.commands)
+    report = graph.diagnostics.next('controller')
+    assert report.level == WARN and 'disabled' in report.message
+    assert len(graph.commands) == silent
+    assert graph.tracking == []
+    assert it.call(SetBool, '/controller/enable', SetBool.Request(data=True)).success
+    graph.until_well()
+    assert len(graph.commands) > silent
+
+
+def test_torques_at_their_limit_are_counted(graph: Graph) -> None:
+    it = graph.probe
+    before = graph.diagnostics.next('controller').count('saturated samples')
+    assert it.set('controller', 'effort_limit', [5.0, 4.0]).successful
+    graph.diagnostics.until(
+        'controller', lambda r: r.count('saturated samples') > before + 50, 'a count')
+    graph.commands.clear()
+    it.until(lambda: len(graph.commands) > 50 and all(
+        abs(x) <= most for m in graph.commands[-50:] for x, most in zip(m.data, (5.0, 4.0))),
+        'limited torques')
+    assert it.set('controller', 'effort_limit', [float('inf')] * 2).successful
+    graph.until_well()
+
+
+def test_a_chattering_term_at_its_bound_is_named_with_the_reason(graph: Graph) -> None:
+    """Friction is 9.9 N*m: a ka of 1 is too small for it, whichever way the joint moves."""
+    it = graph.probe
+    before = {name: it.get('controller', name) for name in ('switching', 'ka')}
+    for name, value in (('switching', 'implicit'), ('ka', [1.0, 1.0])):
+        assert it.set('controller', name, value).successful
+    report = graph.diagnostics.until(
+        'controller', lambda r: 'joint2: chattering term at its bound for' in r.message, 'it')
+    assert report.level in (WARN, ERROR)
+    assert report.message.endswith(': ka too small')
+    for name, value in before.items():
+        assert it.set('controller', name, value).successful
+    graph.until_well()
+    graph.diagnostics.until('controller', lambda r: 'at its bound' not in r.message, 'the end')
+
+
+class PlayedPlant:
+    """The test as the plant in real time, before a controller."""
+
+    def __init__(self, it: Probe, timeout: float) -> None:
+        self.probe = it
+        self.diagnostics = Diagnostics(it)
+        self.commands = it.listen(Float64MultiArray, COMMANDS)
+        self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
+        self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
+        it.start('controller', '-p', f'state_timeout:={timeout}', '-p', 'restart_duration:=0.0')
+        it.until(lambda: self.states.get_subscription_count()
+                 and self.references.get_subscription_count()
+                 and it.node.count_publishers(COMMANDS), 'the controller')
+        self.references.publish(reference(
+            ['joint1', 'joint2'], [[[1.0, -0.5], ZERO, ZERO]]))
+
+    def answer(self, q: Vector, dq: Vector) -> list[float]:
+        before = len(self.commands)
+        self.states.publish(state(
+            time.time_ns(), joint1=(q[0], dq[0]), joint2=(q[1], dq[1])))
+        self.probe.until(lambda: len(self.commands) > before, 'a torque')
+        return list(self.commands[-1].data)
+
+
+def test_every_outage_begins_the_law_anew_and_a_motion_at_rest_is_held() -> None:
+    """The last point of the reference, long past, is at rest: nothing is missing."""
+    point, law = ([1.0, -0.5], ZERO, ZERO), Controller(ControllerConfig())
+    with probe() as it:
+        plant = PlayedPlant(it, 1.0)
+        for outage in range(2):
+            law.reset(bumpless=outage > 0)
+            for k in range(5):
+                q, dq = [0.1 * k, 0.2 + outage], [0.3, -0.1 * k]
+                expected = law.step(q, dq, *point)
+                assert plant.answer(q, dq) == list(expected.tau)
+                if outage and not k:
+                    assert list(expected.tau) == after_an_outage(q, dq, point)
+            sent = len(plant.commands)
+            report = plant.diagnostics.until(
+                'controller', lambda r: 'no state for' in r.message, 'the error')
+            assert report.level == ERROR
+            assert report.count('timeouts, state') == outage + 1
+            assert report.count('timeouts, reference') == 0
+            assert report.count('restarts') == outage
+            it.until(lambda sent=sent: len(plant.commands) > sent, 'the last')  # type: ignore
+            plant.diagnostics.next('controller')
+            assert [list(m.data) for m in plant.commands[sent:]] == [ZERO]
+
+
+def recorded(bag: Path, node: str) -> list[dict[str, str]]:
+    """Return what a node said in the diagnostics that a bag holds."""
+    with closing(open_bag(bag)) as reader:
+        connections = [x for x in reader.connections if x.topic == DIAGNOSTICS]
+        arrays: list[Any] = [reader.deserialize(data, connection.msgtype)
+                             for connection, _, data in reader.messages(connections)]
+    found = [status for array in arrays for status in array.status if status.name == f'/{node}']
+    return [{x.key: x.value for x in status.values} for status in found]
+
+
+def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
+    """Hold each process still for half a second, as long as 25 timeouts."""
+    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
+    with bringup('--params-file', str(file), '--duration', '3', '--record', str(bag)) as process:
+        wait_for(lambda: (bag / 'bag_0.mcap').exists()
+                 and (bag / 'bag_0.mcap').stat().st_size > 20_000, 'a part of the bag')
+        pids = nodes_of(process.pid)
+        for victim in ('plant', 'controller'):
+            os.kill(pids[victim], signal.SIGSTOP)
+            time.sleep(0.5)
+            os.kill(pids[victim], signal.SIGCONT)
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 3.0}})))
+    reports = recorded(bag, 'controller')
+    assert reports
+    for report in reports:
+        assert report['restarts'] == report['timeouts, state'] == '0'
+        assert report['timeouts, reference'] == '0'
+
+
+def test_in_lockstep_time_goes_on_where_the_motion_ends_at_rest() -> None:
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states')
+        pieces = it.node.create_publisher(JointTrajectory, 'reference', 10)
+        it.start('controller')
+        it.until(pieces.get_subscription_count, 'the controller')
+        pieces.publish(reference(['joint1', 'joint2'], [
+            [[0.1 * k, 0.0], [0.1, 0.0] if k < 2 else ZERO, ZERO] for k in range(3)]))
+        it.start('plant', '-p', 'pacing:=lockstep')
+        it.until(lambda: states and ns(states[-1].header.stamp) > 300 * MS, 'time')
+        report = diagnostics.until('controller', lambda r: r.level == OK, 'health')
+        assert report.message == 'running'
+        assert report.count('timeouts, reference') == 0
+        assert report.count('restarts') == 0
+
+
+def test_in_lockstep_the_plant_says_what_it_waits_for() -> None:
+    """Kill the controller: simulated time stands still until there is another one."""
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states', 10_000)
+        it.start('plant', '-p', 'pacing:=lockstep')
+        controller = it.start('controller')
+        it.start('reference')
+        it.until(lambda: len(states) > 100, 'motion')
+        controller.signal(signal.SIGKILL)
+
+        def said() -> list[float]:
+            """Return when the plant said what it waits for [s]."""
+            return [float(line.split('[')[3].split(']')[0]) for line in it.lines
+                    if 'waiting for the answer on effort_controller/commands to the state' in line]
+
+        it.until(lambda: len(said()) >= 2, 'two reports')
+        assert said()[1] - said()[0] > 2.5
+        report = diagnostics.next('plant')
+        assert report.level == WARN
+        assert 'waiting for the answer on effort_controller/commands' in report.message
+        stood = states[-1].header.stamp
+        it.until(lambda: len(states) > 0, 'the last state')
+        it.start('controller')
+        it.until(lambda: ns(states[-1].header.stamp) > ns(stood) + 200 * MS, 'motion')
+        assert diagnostics.until('plant', lambda r: 'running' in r.message, 'health')

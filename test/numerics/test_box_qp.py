@@ -1,0 +1,118 @@
+"""The nearest point of a box against enumeration, scipy, and its optimality conditions."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from oracles import Array, box_by_enumeration, inclusion_by_enumeration, random_spd
+import pytest
+from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
+
+from ctc_chattering.numerics.box_qp import nearest
+
+
+def _check_conditions(mass: Array, point: Array, bound: Array, z: Array) -> None:
+    """Assert the module's conditions, x up to the rounding of its own computation."""
+    scale = np.sqrt(mass.diagonal())
+    scaled = mass / np.outer(scale, scale)
+    x = np.linalg.solve(scaled, (point - z) / scale)
+    tolerance = 1e-11 * np.linalg.cond(scaled) * ((np.abs(point) + bound) / scale).max() + 1e-300
+    assert (np.abs(z) <= bound).all()
+    inner, low, high = np.abs(z) < bound, z <= -bound, z >= bound
+    assert (np.abs(x[inner]) <= tolerance).all()
+    assert (x[low & ~high] <= tolerance).all()
+    assert (x[high & ~low] >= -tolerance).all()
+
+
+@pytest.mark.parametrize('n', [1, 2, 3, 4])
+@pytest.mark.parametrize('decades', [0.5, 4.0])
+def test_against_enumeration(n: int, decades: float) -> None:
+    """Check all 3^n sets of active bounds, by the quadratic form and by the inclusion for x."""
+    rng = np.random.default_rng(20 * n)
+    inner = active = 0
+    for _ in range(80):
+        mass, point = random_spd(rng, n, decades), rng.normal(size=n) * 3.0
+        bound = rng.uniform(0.0, 3.0, n) * rng.integers(0, 4, n).clip(0, 1)
+        z = nearest(mass, point, bound)
+        np.testing.assert_allclose(
+            z, inclusion_by_enumeration(mass, point, bound), rtol=1e-8, atol=1e-9)
+        inverse: Array = np.linalg.inv(mass).astype(np.float64)
+        np.testing.assert_allclose(
+            z, box_by_enumeration(inverse, -inverse @ point, bound), rtol=1e-7, atol=1e-9)
+        inner += int((np.abs(z) < bound).sum())
+        active += int(((np.abs(z) == bound) & (bound > 0)).sum())
+    assert inner > 5
+    assert active > 5
+
+
+@pytest.mark.parametrize('n', [5, 7])
+def test_larger_against_scipy(n: int) -> None:
+    """Check against scipy's bounded least squares, of which this is the normal form."""
+    rng = np.random.default_rng(n)
+    for _ in range(10):
+        mass, point = random_spd(rng, n), rng.normal(size=n) * 2.0
+        bound = rng.uniform(0.1, 1.5, n)
+        root = np.linalg.inv(np.linalg.cholesky(mass))
+        fit = lsq_linear(root, root @ point, (-bound, bound), tol=1e-14, method='bvls')
+        np.testing.assert_allclose(nearest(mass, point, bound), fit.x, atol=1e-7)
+
+
+@pytest.mark.parametrize('spread', [0.0, 6.0, 12.0])
+def test_seven_of_very_different_inertia(spread: float) -> None:
+    """Check the conditions with joints whose inertias differ by up to 12 orders of magnitude."""
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        scale = 10.0 ** rng.uniform(-spread / 2, spread / 2, 7)
+        mass = random_spd(rng, 7, 3.0) * np.outer(scale, scale)
+        bound = rng.uniform(0.1, 3.0, 7) * scale
+        point = rng.normal(size=7) * 3.0 * scale
+        _check_conditions(mass, point, bound, nearest(mass, point, bound))
+
+
+@settings(max_examples=300)
+@given(st.integers(1, 6), st.integers(0, 2 ** 32 - 1), st.floats(0.0, 6.0),
+       st.floats(-6.0, 6.0))
+def test_optimality_conditions(n: int, seed: int, decades: float, size: float) -> None:
+    """Check the conditions, which have one solution, for problems of every scale."""
+    rng = np.random.default_rng(seed)
+    mass = random_spd(rng, n, decades) * 10.0 ** size
+    point = rng.normal(size=n) * 10.0 ** rng.uniform(-3.0, 3.0, n)
+    bound = 10.0 ** rng.uniform(-3.0, 3.0, n) * rng.integers(0, 3, n).clip(0, 1)
+    _check_conditions(mass, point, bound, nearest(mass, point, bound))
+
+
+@settings(max_examples=200)
+@given(st.lists(st.sampled_from([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0]), min_size=3, max_size=3),
+       st.lists(st.sampled_from([0.0, 0.5, 1.0, 2.0]), min_size=3, max_size=3),
+       st.sampled_from([-0.5, 0.0, 0.5, 0.9]))
+def test_degenerate_problems(point: list[float], bound: list[float], c: float) -> None:
+    """Check ties: x = 0 on a bound, bounds of 0, points on the bound."""
+    mass = np.array([[2.0, c, 0.0], [c, 2.0, c], [0.0, c, 2.0]])
+    z = nearest(mass, np.array(point), np.array(bound))
+    _check_conditions(mass, np.array(point), np.array(bound), z)
+    np.testing.assert_allclose(
+        z, inclusion_by_enumeration(mass, np.array(point), np.array(bound)), atol=1e-12)
+
+
+def test_a_joint_at_its_bound_moves_the_other() -> None:
+    """Check two joints by hand: x = (1, 0) with 2 x = 5 - 3, so that z2 = 0 - 1.9 x."""
+    mass = np.array([[2.0, 1.9], [1.9, 2.0]])
+    z = nearest(mass, np.array([5.0, 0.0]), np.array([3.0, 50.0]))
+    assert z == pytest.approx([3.0, -1.9])
+
+
+def test_on_the_edge() -> None:
+    """Check points at the bound, bounds of 0, and none that is exceeded."""
+    rng = np.random.default_rng(4)
+    mass, bound = random_spd(rng, 5), np.array([1.0, 2.0, 0.0, 4.0, 0.0])
+    edge = np.array([1.0, -2.0, 0.0, 3.0, 0.0])
+    assert nearest(mass, edge, bound) is edge
+    assert nearest(mass, np.full(5, 5.0), np.zeros(5)).tolist() == [0.0] * 5
+    held = mass @ [0.0, 0.0, 1.0, 0.0, 0.0] + [1.0, 2.0, 0.0, 1.0, 0.0]
+    np.testing.assert_allclose(nearest(mass, held, bound), [1.0, 2.0, 0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_the_argument_is_not_changed() -> None:
+    """Check that point and bound are left alone where a bound is active."""
+    mass, point, bound = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([5.0, 0.0]), np.ones(2)
+    nearest(mass, point, bound)
+    assert (point.tolist(), bound.tolist()) == ([5.0, 0.0], [1.0, 1.0])

@@ -1,0 +1,42 @@
+"""The polynomials that meet given ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.interpolate import BPoly  # type: ignore[import-untyped]
+
+from ctc_chattering.numerics.polynomials import cubic, linear, quintic
+
+KINDS: dict[int, Callable[..., tuple[float, float, float]]] = {1: linear, 2: cubic, 3: quintic}
+
+
+@settings(max_examples=100)
+@given(st.sampled_from([1, 2, 3]), st.lists(st.floats(-10.0, 10.0), min_size=6, max_size=6),
+       st.floats(1e-3, 100.0), st.floats(0.0, 1.0))
+def test_against_scipy(given_: int, ends: list[float], h: float, s: float) -> None:
+    """Check value and both derivatives against the Bernstein polynomial of the same ends."""
+    first, last = ends[:given_], ends[3:3 + given_]
+    exact = BPoly.from_derivatives([0.0, h], [first, last])
+    found = KINDS[given_](s, h, *first, *last)
+    scale = 20.0 * (1.0 + h + h * h)
+    for order, value in enumerate(found):
+        wanted = float(exact(s * h, nu=order)) if order <= 2 * given_ - 1 else 0.0
+        assert value == pytest.approx(wanted, rel=1e-9, abs=1e-12 * scale / h ** order)
+
+
+def test_ends() -> None:
+    """Check what is promised at both ends; the value at the first one to the last bit."""
+    rng = np.random.default_rng(0)
+    for given_, polynomial in KINDS.items():
+        for h in (1e-3, 0.7, 30.0):
+            first, last = rng.normal(size=(2, given_)).tolist()
+            assert polynomial(0.0, h, *first, *last)[0] == first[0]
+            for s, end in ((0.0, first), (1.0, last)):
+                for order, x in enumerate(end):
+                    found = polynomial(s, h, *first, *last)[order]
+                    assert found == pytest.approx(x, abs=1e-12 * (1.0 + h ** 2) / h ** order)

@@ -1,0 +1,55 @@
+"""The control grid in whole nanoseconds."""
+
+from fractions import Fraction
+import math
+
+import pytest
+
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+
+
+@pytest.mark.parametrize(('period', 'ns'), [
+    (1e-3, 1_000_000), (1e-4, 100_000), (1e-9, 1), (0.1, 100_000_000), (1 / 1024, 976_562.5),
+    (1.0, 10 ** 9), (3e-3, 3_000_000), (1e-5, 10_000), (0.007, 7_000_000), (1e4, 10 ** 13)])
+def test_period_is_whole_nanoseconds(period: float, ns: float) -> None:
+    """Check accepted periods, and that half a nanosecond is refused."""
+    if ns == int(ns):
+        assert period_ns(period) == ns
+    else:
+        with pytest.raises(ParameterError, match='nanoseconds'):
+            period_ns(period)
+
+
+@pytest.mark.parametrize('period', [
+    0.0, -1e-3, 1e-10, 0.4e-9, 1.5e-9, 1e-3 + 1e-10, 1e-3 * (1 + 1e-8)])
+def test_period_off_the_grid_is_refused(period: float) -> None:
+    """Check that the error names the parameter and its value."""
+    with pytest.raises(ParameterError) as error:
+        period_ns(period)
+    assert error.value.name == 'control_period'
+    assert error.value.value == period
+    assert repr(period) in str(error.value)
+
+
+@pytest.mark.parametrize('period', [math.nan, math.inf, -math.inf, 1e300])
+def test_period_beyond_the_numbers_is_refused(period: float) -> None:
+    """Check that no period ends in another exception."""
+    with pytest.raises(ParameterError):
+        period_ns(period)
+
+
+@pytest.mark.parametrize(('duration', 'period', 'last'), [
+    (10.0, 1_000_000, 10_000), (10.0, 10_000, 1_000_000), (0.3, 100_000_000, 3),
+    (0.7, 100_000_000, 7), (2.1, 700_000_000, 3), (0.0, 1_000_000, 0), (1.0, 300_000_000, 3),
+    (0.9999e-3, 1_000_000, 0)])
+def test_samples_count_whole_periods(duration: float, period: int, last: int) -> None:
+    """Check the last index where floating-point division would be one off (0.3 / 0.1 = 2.99)."""
+    assert samples(duration, period) == last
+
+
+def test_seconds_is_the_nearest_float() -> None:
+    """Check k h against exact rational arithmetic: no error accumulates over a run."""
+    for ns in [0, 1, 999, *range(0, 10 ** 10, 12_345_678_9), 10 ** 15 + 1]:
+        assert seconds(ns) == float(Fraction(ns, 10 ** 9))
+    assert seconds(3 * 100_000_000) == 0.3 != 3 * 0.1

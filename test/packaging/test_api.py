@@ -1,0 +1,96 @@
+"""What `import ctc_chattering` gives, and which folder may import which."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+import doctest
+from importlib.resources import files
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+import ctc_chattering
+
+ROOT = Path(ctc_chattering.__file__).parent
+#: Each imports only what stands before it.
+ORDER = ('errors', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control', 'monitoring',
+         'simulation', 'experiment', 'analysis', 'ros', 'bags', 'nodes', 'launch', 'studies',
+         'cli')
+#: These know nothing of ROS.
+NUMERIC = ORDER[:ORDER.index('ros')]
+#: Packages that ROS brings.
+ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils')
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    """Yield the modules with the folder, or top-level module, that they belong to."""
+    for path in sorted(ROOT.rglob('*.py')):
+        part = path.relative_to(ROOT).parts[0].removesuffix('.py')
+        if part != '__init__':
+            yield part, path
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Yield the dotted names of all that a module imports."""
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield from (f'{node.module}.{alias.name}' for alias in node.names)
+
+
+def test_folders_import_in_one_direction() -> None:
+    found = list(modules())
+    assert {part for part, _ in found} == set(ORDER)
+    upwards = [f'{path.relative_to(ROOT)} imports {name}' for part, path in found
+               for name in imported(path) if name.startswith('ctc_chattering.')
+               and name.split('.')[1] in ORDER[ORDER.index(part) + 1:]]
+    assert not upwards
+
+
+def test_no_two_modules_import_each_other() -> None:
+    names = {'.'.join(('ctc_chattering', *path.relative_to(ROOT).with_suffix('').parts)): path
+             for _, path in modules()}
+    below = {name: {x for full in imported(path)
+                    for x in (full, full.rpartition('.')[0]) if x in names and x != name}
+             for name, path in names.items()}
+    done: set[str] = set()
+    while ready := {name for name, need in below.items() if name not in done and need <= done}:
+        done |= ready
+    assert set(below) == done, f'in cycles: {sorted(set(below) - done)}'
+
+
+def test_what_is_numeric_knows_nothing_of_ros() -> None:
+    wrong = [f'{path.relative_to(ROOT)} imports {name}' for part, path in modules()
+             if part in NUMERIC for name in imported(path)
+             if name.split('.')[0] in ROS or name.split('.')[0].endswith('_msgs')]
+    assert not wrong
+
+
+@pytest.mark.parametrize('name', ctc_chattering.__all__)
+def test_each_public_name_is_there_and_typed(name: str) -> None:
+    assert getattr(ctc_chattering, name) is not None
+    source = (ROOT / '__init__.py').read_text(encoding='utf-8')
+    assert name == '__version__' or f' import {name} as {name}\n' in source
+
+
+def test_the_package_has_types_and_the_version_of_its_manifest() -> None:
+    assert files('ctc_chattering').joinpath('py.typed').is_file()
+    manifest = (ROOT.parent / 'package.xml').read_text(encoding='utf-8')
+    assert f'<version>{ctc_chattering.__version__}</version>' in manifest
+    with pytest.raises(AttributeError, match='no attribute'):
+        getattr(ctc_chattering, 'something_else')  # noqa: B009
+
+
+def test_importing_the_package_imports_nothing_that_takes_time() -> None:
+    code = 'import sys, ctc_chattering; print("numpy" in sys.modules)'
+    assert subprocess.check_output([sys.executable, '-c', code], text=True) == 'False\n'
+
+
+def test_the_example_of_the_package_is_right() -> None:
+    results = doctest.testmod(ctc_chattering)
+    assert results.attempted > 4
+    assert results.failed == 0

@@ -1,0 +1,20 @@
+"""The installation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_setup_runs_where_colcon_s_symlink_install_runs_it(tmp_path: Path) -> None:
+    """Check it in a directory of links without README.md, as colcon makes one."""
+    for name in ('setup.py', 'setup.cfg', 'ctc_chattering', 'config', 'resource'):
+        (tmp_path / name).symlink_to(ROOT / name)
+    result = subprocess.run(
+        [sys.executable, 'setup.py', '--name', '--long-description'], cwd=tmp_path, text=True,
+        capture_output=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith('ctc_chattering\n# ctc_chattering\n')

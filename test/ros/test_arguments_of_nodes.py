@@ -1,0 +1,202 @@
+"""Command lines of the executables: what is meant is applied, what means nothing is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+import rclpy
+
+from ctc_chattering import __version__
+from ctc_chattering.cli import bringup, node
+from ctc_chattering.cli.options import guarded
+from ctc_chattering.errors import UsageError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS, parameters_of
+from ctc_chattering.ros import ros_arguments
+from ctc_chattering.ros.ros_arguments import assignments, bringup_values, parse
+
+ROOT = Path(__file__).parents[2]
+FRICTION = ROOT / 'config' / 'friction.yaml'
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / 'p.yaml'
+
+
+def values(executable: str, *arguments: object) -> dict[str, Any]:
+    _, ros = parse(['--ros-args', *map(str, arguments)])
+    ros.check([executable])
+    return ros.values(executable)
+
+
+def test_the_last_one_wins(file: Path) -> None:
+    """Check what ROS itself takes otherwise: files with both sections, -p after a file's own."""
+    file.write_text('controller: {ros__parameters: {law: chattering, b: 2.0}}\n'
+                    '/**: {ros__parameters: {law: compensation, gravity: 1.0, duration: 3.0}}\n')
+    given = ('--params-file', file)
+    assert values('controller', *given) == {'law': 'chattering', 'b': 2.0, 'gravity': 1.0}
+    assert values('controller', *given, '-p', 'law:=compensation')['law'] == 'compensation'
+    assert values('controller', '-p', 'law:=compensation', *given)['law'] == 'chattering'
+    assert values('controller', '-p', 'controller:b:=3', '-p', 'b:=4') == {'b': 4.0}
+    assert values('plant', *given) == {'gravity': 1.0, 'duration': 3.0}
+
+
+@pytest.mark.parametrize(('section', 'remaps', 'applies'), [
+    ('controller', [], True), ('controller', ['__ns:=/r'], True),
+    ('/r/controller', ['__ns:=/r'], True), ('/r/controller', [], False),
+    ('/r/controller', ['__ns:=/s'], False), ('/r/controller', ['__ns:=/r', '__ns:=/s'], True),
+    ('/**', ['__ns:=/r/s'], True), ('/r/**', ['__ns:=/r'], True), ('/r/**', ['__ns:=/s'], False),
+    ('/*', [], True), ('/*', ['__ns:=/r'], False), ('/**/controller', ['__ns:=/r/s'], True),
+    ('controller', ['__node:=left'], False), ('left', ['__node:=left'], True),
+    ('left', ['controller:__node:=left'], True)])
+def test_sections_by_name_and_namespace(
+        file: Path, section: str, remaps: list[str], applies: bool) -> None:
+    file.write_text(f'"{section}": {{ros__parameters: {{b: 2.0}}}}\n')
+    arguments = [word for remap in remaps for word in ('-r', remap)]
+    if applies:
+        assert values('controller', *arguments, '--params-file', file) == {'b': 2.0}
+    else:
+        with pytest.raises(UsageError, match='no section is for'):
+            values('controller', *arguments, '--params-file', file)
+
+
+def test_what_is_for_ros_is_left_to_ros() -> None:
+    rest = ['-r', 'joint_states:=/a', '--log-level', 'debug', '--disable-rosout-logs']
+    own, ros = parse(['--x', '--ros-args', *rest, '-p', 'b:=2', '--', '--y'])
+    assert (own, list(ros.rest)) == (['--x', '--y'], rest)
+    assert ros.values('controller') == {'b': 2.0}
+
+
+@pytest.mark.parametrize('value', [
+    'a', '1e3', '', 'true', "it's", 'a, [b]', 'ö: #', 'two\nlines', '~', 'x' * 200])
+def test_every_text_survives_the_way_through_ros(value: str) -> None:
+    """Check it by ROS's own parser."""
+    context = rclpy.Context()
+    given = {'experiment': value, 'initial_position': (float('inf'), 1e-5, 3.0),
+             'locked': (value,), 'noise_seed': 3, 'use_sim_time': False}
+    rclpy.init(args=['--ros-args', *assignments(given)], context=context)
+    try:
+        found = rclpy.create_node('plant', context=context)._parameter_overrides
+        taken = {name: parameter.value for name, parameter in found.items()}
+    finally:
+        rclpy.shutdown(context=context)
+    assert {name: tuple(x) if isinstance(given[name], tuple) else x
+            for name, x in taken.items()} == given
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['--law', 'compensation'], ['--law compensation']), (['compensation'], ['compensation']),
+    (['--ros-args', '-p', 'lawx:=foo'], ['lawx', 'law']),
+    (['--ros-args', '-p', 'pacing:=lockstep'], ['pacing']),
+    (['--ros-args', '-p', 'plant:b:=1.0'], ['no node is called plant', 'controller']),
+    (['--ros-args', '-r', '__node:=x', '-p', 'controller:b:=1.0'], ['controller', 'x']),
+    (['--ros-args', '-p', 'qos_overrides./joint_states.subscription.depth:=1'], ['QoS']),
+    (['--ros-args', '-p', 'law'], ['NAME:=VALUE']), (['--ros-args', '-p', 'b:=[1'], ['YAML']),
+    (['--ros-args', '-p', 'b:='], ['YAML']), (['--ros-args', '-p'], ['needs a value']),
+    (['--ros-args', '--law', 'x'], ['--law']), (['--ros-args', 'x'], ['x is no argument of ROS']),
+    (['--ros-args', '-r', 'joint_stats:=/x'], ['joint_stats', 'joint_states']),
+    (['--ros-args', '-r', 'joint_states'], ['FROM:=TO'])])
+def test_what_means_nothing_is_refused_in_one_line_with_status_2(
+        arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert guarded('controller', lambda: node._run('controller', arguments)) == 2
+    output = capsys.readouterr()
+    assert output.out == ''
+    assert output.err.startswith('controller: ')
+    assert len(output.err.splitlines()) == 1
+    assert [word for word in words if word not in output.err] == []
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['--laws', 'compensation'], ['--laws']), (['--pacing', 'fast'], ['fast', 'lockstep']),
+    (['--ros-args', '-p', 'lawx:=foo'], ['lawx', 'law']),
+    (['--ros-args', '-p', 'nod:law:=x'], ['nod', 'controller']),
+    (['--ros-args', '-r', '__node:=foo'], ['__node']),
+    (['--ros-args', '-r', 'controller:__node:=foo'], ['__node']),
+    (['--ros-args', '-r', 'controller:__ns:=/foo'], ['__ns']),
+    (['--pacing', 'real_time', '--ros-args', '-p', 'use_sim_time:=true'], ['real_time'])])
+def test_bringup_refuses_what_means_nothing(
+        arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert bringup.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert [word for word in words if word not in error] == []
+
+
+def test_arguments_of_bringup_for_ros_stand_above_its_own(file: Path) -> None:
+    file.write_text('controller: {ros__parameters: {b: 2.0, kp: [1, 2.5]}}\n')
+    _, ros = parse(['--ros-args', '-p', 'law:=chattering', '--params-file', str(file), '-p',
+                    'law:=compensation', '-p', 'plant:gravity:=1', '-p', 'controller:gravity:=1',
+                    '-p', 'control_period:=0.002', '-p', 'use_sim_time:=true'])
+    setup = parameter_file.load(FRICTION, {
+        **bringup_values(ros), '/**': {'control_period': 0.005}})
+    assert (setup.controller.law, setup.controller.b) == ('compensation', 2.0)
+    assert setup.controller.kp == (1.0, 2.5)
+    assert setup.plant.gravity == setup.controller.gravity == 1.0
+    assert setup.plant.control_period == setup.reference.control_period == 0.002
+    with pytest.raises(UsageError, match='plant'):
+        file.write_text('/other/plant: {ros__parameters: {gravity: 1.0}}\n')
+        bringup_values(parse(['--ros-args', '--params-file', str(file)])[1])
+
+
+@pytest.mark.parametrize('name', NODE_DESCRIPTIONS)
+def test_help_and_version_need_no_ros(name: str) -> None:
+    """Check both in a Python that has none, and what is said there when the node is to run."""
+    code = ('import sys\n'
+            'class Without:\n'
+            '    def find_spec(self, name, path=None, target=None):\n'
+            '        if name.split(".")[0] == "rclpy" or name.split(".")[0].endswith("_msgs"):\n'
+            '            raise ModuleNotFoundError(name, name=name)\n'
+            'sys.meta_path.insert(0, Without())\n'
+            'from ctc_chattering.cli.node import leave, main\n'
+            'for more in (["--version"], ["--help"], []):\n'
+            '    try:\n'
+            '        print("status", main(sys.argv[1], [sys.argv[1], *more]))\n'
+            '    except SystemExit as end:\n'
+            '        print("status", end.code)\n')
+    result = subprocess.run([sys.executable, '-c', code, name], cwd=ROOT, text=True, timeout=60,
+                            capture_output=True, check=True)
+    assert result.stdout.startswith(f'{__version__}\nstatus 0\nusage: {name} ')
+    assert result.stdout.endswith('status 0\nstatus 2\n')
+    assert NODE_DESCRIPTIONS[name] in result.stdout
+    for parameter in parameters_of(name):
+        assert f'\n  {parameter} (' in result.stdout
+    assert result.stderr.startswith(f'{name}: ROS 2 is missing')
+    assert "pip install '.[ros]'" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_nodes_of_the_loop_need_no_tools() -> None:
+    """Check that what only tools need is not imported, and is named with its command."""
+    code = ('import sys\n'
+            'class Without:\n'
+            '    def find_spec(self, name, path=None, target=None):\n'
+            '        if name.split(".")[0] in ("tqdm", "matplotlib", "rosbags", "mcap"):\n'
+            '            raise ModuleNotFoundError(name, name=name)\n'
+            'sys.meta_path.insert(0, Without())\n'
+            'import ctc_chattering.nodes.plant, ctc_chattering.nodes.controller\n'
+            'import ctc_chattering.nodes.reference\n'
+            'from ctc_chattering.cli import bringup, ctc, node\n'
+            'assert node.main("recorder", ["recorder"]) == 2\n'
+            'assert bringup.main([]) == 2\n'
+            'assert ctc.main(["plot", "config"]) == 2\n')
+    result = subprocess.run([sys.executable, '-c', code], cwd=ROOT, text=True, timeout=60,
+                            capture_output=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr.splitlines() == [
+        'recorder: mcap is missing: pip install mcap',
+        'bringup: tqdm is missing: pip install tqdm',
+        'ctc plot: tqdm is missing: pip install tqdm']
+
+
+def test_an_error_of_ours_is_not_taken_for_a_missing_package() -> None:
+    def command() -> int:
+        raise ModuleNotFoundError('no', name='ctc_chattering.nowhere')
+
+    with pytest.raises(ModuleNotFoundError):
+        guarded('x', command)
+    assert ros_arguments.parse([])[0] == []

@@ -1,0 +1,78 @@
+"""A process that hangs with the interpreter's lock held ends all the same."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+from stopwatch import PATIENCE, Stopwatch
+
+from ctc_chattering.ros.domain import own_domain
+
+#: Waits for ever and lets no thread of Python run.
+HANG = 'ctypes.PyDLL(None).pause()'
+
+
+def python(code: str) -> subprocess.Popen[str]:
+    return subprocess.Popen([sys.executable, '-c', textwrap.dedent(code)], text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+
+
+@pytest.mark.parametrize('status', [0, 7])
+def test_who_hangs_is_ended_with_its_status(status: int) -> None:
+    process = python(f"""
+        import ctypes
+        from ctc_chattering.ros.exit_deadline import end_after
+        print('farewell')
+        end_after(0.2, {status})
+        {HANG}
+    """)
+    assert process.communicate(timeout=PATIENCE)[0] == 'farewell\n'
+    assert process.returncode == status
+
+
+def test_who_ends_before_ends_as_he_would() -> None:
+    process = python("""
+        from ctc_chattering.ros.exit_deadline import end_after
+        end_after(20.0, 7)
+    """)
+    assert process.communicate(timeout=PATIENCE)[0] == ''
+    assert process.returncode == 0
+
+
+@pytest.mark.ros
+def test_a_node_that_the_middleware_does_not_let_go_ends() -> None:
+    """As Fast DDS does it now and then: where the node's handle is destroyed."""
+    with own_domain():
+        process = python(f"""
+            import ctypes
+            import sys
+            from ctc_chattering.nodes.plant import PlantNode
+            from ctc_chattering.ros.run import run
+
+            class Stuck(PlantNode):
+                def idle(self):
+                    super().idle()
+                    print('running', flush=True)
+
+                def __del__(self):
+                    print('hanging', flush=True)
+                    {HANG}
+
+            sys.exit(run(Stuck, 'plant'))
+        """)
+        try:
+            assert process.stdout is not None
+            assert 'running\n' in iter(process.stdout.readline, '')
+            watch = Stopwatch(process.pid)
+            process.send_signal(signal.SIGTERM)
+            took = watch.end(process)
+            output, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    assert process.returncode == 0, output
+    assert output.endswith('hanging\n')
+    assert took < 5.0

@@ -1,0 +1,65 @@
+"""The profile for Fast DDS, and what it does to the sockets of a process."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import socket
+
+from processes import CONFIG, has_port, probe, use_plain_profile
+import pytest
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from ctc_chattering.ros.fastdds import enlarge_receive_buffers, use_profile, VARIABLES
+
+
+def test_it_is_used_unless_there_is_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in VARIABLES:
+        monkeypatch.setenv(name, 'before the test')  # To be put back afterwards.
+        monkeypatch.delenv(name)
+    use_profile()
+    assert os.environ[VARIABLES[0]] == str(CONFIG / 'fastdds.xml')
+    for name in VARIABLES:
+        monkeypatch.delenv(VARIABLES[0], raising=False)
+        monkeypatch.setenv(name, 'theirs.xml')
+        use_profile()
+        assert [os.environ.get(x) for x in VARIABLES] == [
+            'theirs.xml' if x == name else None for x in VARIABLES]
+        monkeypatch.delenv(name)
+
+
+def test_only_the_buffers_of_udp_sockets_are_enlarged_and_none_is_made_smaller() -> None:
+    def opened() -> set[str]:
+        return {path.name for path in Path('/proc/self/fd').iterdir()}
+
+    kinds = ((socket.AF_INET, socket.SOCK_DGRAM), (socket.AF_INET6, socket.SOCK_DGRAM),
+             (socket.AF_INET, socket.SOCK_STREAM), (socket.AF_UNIX, socket.SOCK_DGRAM))
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(*kind)) for kind in kinds]
+        for it in sockets:
+            it.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 20_000)
+        before = opened()
+        for size in (60_000, 10_000):
+            enlarge_receive_buffers(size)
+            assert [x.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) for x in sockets] == [
+                120_000, 120_000, 40_000, 40_000]  # Linux doubles it, for its own needs.
+        assert opened() == before
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('theirs', [False, True])
+def test_nobody_writes_into_the_memory_of_a_node_unless_told_otherwise(
+        theirs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node that has no port in shared memory cannot be cut off from it, nor hold others up."""
+    if get_rmw_implementation_identifier() != 'rmw_fastrtps_cpp':
+        pytest.skip('not Fast DDS')
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    if theirs:
+        use_plain_profile(tmp_path, monkeypatch)
+    with probe() as it:
+        child = it.start('reference')
+        it.until(lambda: 'reference' in it.node.get_node_names(), 'the node')
+        assert has_port(child.process.pid) == theirs
+        assert not has_port(os.getpid())  # Else a killed node may take the tests with it.

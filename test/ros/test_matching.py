@@ -1,0 +1,83 @@
+"""Quality of service that is not ours: what the real tools publish with, and subscribe with."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+import signal
+
+from processes import interrupt, probe
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_messages import COMMANDS, MS, stamp, state
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory
+from urdfs import two_links
+
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.ros.matching import compatible, weakened
+
+pytestmark = pytest.mark.ros
+#: As `rclcpp::ClockQoS` and `rclcpp::SensorDataQoS` offer it.
+LOSSY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PLAIN = QoSProfile(depth=1)
+
+
+def test_what_is_asked_for_is_the_least_that_is_offered() -> None:
+    """Check every pair of profiles: what results matches all offers, and is no weaker than due."""
+    both = QoSProfile(depth=7, reliability=ReliabilityPolicy.BEST_EFFORT,
+                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    profiles = (LOSSY, LATCHED, PLAIN, both)
+    for requested in profiles:
+        assert weakened(requested, ()) == requested
+        for one in profiles:
+            for other in profiles:
+                found = weakened(requested, (one, other))
+                assert compatible(one, found)
+                assert compatible(other, found)
+                assert found.depth == requested.depth
+                if compatible(one, requested) and compatible(other, requested):
+                    assert found == requested
+                for name in ('reliability', 'durability'):
+                    assert getattr(found, name) in {
+                        getattr(x, name) for x in (requested, one, other)}
+
+
+def test_all_nodes_hear_best_effort_publishers(tmp_path: Path) -> None:
+    """A simulator, or a bag that is played, offers less than we ask for; a listener asks more."""
+    bag = tmp_path / 'bag'
+    with probe() as it:
+        # Never matched by our publisher, which keeps nothing; it must not be waited for.
+        it.listen(Float64MultiArray, COMMANDS, LATCHED)
+        torques = it.listen(Float64MultiArray, COMMANDS)
+        pieces = it.listen(JointTrajectory, 'reference')
+        clock = it.node.create_publisher(Clock, 'clock', LOSSY)
+        states = it.node.create_publisher(JointState, 'joint_states', LOSSY)
+        description = it.node.create_publisher(String, 'robot_description', PLAIN)
+        recorder = it.start('recorder', '-p', f'bag:={bag}')
+        it.start('reference', '-p', 'joint_names:=[a, b]')
+        it.start('controller', '-p', 'model:=urdf', '-p', 'joint_names:=[a, b]')
+        t = 0
+
+        def answered() -> bool:
+            nonlocal t
+            t += MS
+            description.publish(String(data=two_links()))
+            clock.publish(Clock(clock=stamp(t)))
+            states.publish(state(t, a=(0.1, 0.0), b=(0.2, 0.0)))
+            return len(torques) >= 10
+        it.until(answered, 'torques')
+        assert pieces
+        it.until(lambda: answered() and states.get_subscription_count() == 2
+                 and clock.get_subscription_count() == 2
+                 and description.get_subscription_count() == 2, 'the recorder')
+        count = len(torques)
+        it.until(lambda: answered() and len(torques) > count + 10, 'more torques')
+        interrupt(recorder, signal.SIGINT)
+        assert not any('Traceback' in line for line in it.lines), it.lines
+    with closing(open_bag(bag)) as reader:
+        topics = {connection.topic for connection, _, _ in reader.messages()}
+    assert {'/clock', '/joint_states', '/robot_description', f'/{COMMANDS}'} <= topics

@@ -1,0 +1,324 @@
+"""The closed loop: against scipy, the paper's numbers, and the theorem's bounds."""
+
+from typing import Any
+
+import numpy as np
+from oracles import Array, Counting, paper_c, paper_field, paper_g, paper_m
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+
+from ctc_chattering.analysis.metrics import metrics, reaching_time
+from ctc_chattering.analysis.terms import Terms, terms
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+from ctc_chattering.trajectory.waypoints import Route
+
+
+def _run(h: float = 1e-3, duration: float = 10.0, law: str = 'chattering',
+         plant: dict[str, Any] | None = None, controller: dict[str, Any] | None = None,
+         events: tuple[Event, ...] = ()) -> Run:
+    return simulate(
+        PlantConfig.from_mapping({'control_period': h, 'duration': duration, **(plant or {})}),
+        ControllerConfig.from_mapping({'control_period': h, 'law': law, **(controller or {})}),
+        ReferenceConfig(control_period=h), events)
+
+
+def _rms_error(run: Run) -> list[float]:
+    error: list[float] = metrics(run)['rms_error_rad']
+    return error
+
+
+def test_closed_loop_against_scipy() -> None:
+    """Check 0.15 s of law (6) without friction: the law in numpy, the held plant in scipy."""
+    h, count = 5e-3, 30
+    run = _run(h, h * count, plant={'coulomb_friction': [0, 0], 'integration_step': 5e-4})
+    x, xi = np.zeros(4), np.zeros(2)
+    for k in range(count + 1):
+        t = k * h
+        q, dq = x[:2].tolist(), x[2:].tolist()
+        sine = 0.5 * np.sin(2 * np.pi * t)
+        q_d = np.array([np.pi, np.pi / 2]) + sine
+        e, de = q_d - q, np.pi * np.cos(2 * np.pi * t) - dq
+        feedback = 50 * de + 100 * e
+        v = xi - de
+        c, acceleration = paper_c(q, dq), feedback - (2 * np.pi) ** 2 * sine
+        tau = paper_m(q) @ acceleration + c @ dq + paper_g(q) - c @ v - 10 * np.sign(v)
+        np.testing.assert_allclose([*run.q[k], *run.dq[k]], x, atol=1e-6)
+        np.testing.assert_allclose(run.v[k], v, atol=1e-6)
+        np.testing.assert_allclose(run.tau[k], tau, rtol=1e-5, atol=1e-3)
+        xi = np.exp(-10 * h) * xi + (1 - np.exp(-10 * h)) / 10 * (10 * de - feedback)
+        x = solve_ivp(paper_field(tau), (0, h), x, rtol=1e-11, atol=1e-12).y[:, -1]
+
+
+def test_grid_and_reference() -> None:
+    """Check both ends of the time, the desired motion, and rest at the start."""
+    run = _run(duration=0.25)
+    assert run.t.tolist() == [k / 1000 for k in range(251)]
+    for k in (0, 1, 100, 250):
+        desired = Sinusoid(ReferenceConfig()).at(k / 1000)
+        assert [run.q_d[k].tolist(), run.dq_d[k].tolist(), run.ddq_d[k].tolist()] == [*desired]
+    assert run.q[0].tolist() == run.dq[0].tolist() == [0.0, 0.0]
+    assert run.q.shape == run.tau.shape == run.v.shape == (251, 2)
+
+
+def test_bit_equal() -> None:
+    """Check that a run depends on nothing but its configuration."""
+    events = (Event(0.5, 'plant', {'coulomb_friction': [5.0, 5.0]}),)
+    a, b = (_run(duration=1.0, events=events) for _ in range(2))
+    for name in ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v'):
+        assert getattr(a, name).tobytes() == getattr(b, name).tobytes()
+
+
+@pytest.mark.parametrize(('time', 'sample'), [
+    (0.0, 0), (0.1, 100), (0.1001, 101), (0.0995, 100), (0.3, 300), (5.0, 1001)])
+def test_events_act_at_the_first_sample_at_or_after(time: float, sample: int) -> None:
+    """Check that the law switches at the right sample: tau differs there and not before."""
+    steady = _run(duration=0.4)
+    run = _run(duration=0.4, events=(Event(time, 'controller', {'law': 'compensation'}),))
+    same = (run.tau[:401] == steady.tau).all(axis=1)
+    assert same[:sample].all()
+    if sample <= 400:
+        assert not same[sample]
+        assert (run.q[:sample + 1] == steady.q[:sample + 1]).all()
+        assert (run.v[:sample + 1] == steady.v[:sample + 1]).all()
+        np.testing.assert_allclose(
+            run.tau[sample] - steady.tau[sample], 10 * np.sign(run.v[sample]), atol=1e-9)
+
+
+def test_plant_events_and_their_order() -> None:
+    """Check that friction changes the motion after its sample, and that the last event wins."""
+    steady = _run(duration=0.4)
+    run = _run(duration=0.4, events=(
+        Event(0.3, 'plant', {'coulomb_friction': [9.9, 9.9]}),
+        Event(0.2, 'plant', {'coulomb_friction': [0.0, 0.0]}),
+        Event(0.2, 'plant', {'coulomb_friction': [1.0, 0.0]})))
+    moved = (run.q != steady.q).any(axis=1)
+    assert moved.argmax() == 201
+    other = _run(duration=0.4, events=(
+        Event(0.2, 'plant', {'coulomb_friction': [1.0, 0.0]}),
+        Event(0.3, 'plant', {'coulomb_friction': [9.9, 9.9]})))
+    assert (run.q == other.q).all()
+
+
+def test_joints_of_the_reference_in_another_order() -> None:
+    """Check that names, not places, say which joint a desired motion is for."""
+    swapped = ReferenceConfig(joint_names=('joint2', 'joint1'), center=(np.pi / 2, np.pi),
+                              frequency=(2.0, 1.0))
+    straight = ReferenceConfig(frequency=(1.0, 2.0))
+    plant, law = PlantConfig(duration=0.2), ControllerConfig()
+    a, b = simulate(plant, law, swapped), simulate(plant, law, straight)
+    assert (a.q == b.q).all()
+    assert (a.q_d == b.q_d).all()
+
+
+def test_refuses_an_endless_run_and_tells_progress() -> None:
+    """Check that a duration of 0 is an error, and that progress rises to the end."""
+    with pytest.raises(CtcError, match='duration'):
+        _run(duration=0.0)
+    told: list[float] = []
+    simulate(PlantConfig(duration=0.5), ControllerConfig(), ReferenceConfig(), (), told.append)
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0.0, 0.5)
+    assert 50 < len(told) < 200
+
+
+def test_law_2_under_friction_has_the_expected_error() -> None:
+    """Check the limit of small periods to 1 %, which the default period is not within."""
+    limit = [2.827e-3, 4.639e-2]
+    assert _rms_error(_run(1e-4, law='compensation')) == pytest.approx(limit, rel=0.01)
+    assert _rms_error(_run(1e-3, law='compensation')) != pytest.approx(limit, rel=0.01)
+
+
+@pytest.mark.slow
+def test_law_2_under_friction_at_a_fine_period() -> None:
+    """Check the same limit with a period of 10 µs, to 0.5 %."""
+    limit = [2.827e-3, 4.639e-2]
+    assert _rms_error(_run(1e-5, law='compensation')) == pytest.approx(limit, rel=0.005)
+
+
+@pytest.mark.parametrize(('law', 'parts', 'rel'), [
+    ('compensation', 2, 0.005), ('chattering', 20, 0.10)])
+def test_integration_step_is_fine_enough(law: str, parts: int, rel: float) -> None:
+    """Check that a smaller step of the integrator hardly changes the error."""
+    coarse = _rms_error(_run(law=law))
+    fine = _rms_error(_run(law=law, plant={'integration_step': 1e-3 / parts}))
+    assert coarse == pytest.approx(fine, rel=rel)
+
+
+def test_chattering_improves_on_compensation() -> None:
+    """Check the paper's claim: both joints without d, and the second joint with it."""
+    push = {'disturbance.amplitude': [1, 1], 'disturbance.frequency': [1, 2]}
+    calm, better = (_rms_error(_run(law=law)) for law in ('compensation', 'chattering'))
+    assert all(b < 0.1 * a for a, b in zip(calm, better))
+    calm, better = (_rms_error(_run(law=law, plant=push)) for law in (
+        'compensation', 'chattering'))
+    assert better[1] < 0.5 * calm[1]
+
+
+def test_few_changes_of_mode() -> None:
+    """Check that joints stick and slide as often as the motion turns, not by the numbers."""
+    model = Counting()
+    plant, law = Plant(PlantConfig(), model), Controller(ControllerConfig(law='compensation'))
+    motion, changes, last = Sinusoid(ReferenceConfig()), [0, 0], plant.modes
+    for _ in range(10_000):
+        plant.step(law.step(plant.q, plant.dq, *motion.at(plant.t)).tau)
+        changes = [c + (a != b) for c, a, b in zip(changes, plant.modes, last)]
+        last = plant.modes
+    assert all(20 <= c <= 60 for c in changes)  # 20 turns, each at most slide-stick-slide
+    assert model.calls < 10_000 * 6 + sum(changes) * 500
+
+
+FREE = {'coulomb_friction': [0, 0]}
+SLOW = {'lambda': 0.1}  # so that the filter's own decay does not do the work
+
+
+def _terms(run: Run) -> Terms:
+    return terms(run, [(0.0, ControllerConfig(lambda_=0.1, control_period=float(run.t[1])))])
+
+
+def _held_error(run: Run) -> Array:
+    """
+    Return for every period how far holding tau and the filter's bracket falsifies (7) [N·m].
+
+    Within a period M (dv/dt + λ v) + C v + Ka sgn(v_k) = rho, where rho is the change since the
+    sample of the smooth part of tau and of M times the bracket: at most that of the period.
+    """
+    parts = _terms(run)
+    smooth = np.abs(np.diff(parts.inverse_dynamics - parts.compensation, axis=0)).sum(axis=1)
+    e, de = run.q_d - run.q, run.dq_d - run.dq
+    bracket = np.abs(np.diff((0.1 - 50.0) * de - 100.0 * e, axis=0)).sum(axis=1)
+    rho: Array = smooth + 9.97 * bracket
+    return rho
+
+
+@pytest.mark.parametrize('velocity', [
+    [6.0, -4.0], *(pytest.param(x, marks=pytest.mark.slow) for x in ([0.0, 0.0], [-3.0, 9.0]))])
+def test_v_reaches_zero_within_the_bound(velocity: list[float]) -> None:
+    """
+    Check t_s <= 2 sqrt(V0) / (ka k), k = sqrt(2/α), without friction, and that law (2) misses it.
+
+    Zero is the band that one held torque can cross: h ‖M⁻¹‖ (ka √2 + rho).
+    """
+    h, start = 2e-4, {**FREE, 'initial_velocity': velocity}
+    alpha = np.linalg.norm(paper_m([0.0, 0.0]), 2)
+    v0 = np.array(velocity) - np.pi
+    bound = 2 * np.sqrt(0.5 * v0 @ paper_m([0.0, 0.0]) @ v0) / (10 * np.sqrt(2 / alpha))
+    run = _run(h, bound + 0.5, plant=start, controller=SLOW)
+    assert run.v[0] == pytest.approx(v0)
+    inverse = np.linalg.norm(np.linalg.inv(paper_m([0.0, 0.0])), 2)
+    band = h * inverse * (10 * np.sqrt(2) + _held_error(run)[round(bound / h):].max())
+    assert band < 0.02
+    reached = reaching_time(run.t, run.v, band)
+    assert reached is not None
+    assert reached <= bound + h
+    without = _run(h, bound + 0.5, 'compensation', start, SLOW)
+    assert reaching_time(without.t, without.v, band) is None
+
+
+def test_lyapunov_function_does_not_grow() -> None:
+    """
+    Check that V falls but for the sampling, and that what it rises by shrinks as h².
+
+    From the held equation (7), dV/dt <= -λ vᵀMv - ka ‖v‖₁ + ‖v‖ rho + 2 ka |v_i| for joints whose
+    v_i changed sign since the sample, where |v_i| is at most its own change over the period.
+    """
+    rises = []
+    for h in (8e-4, 4e-4, 2e-4):
+        run = _run(h, 4.0, plant=FREE, controller=SLOW)
+        rise = np.diff(_terms(run).lyapunov)
+        step = np.abs(np.diff(run.v, axis=0))
+        size = np.maximum(np.linalg.norm(run.v[1:], axis=1), np.linalg.norm(run.v[:-1], axis=1))
+        crossed = run.v[1:] * run.v[:-1] <= 0.0
+        allowed = h * (size * _held_error(run) + 2 * 10.0 * (step * crossed).sum(axis=1))
+        assert (rise <= allowed + 1e-12).all()
+        rises.append(float(rise.max()))
+        falling = run.t[1:] < 1.0
+        assert (rise[falling] < 0.0).all()
+    assert rises[0] > 2.5 * rises[1] > 2.5 ** 2 * rises[2]
+    assert rises[2] < 8e-6
+
+
+def _started(duration: float, reference: dict[str, Any], **plant: Any) -> Run:
+    return simulate(PlantConfig(duration=duration, **plant), ControllerConfig(),
+                    ReferenceConfig.from_mapping(reference))
+
+
+def test_smooth_start_spares_the_drives() -> None:
+    """Check the peak of the torque: about the motion's own, a twentieth of the paper's."""
+    paper, smooth = (_started(4.0, {'start_duration': x}) for x in (0.0, 1.0))
+    assert np.abs(paper.tau).max(axis=0) == pytest.approx([5022.4, 803.3], abs=0.1)
+    needed = np.abs(paper.tau[2000:]).max(axis=0)
+    assert (np.abs(smooth.tau).max(axis=0) < 1.25 * needed).all()
+    assert np.abs(smooth.tau).max() < 300.0
+    assert smooth.tau[0] == pytest.approx([0.0, 0.0], abs=1e-9)
+    error = np.abs(smooth.q_d - smooth.q).max(axis=0)
+    assert (error < [3e-4, 2e-3]).all()
+    assert (smooth.q_d[1000:] == paper.q_d[1000:]).all()
+    assert (smooth.ddq_d[1000:] == paper.ddq_d[1000:]).all()
+
+
+def test_smooth_start_begins_at_the_measured_state() -> None:
+    """Check that error, v and feedback are 0 at t = 0 with a moving robot and noisy sensors."""
+    run = _started(0.1, {'start_duration': 2.0, 'joint_names': ['joint2', 'x', 'joint1'],
+                         'center': [0.0, 5.0, 1.0]},
+                   initial_position=(0.7, -0.4), initial_velocity=(0.3, -0.2),
+                   position_noise=(1e-3, 1e-3), velocity_noise=(1e-3, 1e-3),
+                   encoder_resolution=(1e-4, 1e-4))
+    assert run.q_d[0].tolist() == run.q[0].tolist() != [0.7, -0.4]
+    assert run.dq_d[0].tolist() == run.dq[0].tolist() != [0.3, -0.2]
+    assert run.v[0].tolist() == run.ddq_d[0].tolist() == [0.0, 0.0]
+
+
+def test_smooth_start_under_a_delay() -> None:
+    """Check that the law which looks ahead sees the same motion: the error stays small."""
+    run = simulate(
+        PlantConfig(duration=2.0, input_delay=2),
+        ControllerConfig(input_delay=2, ka=(12.0, 12.0), switching='implicit_observer'),
+        ReferenceConfig(start_duration=1.0), truth=True)
+    assert np.abs(run.q_d - run.q).max() < 5e-3
+    assert np.abs(run.tau).max() < 300.0
+
+
+def test_waypoints() -> None:
+    """Check that waypoints by name are met, from a robot at rest elsewhere, and then rest."""
+    route = Route(('joint2', 'joint1'), (10 ** 9, 2 * 10 ** 9), (
+        ((0.5, 1.0), (0.0, 0.5), (0.0, 0.0)), ((-0.5, 2.0), (0.0, 0.0), (0.0, 0.0))))
+    run = simulate(PlantConfig(duration=2.5, initial_position=(0.2, 0.1)), ControllerConfig(),
+                   ReferenceConfig(trajectory_file='read already'), route=route)
+    assert [run.q_d[k].tolist() for k in (0, 1000, 2000, 2500)] == [
+        [0.2, 0.1], [1.0, 0.5], [2.0, -0.5], [2.0, -0.5]]
+    assert run.dq_d[-1].tolist() == [0.0, 0.0]
+    assert np.abs(run.q_d - run.q).max() < 3e-3
+    assert np.abs(run.tau).max() < 300.0
+    with pytest.raises(CtcError, match='has not been read'):
+        _started(1.0, {'trajectory_file': 'x.yaml'})
+
+
+def test_error_limit_ends_the_run() -> None:
+    """Check joint, time and error of the message against a run without the limit."""
+    start = {'initial_position': [np.pi, np.pi / 2], 'initial_velocity': [np.pi, np.pi]}
+    free = _run(duration=1.0, law='compensation', plant=start)
+    e = free.q_d - free.q
+    for i, limit in ((0, [1e-3, np.inf]), (1, [np.inf, 0.02]), (1, [0.01, 0.02])):
+        k = int(np.flatnonzero((np.abs(e) > limit).any(axis=1))[0])
+        assert 5 < k < 900
+        found = f'joint{i + 1} at t = {free.t[k]:g} s, {e[k, i]:.4g} rad, exceeds error_limit'
+        with pytest.raises(CtcError, match=f'{found}, {limit[i]:g} rad'):
+            _run(duration=1.0, law='compensation', plant=start, controller={'error_limit': limit})
+        _run(duration=float(free.t[k - 1]), law='compensation', plant=start,
+             controller={'error_limit': limit})
+    wide = _run(duration=1.0, law='compensation', plant=start, controller={
+        'error_limit': np.abs(e).max(axis=0).tolist()})
+    assert (wide.tau == free.tau).all()
+
+
+def test_error_limit_at_the_start_and_by_an_event() -> None:
+    """Check that the first sample counts, and that a limit acts from its sample on."""
+    with pytest.raises(CtcError, match=r'joint1 at t = 0 s, 3\.142 rad, .* 3 rad'):
+        _run(duration=0.1, controller={'error_limit': [3.0, 3.0]})
+    event = Event(0.05, 'controller', {'error_limit': [np.inf, 1e-6]})
+    with pytest.raises(CtcError, match=r'joint2 at t = 0\.05 s'):
+        _run(duration=0.1, events=(event,))

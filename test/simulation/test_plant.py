@@ -1,0 +1,321 @@
+"""The simulated robot against closed forms, energy and scipy's integrators."""
+
+from typing import Any
+
+import numpy as np
+from oracles import Array, Counting, kinetic_energy, Masses, paper_field
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.plant import Plant, PlantConfig
+
+SLIDERS = [[2.0, 0.0], [0.0, 0.5]]  # two joints that know nothing of each other
+
+
+def _plant(**values: Any) -> Plant:
+    model = values.pop('masses', None)
+    names = {'amplitude': 'disturbance.amplitude', 'frequency': 'disturbance.frequency'}
+    config = PlantConfig.from_mapping({names.get(k, k): v for k, v in values.items()})
+    return Plant(config, Masses(model) if model else None)
+
+
+def _energy(plant: Plant) -> float:
+    return (kinetic_energy(plant.model, plant.q, plant.dq)
+            + plant.model.potential_energy(plant.q))
+
+
+@pytest.mark.parametrize(('period', 'step'), [(1e-3, 1e-3), (5e-3, 1e-3)])
+def test_smooth_motion_with_disturbance_against_scipy(period: float, step: float) -> None:
+    """Check 2 s of free motion under a held torque and d(t) against an 8th-order method."""
+    amplitude, frequency, tau = [5.0, -3.0], [3.0, 7.0], [20.0, -5.0]
+    plant = _plant(coulomb_friction=[0, 0], initial_position=[0.5, -1.0],
+                   initial_velocity=[1.0, -2.0], amplitude=amplitude, frequency=frequency,
+                   control_period=period, integration_step=step)
+    for _ in range(round(2.0 / period)):
+        plant.step(tau)
+    assert plant.t == 2.0
+
+    def push(t: float) -> Array:
+        return np.array(amplitude) * np.sin(np.array(frequency) * t)
+
+    start = [0.5, -1.0, 1.0, -2.0]
+    exact = solve_ivp(paper_field(tau, push), (0, 2), start, method='DOP853', rtol=1e-12,
+                      atol=1e-12).y[:, -1]
+    np.testing.assert_allclose([*plant.q, *plant.dq], exact, atol=1e-8)
+    calm = solve_ivp(paper_field(tau), (0, 2), start, rtol=1e-9).y[:, -1]
+    assert np.abs(calm - exact).max() > 0.05
+
+
+def test_fourth_order() -> None:
+    """Check that the error falls 16-fold when integration_step is halved."""
+    exact = solve_ivp(paper_field([0.0, 0.0]), (0, 1), [2.0, 1.0, 0.0, 0.0], method='DOP853',
+                      rtol=1e-13, atol=1e-13).y[:, -1]
+    errors = []
+    for step in (0.02, 0.01, 0.005):
+        plant = _plant(coulomb_friction=[0, 0], initial_position=[2.0, 1.0], control_period=0.1,
+                       integration_step=step)
+        for _ in range(10):
+            plant.step([0.0, 0.0])
+        errors.append(np.linalg.norm(np.subtract([*plant.q, *plant.dq], exact)))
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert orders == pytest.approx([4.0, 4.0], abs=0.35)
+
+
+def test_energy_is_conserved() -> None:
+    """Check E over 5 s of wild motion, and that the drift falls with the step's fourth power."""
+    drifts = []
+    for step in (4e-3, 2e-3, 1e-3):
+        plant = _plant(coulomb_friction=[0, 0], initial_position=[2.5, 1.0],
+                       control_period=4e-3, integration_step=step)
+        start = _energy(plant)
+        for _ in range(1250):
+            plant.step([0.0, 0.0])
+        drifts.append(abs(_energy(plant) - start))
+    assert start > 100.0
+    assert drifts[2] < 1e-6
+    assert drifts[0] / drifts[1] > 12.0
+    assert drifts[1] / drifts[2] > 12.0
+
+
+@pytest.mark.parametrize('tau', [[0.0, 0.0], [15.0, -4.0]])
+def test_friction_turns_work_into_heat(tau: list[float]) -> None:
+    """Check E(T) - E(0) = ∫ tau dq - ∫ Kf |dq|, with ∫ |dq| the path that q travels."""
+    plant = _plant(initial_position=[2.0, 1.0], coulomb_friction=[3.0, 2.0])
+    path, start, first = np.zeros(2), _energy(plant), plant.q
+    for _ in range(3000):
+        before = plant.q
+        plant.step(tau)
+        path += np.abs(np.subtract(plant.q, before))
+    heat = float(path @ [3.0, 2.0])
+    gain = _energy(plant) - start - float(np.subtract(plant.q, first) @ tau)
+    assert heat > 30.0
+    assert gain == pytest.approx(-heat, rel=1e-4)
+
+
+@pytest.mark.parametrize('step', [1e-3, 0.05])
+def test_a_sliding_joint_stops_at_the_closed_form(step: float) -> None:
+    """Check m v0 / Kf and m v0² / (2 Kf) for both joints, whatever the step, and rest after."""
+    plant = _plant(masses=SLIDERS, coulomb_friction=[3.0, 0.8], initial_position=[0.1, -0.2],
+                   initial_velocity=[1.51, -1.37], control_period=step, integration_step=step)
+    stops = [2.0 * 1.51 / 3.0, 0.5 * 1.37 / 0.8]
+    ends = [0.1 + 2.0 * 1.51 ** 2 / 6.0, -0.2 - 0.5 * 1.37 ** 2 / 1.6]
+    for _ in range(round(1.5 / step)):
+        plant.step([0.0, 0.0])
+        for i, sign in enumerate((1, -1)):
+            left = max(stops[i] - plant.t, 0.0)
+            speed = (1.5, 1.6)[i] * left
+            assert plant.dq[i] == pytest.approx(sign * speed, abs=1e-11)
+            assert plant.q[i] == pytest.approx(ends[i] - sign * speed * left / 2, abs=1e-11)
+            assert left or (plant.dq[i] == 0.0 and plant.modes[i] == 0)
+    rest = plant.q
+    plant.step([3.0, -0.8])
+    assert list(plant.q) == list(rest)
+
+
+def test_breaks_away_within_a_step() -> None:
+    """Check A sin(w t) against Kf: still until the load exceeds it, then the integral."""
+    amplitude, w, kf, mass = 4.0, 2.0, 3.0, 2.0
+    go = np.arcsin(kf / amplitude) / w
+    plant = _plant(masses=SLIDERS, coulomb_friction=[kf, 9.9], amplitude=[amplitude, 0.0],
+                   frequency=[w, 0.0], control_period=1e-2, integration_step=1e-2)
+    for _ in range(70):
+        plant.step([0.0, 0.0])
+        if plant.t <= go:
+            assert list(plant.q) == [0.0, 0.0] == list(plant.dq)
+        else:
+            s = plant.t - go
+            v = (amplitude / w * (np.cos(w * go) - np.cos(w * plant.t)) - kf * s) / mass
+            assert plant.dq[0] == pytest.approx(v, abs=1e-9)
+    assert plant.dq[0] > 0.05
+    assert (plant.q[1], plant.dq[1]) == (0.0, 0.0)
+
+
+def test_stuck_is_bit_exact_until_the_load_exceeds_kf() -> None:
+    """Check that the arm holds still under gravity and ±Kf exactly, and moves above it."""
+    q = (0.3, -0.2)
+    gravity = TwoLink().gravity_torque(q)
+    plant = _plant(initial_position=list(q))
+    for load in (0.0, 9.89, -9.89):
+        for _ in range(300):
+            plant.step([gravity[0] + load, gravity[1] - load])
+            assert tuple(plant.q) == q
+            assert list(plant.dq) == [0.0, 0.0]
+            assert plant.modes == (0, 0)
+    plant.step([gravity[0] + 9.91, gravity[1]])
+    assert plant.dq[0] > 0.0
+    assert plant.modes[0] == 1
+    smooth = _plant(initial_position=list(q), coulomb_friction=[0, 0])
+    smooth.step([gravity[0] + 9.89, gravity[1]])
+    assert smooth.dq[0] > 0.0
+
+
+def test_passes_through_zero_when_the_load_is_large() -> None:
+    """Check that a joint pushed back through rest reverses at once, by the closed form."""
+    plant = _plant(masses=SLIDERS, coulomb_friction=[3.0, 0.0], initial_velocity=[1.0, 0.0],
+                   control_period=0.3, integration_step=0.3)
+    plant.step([-7.0, 0.0])
+    turn = 2.0 * 1.0 / 10.0  # then -(7 - 3) / 2
+    assert plant.dq[0] == pytest.approx(-2.0 * (0.3 - turn), abs=1e-11)
+    assert plant.q[0] == pytest.approx(0.5 * turn - 0.1 ** 2, abs=1e-11)
+    assert plant.modes[0] == -1
+
+
+@pytest.mark.parametrize('q', [[0.0, 0.0], [0.3, -0.2], [-0.5, 0.7]])
+def test_no_numerical_chatter(q: list[float]) -> None:
+    """Check that loads within rounding of ±Kf do not make one step a thousand."""
+    model = Counting()
+    gravity = model.gravity_torque(q)
+    plant = Plant(PlantConfig(initial_position=tuple(q)), model)
+    worst = 0
+    for ulps in range(-6, 7):
+        edge = [g + 9.9 * (1.0 + ulps * 1.1e-16) for g in gravity]
+        for tau in (edge, [edge[0], gravity[1]], [gravity[0], edge[1]]):
+            before = model.calls
+            plant.step(tau)
+            worst = max(worst, model.calls - before)
+    assert worst <= 500
+    assert plant.q == pytest.approx(q, abs=1e-12)
+
+
+def test_swings_to_rest_with_few_changes_of_mode() -> None:
+    """Check that the arm, let go, comes to rest for good in a finite number of changes."""
+    plant = _plant(initial_position=[1.0, 0.5])
+    seen = [plant.modes]
+    for _ in range(20_000):
+        plant.step([0.0, 0.0])
+        if plant.modes != seen[-1]:
+            seen.append(plant.modes)
+    assert seen[-1] == (0, 0)
+    assert 3 < len(seen) < 60
+    assert list(plant.dq) == [0.0, 0.0]
+    assert (np.abs(plant.model.gravity_torque(plant.q)) <= 9.9).all()
+
+
+def test_configure_acts_from_the_next_step() -> None:
+    """Check friction and disturbance switched in the run; state and time live on."""
+    plant = _plant(masses=SLIDERS, coulomb_friction=[3.0, 3.0])
+    plant.step([2.0, 0.0])
+    assert list(plant.dq) == [0.0, 0.0]
+    plant.configure(plant.config.changed({'coulomb_friction': [1.0, 3.0]}))
+    plant.step([2.0, 0.0])
+    assert plant.dq[0] == pytest.approx(0.5 * 1e-3)
+    plant.configure(plant.config.changed({'coulomb_friction': [0.0, 0.0]}))
+    plant.step([2.0, 0.0])
+    assert plant.dq[0] == pytest.approx(1.5 * 1e-3)
+    plant.configure(plant.config.changed({
+        'disturbance.amplitude': [2.0, 0.0], 'disturbance.frequency': [1e-9, 0.0]}))
+    plant.step([2.0, 0.0])
+    assert plant.dq[0] == pytest.approx(2.5 * 1e-3)
+    assert (plant.k, plant.t) == (4, 0.004)
+
+
+@pytest.mark.parametrize('tau', [
+    [1e300, 0.0], [1e150, -1e150], [np.nan, 0.0], [0.0, np.inf], [-np.inf, np.inf]])
+@pytest.mark.parametrize('friction', [[9.9, 9.9], [0.0, 0.0]])
+@pytest.mark.parametrize('velocity', [[0.0, 0.0], [1.0, -1.0]])
+def test_divergence_is_an_error(
+        tau: list[float], friction: list[float], velocity: list[float]) -> None:
+    """Check that no torque leads to NaN, or is swallowed by friction, without an error."""
+    plant = _plant(coulomb_friction=friction, initial_velocity=velocity)
+    with pytest.raises(CtcError):
+        for _ in range(20):
+            plant.step(tau)
+
+
+def test_parameters() -> None:
+    """Check the paper's defaults and that the model's number of joints is required."""
+    config = PlantConfig()
+    assert config.coulomb_friction == (9.9, 9.9)
+    assert config.disturbance_amplitude == config.initial_position == (0.0, 0.0)
+    with pytest.raises(ParameterError, match='2 names for model two_link'):
+        PlantConfig(joint_names=('a', 'b', 'c'))
+
+
+@pytest.mark.parametrize('viscous', [0.0, 0.3])
+def test_brakes_are_viscous_friction(viscous: float) -> None:
+    """Check dq exp(-(c + d) t / m) and the way with brakes on, and exp(-c t / m) with them off."""
+    plant = _plant(masses=SLIDERS, coulomb_friction=[0, 0], viscous_friction=[viscous, viscous],
+                   fault_damping=[4.0, 2.5], initial_velocity=[1.0, -2.0])
+    q, dq = np.zeros(2), np.array([1.0, -2.0])
+    assert not plant.braking
+    for braking in (False, True, False, True):
+        plant.braking = braking
+        assert plant.braking == braking
+        for _ in range(100):
+            plant.step([0.0, 0.0])
+        c, mass = viscous + np.array([4.0, 2.5]) * braking, np.array([2.0, 0.5])
+        rate = np.maximum(c / mass, 1e-12)
+        q, dq = q - dq * np.expm1(-rate * 0.1) / rate, dq * np.exp(-rate * 0.1)
+        np.testing.assert_allclose(plant.q, q, atol=1e-9)
+        np.testing.assert_allclose(plant.dq, dq, atol=1e-9)
+    assert abs(dq[0]) < (0.7 if viscous == 0.0 else 0.65)
+
+
+def test_brakes_do_not_change_the_motion_unless_they_are_on() -> None:
+    """Check that fault_damping alone is bit for bit nothing, as is a brake of 0."""
+    motions = []
+    for damping, braking in ((20.0, False), (1e3, False), (0.0, True), (20.0, True)):
+        plant = _plant(initial_position=[2.0, 1.0], fault_damping=[damping, damping])
+        plant.braking = braking
+        for _ in range(500):
+            plant.step([3.0, 1.0])
+        motions.append([*plant.q, *plant.dq])
+    assert motions[0] == motions[1] == motions[2]
+    assert np.abs(np.subtract(motions[0], motions[3])).max() > 0.1
+
+
+def test_brakes_and_coulomb_friction() -> None:
+    """
+    Check that a joint stops where dq = (v0 + Kf/c) exp(-c t / m) - Kf/c ends, and then sticks.
+
+    Without the brakes it slides for m v0 / Kf, which is longer.
+    """
+    mass, kf, c, v0 = 2.0, 3.0, 5.0, 1.5
+    stop = mass / c * np.log1p(c * v0 / kf)
+    plant = _plant(masses=SLIDERS, coulomb_friction=[kf, 1.0], fault_damping=[c, c],
+                   initial_velocity=[v0, 0.0])
+    plant.braking = True
+    while plant.t < 1.2:
+        plant.step([0.0, 0.9])
+        left = min(plant.t, stop)
+        speed = (v0 + kf / c) * np.exp(-c * left / mass) - kf / c
+        assert plant.dq[0] == pytest.approx(speed, abs=1e-9)
+        assert (plant.modes[0] == 0) == (plant.t > stop)
+        assert (plant.q[1], plant.dq[1], plant.modes[1]) == (0.0, 0.0, 0)
+    way = (v0 + kf / c) * mass / c * -np.expm1(-c * stop / mass) - kf / c * stop
+    assert plant.q[0] == pytest.approx(way, abs=1e-9)
+    assert plant.dq[0] == 0.0
+    assert stop < 0.6 * mass * v0 / kf
+    plant.step([3.1, 1.1])
+    assert min(plant.dq) > 0.0
+
+
+def test_brakes_hold_no_load_up() -> None:
+    """Check that the arm, let go under gravity, sinks at a speed its brakes allow, to rest."""
+    sinks = {}
+    for braking in (False, True):
+        plant = _plant(initial_position=[1.5, 0.3], coulomb_friction=[0, 0])
+        plant.braking = braking
+        start, fastest = _energy(plant), 0.0
+        for _ in range(20_000):
+            before = _energy(plant)
+            plant.step([0.0, 0.0])
+            fastest = max(fastest, float(np.abs(plant.dq).max()))
+            assert _energy(plant) <= before + 1e-7
+        sinks[braking] = fastest
+        assert (_energy(plant) < 0.9 * start - 10.0) == braking
+    assert np.abs([*plant.q, *plant.dq]).max() < 1e-2
+    assert sinks[True] < 0.6 * sinks[False]
+
+
+def test_configure_keeps_the_brakes() -> None:
+    """Check that a parameter set while they are on neither releases nor forgets them."""
+    plant = _plant(masses=SLIDERS, coulomb_friction=[0, 0], initial_velocity=[1.0, 1.0],
+                   fault_damping=[0.0, 0.0])
+    plant.braking = True
+    plant.configure(plant.config.changed({'fault_damping': [4.0, 0.0]}))
+    assert plant.braking
+    plant.step([0.0, 0.0])
+    assert list(plant.dq) == pytest.approx([np.exp(-2e-3), 1.0], rel=1e-12)

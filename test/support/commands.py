@@ -1,0 +1,59 @@
+"""Commands of the package, run in this process or in one of their own."""
+
+from __future__ import annotations
+
+from contextlib import redirect_stderr, redirect_stdout
+import io
+import os
+from pathlib import Path
+import subprocess
+import sys
+import warnings
+
+import pytest
+
+from ctc_chattering.cli.ctc import main
+
+ROOT = Path(__file__).resolve().parents[2]
+Finished = subprocess.CompletedProcess[str]
+
+
+def python(*arguments: object, cwd: Path = ROOT) -> Finished:
+    return subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, text=True,
+                          capture_output=True, timeout=60, check=False,
+                          env={**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'})
+
+
+def ctc_process(*arguments: object, cwd: Path = ROOT) -> Finished:
+    return python('-m', 'ctc_chattering.cli.ctc', *arguments, cwd=cwd)
+
+
+def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:
+    """Run the command as `ctc_process` does, but here: libraries are loaded only once."""
+    words = [str(x) for x in arguments]
+    out, err = io.StringIO(), io.StringIO()
+    before = Path.cwd()
+    os.chdir(cwd)
+    try:
+        with (pytest.MonkeyPatch.context() as patch, warnings.catch_warnings(record=True) as said,
+              redirect_stdout(out), redirect_stderr(err)):
+            patch.setenv('COLUMNS', '200')
+            warnings.simplefilter('ignore')
+            for kind in (UserWarning, RuntimeWarning, SyntaxWarning, FutureWarning):
+                warnings.simplefilter('default', kind)
+            try:
+                status = main(words)
+            except SystemExit as end:  # argparse
+                status = int(end.code or 0)
+    finally:
+        os.chdir(before)
+    shown = ''.join(f'{x.category.__name__}: {x.message}\n' for x in said)
+    return Finished(words, status, out.getvalue(), err.getvalue() + shown)
+
+
+def refused(result: Finished, *words: object) -> None:
+    """Assert one line on stderr with all `words`, and a status that says so."""
+    assert result.returncode != 0
+    assert len(result.stderr.splitlines()) == 1
+    assert 'Traceback' not in result.stderr
+    assert [word for word in words if str(word) not in result.stderr] == []

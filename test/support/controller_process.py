@@ -1,0 +1,34 @@
+"""A controller process between states and references of the test."""
+
+from __future__ import annotations
+
+from processes import Probe
+from ros_messages import COMMANDS
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+#: A law that a machine does not upset which is late by many samples.
+PATIENT = ['-p', 'law:=compensation', '-p', 'kp:=[25.0,25.0]', '-p', 'kv:=[10.0,10.0]']
+
+
+class ControllerUnderTest:
+    """A controller process between our states and references, in our time, and its torques."""
+
+    def __init__(self, it: Probe, *ros_args: str) -> None:
+        self.probe = it
+        self.clock = it.node.create_publisher(Clock, 'clock', 1000)
+        self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
+        self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
+        self.commands = it.listen(Float64MultiArray, COMMANDS)
+        self.child = it.start('controller', *ros_args)
+        it.until(lambda: self.states.get_subscription_count()
+                 and self.references.get_subscription_count()
+                 and it.node.count_publishers(COMMANDS), 'the controller')
+
+    def answer(self, message: JointState) -> list[float]:
+        before = len(self.commands)
+        self.states.publish(message)
+        self.probe.until(lambda: len(self.commands) > before, 'a torque')
+        return list(self.commands[-1].data)

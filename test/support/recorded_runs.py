@@ -1,0 +1,45 @@
+"""Runs that were recorded, and what they are compared by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+import numpy as np
+from processes import perform
+import yaml
+
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.bags.reader import read_bag
+
+FIELDS = ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v')
+
+
+def record(bag: Path, *arguments: str) -> Result:
+    status, output = perform('--record', str(bag), *arguments)
+    assert status == 0, output
+    return read_bag(bag)
+
+
+def assert_equal(one: Result, other: Result) -> None:
+    for field in FIELDS:
+        assert np.array_equal(getattr(one.run, field), getattr(other.run, field)), field
+
+
+def counts(bag: Path) -> dict[str, int]:
+    """Count the messages of each topic with the `mcap` library, which is not ours."""
+    with (bag / f'{bag.name}_0.mcap').open('rb') as stream:
+        reader = make_reader(stream)
+        result: dict[str, int] = {}
+        for schema, channel, _ in reader.iter_messages():
+            assert schema is not None and schema.data
+            assert channel.metadata['offered_qos_profiles']
+            result[channel.topic] = result.get(channel.topic, 0) + 1
+        return result
+
+
+def metadata(bag: Path) -> dict[str, Any]:
+    text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
+    result: dict[str, Any] = yaml.safe_load(text)['rosbag2_bagfile_information']
+    return result

@@ -1,0 +1,236 @@
+"""Declaration and checks of parameters."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.parameters import Config, matrix, parameter
+from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+NAN, INF = math.nan, math.inf
+CONFIGS: list[type[Config]] = [PlantConfig, ControllerConfig, ReferenceConfig]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sample(Config):
+    """One parameter of every kind."""
+
+    title: ClassVar[str] = 'sample'
+
+    joint_names: tuple[str, ...] = parameter('joint_names', 'str[]', ('a', 'b', 'c'), 'Joints.')
+    flag: bool = parameter('flag', 'bool', True, 'A switch.')
+    count: int = parameter('count', 'int', 3, 'A count.', minimum=0, maximum=10)
+    share: float = parameter('share', 'float', 0.5, 'A share.', minimum=0.0, maximum=1.0)
+    some_gain: tuple[float, ...] = parameter(
+        'some.gain', 'float[]', 2.0, 'A gain.', minimum=0.0, exclusive=True, shape='nn')
+    limit: tuple[float, ...] = parameter(
+        'limit', 'float[]', INF, 'A limit.', minimum=0.0, infinite=True, shape='n')
+    times: tuple[float, ...] = parameter('times', 'float[]', (1.0, 2.0), 'Times.', shape='any')
+
+
+REFUSED: list[tuple[type[Config], str, Any, str]] = [
+    (ControllerConfig, 'kP', [1.0, 1.0], 'one of joint_names, model'),
+    (ControllerConfig, '', 1.0, 'one of'),
+    (ControllerConfig, 'kp', [1.0], 'got 1 values'),
+    (ControllerConfig, 'kp', [1.0, 1.0, 1.0], 'n = 2, got 3 values'),
+    (ControllerConfig, 'ka', [1.0] * 4, 'one per joint'),
+    (ControllerConfig, 'kp', [], 'got 0 values'),
+    (ControllerConfig, 'kp', [1.0, NAN], 'finite numbers >= 1e-09'),
+    (ControllerConfig, 'kp', [1.0, 0.0, NAN, 1.0], 'finite numbers >= 1e-09'),
+    (ControllerConfig, 'kp', [1.0, INF], 'finite numbers >= 1e-09'),
+    (ControllerConfig, 'kp', [0.0, 1.0], '>= 1e-09'),
+    (ControllerConfig, 'ka', [-1e-9, 1.0], '>= 0'),
+    (ControllerConfig, 'ka', [INF, 1.0], 'finite'),
+    (ControllerConfig, 'kp', [2.0, 1.0, 1.1, 2.0], 'symmetric positive definite'),
+    (ControllerConfig, 'kv', [1.0, 2.0, 2.0, 1.0], 'symmetric positive definite'),
+    (ControllerConfig, 'kv', [1.0, 1.0, 1.0, 1.0], 'symmetric positive definite'),
+    (ControllerConfig, 'kv', [-1.0, 0.0, 0.0, -1.0], 'symmetric positive definite'),
+    (ControllerConfig, 'lambda', 0.0, 'a finite number >= 1e-09'),
+    (ControllerConfig, 'lambda', -1, '>= 1e-09'),
+    (ControllerConfig, 'lambda', INF, 'finite'),
+    (ControllerConfig, 'lambda', NAN, 'finite'),
+    (ControllerConfig, 'lambda', '10', 'a finite number'),
+    (ControllerConfig, 'lambda', True, 'a finite number'),
+    (ControllerConfig, 'lambda', [10.0], 'a finite number'),
+    (ControllerConfig, 'b', 5e-324, '>= 0.001 and <= 1000'), (ControllerConfig, 'b', 1e308, ''),
+    (ControllerConfig, 'kp', [2.0, -1e10, -1e10, 1e300], 'symmetric'),
+    (ControllerConfig, 'ka', [0.0, -5e-324], '>= 0 and <= 1e+09'),
+    (ControllerConfig, 'error_limit', [1e10, 1.0], '>= 1e-09 and <= 1e+09, or inf'),
+    (PlantConfig, 'initial_position', [-1e10, 0.0], '>= -1e+09 and <= 1e+09'),
+    (ControllerConfig, 'b', 0, '>= 0.001'),
+    (ControllerConfig, 'effort_limit', [0.0, 1.0], '>= 1e-09'),
+    (ControllerConfig, 'effort_limit', [NAN, 1.0], '>= 1e-09'),
+    (ControllerConfig, 'effort_limit', [-INF, 1.0], '>= 1e-09'),
+    (ControllerConfig, 'kp', 100.0, 'a list of'),
+    (ControllerConfig, 'ka', 12, 'n = 2, got one value, no list; for the same on every joint: '
+     '[12, 12]'),
+    (ControllerConfig, 'ka', 'much', 'n = 2, got one value, no list'),
+    (Sample, 'limit', INF, 'for the same on every joint: [inf, inf, inf]'),
+    (ControllerConfig, 'kp', '12', 'a list of'),
+    (ControllerConfig, 'kp', ['1', '2'], 'a list of'),
+    (ControllerConfig, 'kp', [True, True], 'a list of'),
+    (ControllerConfig, 'kp', [[1.0, 0.0], [0.0, 1.0]], 'a list of'),
+    (ControllerConfig, 'law', 'pid', 'compensation | chattering'),
+    (ControllerConfig, 'law', 6, 'compensation | chattering'),
+    (ControllerConfig, 'switching', 'tanh', 'sign'),
+    (ControllerConfig, 'model', 'puma', 'two_link'),
+    (ControllerConfig, 'joint_names', 'ab', 'a list of strings'),
+    (ControllerConfig, 'joint_names', ['a', 1], 'a list of strings'),
+    (ControllerConfig, 'joint_names', ['a', 'a'], 'all different'),
+    (ControllerConfig, 'joint_names', ['a', ''], 'none empty'),
+    (ControllerConfig, 'joint_names', [], 'one or more'),
+    (ControllerConfig, 'joint_names', ['a', 'b', 'c'], '2 names'),
+    (ControllerConfig, 'control_period', 0.0, '>= 1e-09'),
+    (ControllerConfig, 'control_period', 1.5e-9, 'nanoseconds'),
+    (PlantConfig, 'coulomb_friction', [-1.0, 0.0], '>= 0'),
+    (PlantConfig, 'disturbance.amplitude', [INF, 0.0], 'finite'),
+    (PlantConfig, 'initial_position', [NAN, 0.0], 'finite'),
+    (PlantConfig, 'duration', -1.0, '>= 0'),
+    (PlantConfig, 'pacing', 'fast', 'real_time | lockstep'),
+    (PlantConfig, 'experiment', 3, 'a string'),
+    (Sample, 'flag', 1, 'a boolean'), (Sample, 'flag', 'true', 'a boolean'),
+    (Sample, 'count', 3.0, 'an integer'), (Sample, 'count', True, 'an integer'),
+    (Sample, 'count', 11, '>= 0 and <= 10'), (Sample, 'count', -1, '>= 0 and <= 10'),
+    (Sample, 'share', 1.01, '>= 0 and <= 1'), (Sample, 'share', -0.01, '>= 0 and <= 1'),
+    (Sample, 'limit', [1.0, 1.0, -1.0], 'one per joint'), (Sample, 'times', [NAN], 'finite')]
+
+#: What a careless user or a broken file can hand over.
+ODD: list[tuple[type[Config], str, Any]] = [
+    (ControllerConfig, 'joint_names', 5), (ControllerConfig, 'joint_names', 1.5),
+    (ControllerConfig, 'joint_names', True), (ControllerConfig, 'gravity', 10 ** 400),
+    (ControllerConfig, 'kp', [10 ** 400, 1]), (ControllerConfig, 'kp', np.array(3.0)),
+    (ControllerConfig, 'kp', np.eye(2)), (ControllerConfig, 'ka', b'ab'),
+    (ControllerConfig, 'ka', {1.0: 2.0, 3.0: 4.0}), (ControllerConfig, 'gravity', 1j),
+    (ControllerConfig, 'gravity', np.complex128(1 + 2j)),
+    (ControllerConfig, 'law', ['chattering']),
+    (ControllerConfig, 'control_period', 1e300), (PlantConfig, 'duration', 1e300),
+    (PlantConfig, 'integration_step', 5e-324), (Sample, 'count', 10 ** 400)]
+
+
+def _refuse(config: type[Config], name: str, value: object) -> ParameterError:
+    with pytest.raises(ParameterError) as caught:
+        config.from_mapping({name: value})
+    error, text = caught.value, str(caught.value)
+    assert error.name == name
+    assert text.startswith(f'{name}: ')
+    assert text.endswith(error.allowed)
+    assert '\n' not in text
+    assert isinstance(error, (CtcError, ValueError))
+    return error
+
+
+@pytest.mark.parametrize(('config', 'name', 'value', 'allowed'), REFUSED)
+def test_refusals(config: type[Config], name: str, value: object, allowed: str) -> None:
+    """Check the type of the error, and a line with name, value and what is allowed."""
+    error = _refuse(config, name, value)
+    assert allowed in error.allowed
+    assert repr(value) in str(error)
+    with pytest.raises(ParameterError):
+        config().changed({name: value})
+
+
+@pytest.mark.parametrize(('config', 'name', 'value'), ODD, ids=map(str, range(len(ODD))))
+def test_odd_values_are_refused_like_any_other(
+        config: type[Config], name: str, value: object) -> None:
+    """Check that no other exception escapes and the message stays one line."""
+    _refuse(config, name, value)
+
+
+@pytest.mark.parametrize('config', [*CONFIGS, Sample])
+def test_defaults(config: type[Config]) -> None:
+    """Check that all defaults are allowed, come one per joint, and survive a round trip."""
+    made = config()
+    values = made.as_mapping()
+    assert list(values) == list(config.parameters())
+    assert config.from_mapping(values) == made == made.changed({})
+    for name, spec in config.parameters().items():
+        assert spec.description.endswith('.')
+        if spec.shape in ('n', 'nn'):
+            assert len(values[name]) == len(values['joint_names'])
+
+
+def test_integers_and_arrays_become_floats() -> None:
+    """Check the types that come out of YAML, ROS and numpy."""
+    made = ControllerConfig.from_mapping({
+        'lambda': 7, 'kp': [1, np.float32(2.5)], 'kv': np.array([3, 4]), 'ka': (np.int64(0), 1.0)})
+    assert (made.lambda_, made.kp, made.kv, made.ka) == (7.0, (1.0, 2.5), (3.0, 4.0), (0.0, 1.0))
+    assert {type(x) for x in (made.lambda_, *made.kp, *made.kv, *made.ka)} == {float}
+    assert ControllerConfig.from_mapping({'effort_limit': [INF, 5]}).effort_limit == (INF, 5.0)
+    assert Sample.from_mapping({'share': 1, 'times': []}).as_mapping()['times'] == ()
+    assert type(Sample.from_mapping({'count': np.int64(4)}).count) is int
+
+
+def test_full_matrices() -> None:
+    """Check row-by-row matrices, negative off-diagonals, and rounding-level asymmetry."""
+    kp = (2.0, -1.0, -1.0, 3.0)
+    assert matrix(ControllerConfig(kp=kp).kp, 2) == ((2.0, -1.0), (-1.0, 3.0))
+    assert matrix((5.0, 6.0, 7.0), 3) == ((5.0, 0.0, 0.0), (0.0, 6.0, 0.0), (0.0, 0.0, 7.0))
+    assert matrix((5.0,), 1) == ((5.0,),)
+    ControllerConfig(kp=(2.0, 0.1, 0.1 * (1 + 1e-15), 3.0))
+    barely = (1.0, 1.0 - 1e-9, 1.0 - 1e-9, 1.0)
+    assert ControllerConfig(kv=barely).kv == barely
+
+
+def test_changed_is_a_copy() -> None:
+    """Check that a change leaves the rest and the original as they were."""
+    made = PlantConfig(duration=3.0)
+    other = made.changed({'disturbance.amplitude': [1, 2]})
+    assert other.disturbance_amplitude == (1.0, 2.0)
+    assert (made.disturbance_amplitude, other.duration) == ((0.0, 0.0), 3.0)
+
+
+NUMBERS = st.one_of(st.integers(), st.floats(), st.just(10 ** 400), st.floats(1e-6, 1e3))
+SCALARS = st.one_of(NUMBERS, st.booleans(), st.text(max_size=5), st.binary(max_size=4),
+                    st.complex_numbers(), st.sampled_from(['chattering', 'two_link', 'sign']))
+VALUES = st.one_of(
+    SCALARS, st.lists(NUMBERS, max_size=5), st.lists(SCALARS, max_size=4),
+    st.lists(st.floats(1e-6, 1e3), min_size=2, max_size=2), st.dictionaries(SCALARS, SCALARS),
+    st.lists(st.lists(NUMBERS, max_size=2), max_size=2), st.lists(st.text(), max_size=3))
+
+
+@settings(max_examples=200)
+@given(st.sampled_from(CONFIGS), st.data())
+def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data: Any) -> None:
+    """Check random names and values: within the ranges, or refused on one line."""
+    names = st.sampled_from([*config.parameters(), 'nonsense'])
+    values = data.draw(st.dictionaries(names, VALUES, max_size=3))
+    try:
+        made = config.from_mapping(values).as_mapping()
+    except ParameterError as error:
+        assert '\n' not in str(error)
+        return
+    assert 'nonsense' not in values
+    for name, value in made.items():
+        numbers = [x for x in (value if isinstance(value, tuple) else (value,))
+                   if not isinstance(x, str)]
+        if name in ('input_delay', 'noise_seed'):
+            assert type(value) is int
+            assert 0 <= value <= (100 if name == 'input_delay' else 2 ** 62)
+            continue
+        if name == 'anti_windup':
+            assert type(value) is bool
+            continue
+        assert all(type(x) is float for x in numbers)
+        if name in ('effort_limit', 'effort_rate_limit', 'error_limit', 'torque_saturation',
+                    'observer_bandwidth'):
+            assert all(x > 0.0 for x in numbers)
+            continue
+        assert all(math.isfinite(x) for x in numbers)
+        if name in ('kp', 'kv') and len(numbers) == 4:
+            full = np.array(numbers).reshape(2, 2)
+            assert np.linalg.eigvalsh(full)[0] > 0.0
+        elif name in ('kp', 'kv', 'lambda', 'b', 'control_period', 'integration_step',
+                      'boundary_layer', 'stribeck_velocity', 'inertia_scale'):
+            assert min(numbers) > 0.0
+        elif name in ('ka', 'coulomb_friction', 'gravity', 'duration', 'frequency',
+                      'viscous_friction', 'stribeck_friction', 'gravity_scale',
+                      'position_noise', 'velocity_noise', 'encoder_resolution', 'fault_damping'):
+            assert min(numbers) >= 0.0

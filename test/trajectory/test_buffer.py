@@ -1,0 +1,218 @@
+"""A desired motion in pieces."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from ctc_chattering.trajectory.buffer import Point, Trajectory
+
+MS = 1_000_000
+
+
+def _point(rng: np.random.Generator, n: int = 2) -> Point:
+    position, velocity, acceleration = rng.normal(size=(3, n)).tolist()
+    return tuple(position), tuple(velocity), tuple(acceleration)
+
+
+def _quintics(seed: int, times: list[int]) -> tuple[list[np.poly1d], list[Point]]:
+    """Return a random quintic per joint and its points, in time from times[0]."""
+    rng = np.random.default_rng(seed)
+    polys = [np.poly1d(rng.normal(size=6)) for _ in range(3)]
+    return polys, [_of(polys, (t - times[0]) / 1e9) for t in times]
+
+
+def _of(polys: list[np.poly1d], s: float) -> Point:
+    return tuple(  # type: ignore[return-value]
+        tuple(float(p.deriv(order)(s)) for p in polys) for order in range(3))
+
+
+def test_a_limit_keeps_the_last_points() -> None:
+    """Feed a minute at 1 kHz in pieces of half a second: the end of it is kept, and right."""
+    trajectory = Trajectory()
+    for start in range(0, 60_000, 500):
+        times = range(start * MS, (start + 500) * MS, MS)
+        trajectory.extend(times, [((float(t),), (0.0,), (0.0,)) for t in times])
+        trajectory.limit(1000)
+        assert len(trajectory) <= 1000
+    last = 59_999 * MS
+    assert trajectory.end == last
+    assert trajectory.at(last - 999 * MS) == ((float(last - 999 * MS),), (0.0,), (0.0,))
+    assert trajectory.at(last - 1000 * MS) is None
+
+
+def test_on_a_point_it_is_that_point() -> None:
+    """Check that nothing is computed on a point: it comes back to the last bit."""
+    rng = np.random.default_rng(0)
+    times, points = [7 * MS * k for k in range(50)], [_point(rng) for _ in range(50)]
+    trajectory = Trajectory()
+    trajectory.extend(times, points)
+    assert len(trajectory) == 50
+    assert trajectory.end == times[-1]
+    for t, point in zip(times, points):
+        assert trajectory.at(t) == point
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 2 ** 32 - 1), st.integers(1, 4000), st.integers(0, 10 ** 12))
+def test_between_points_it_is_the_quintic(seed: int, gap: int, start: int) -> None:
+    """Check that a random quintic is reproduced in value, velocity and acceleration."""
+    times = [start, start + gap * MS]
+    polys, points = _quintics(seed, times)
+    trajectory = Trajectory()
+    trajectory.extend(times, points)
+    span = gap * 1e-3
+    for share in (0.0, 1e-3, 0.37, 0.5, 0.99, 1.0):
+        t = start + round(share * gap * MS)
+        found = trajectory.at(t)
+        assert found is not None
+        for order, (value, exact) in enumerate(zip(found, _of(polys, (t - start) / 1e9))):
+            scale = 1e-9 * (1.0 + span ** 5) + 1e-13 / span ** order
+            assert value == pytest.approx(exact, rel=1e-9, abs=scale)
+
+
+def test_both_ends_of_a_gap_are_met_smoothly() -> None:
+    """Check that position, velocity and acceleration have no step at a point."""
+    rng = np.random.default_rng(3)
+    trajectory = Trajectory()
+    points = [_point(rng) for _ in range(3)]
+    trajectory.extend([0, 100 * MS, 250 * MS], points)
+    for side in (-1, 1):
+        near = trajectory.at(100 * MS + side)
+        assert near is not None
+        for value, exact in zip(near, points[1]):
+            assert value == pytest.approx(exact, abs=1e-3)
+
+
+def test_rest_after_the_end_and_none_before() -> None:
+    """Check the last position with zero derivatives, one nanosecond after the last point."""
+    trajectory = Trajectory()
+    assert trajectory.at(0) is None
+    assert trajectory.end is None
+    point: Point = ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
+    trajectory.extend([10, 20], [point, point])
+    assert trajectory.at(9) is None
+    assert trajectory.at(-5) is None
+    assert trajectory.at(10) == trajectory.at(20) == point
+    for t in (21, 10 ** 15):
+        assert trajectory.at(t) == ((1.0, 2.0), (0.0, 0.0), (0.0, 0.0))
+
+
+def test_a_new_piece_replaces_from_its_first_instant() -> None:
+    """Check points before, on and after the seam; the old tail is gone."""
+    rng = np.random.default_rng(4)
+    old, new = [_point(rng) for _ in range(5)], [_point(rng) for _ in range(2)]
+    trajectory = Trajectory()
+    trajectory.extend([0, 10, 20, 30, 40], old)
+    trajectory.extend([20, 25], new)
+    assert (len(trajectory), trajectory.end) == (4, 25)
+    assert [trajectory.at(t) for t in (0, 10, 20, 25)] == [*old[:2], *new]
+    after = trajectory.at(30)
+    assert after == (new[1][0], (0.0, 0.0), (0.0, 0.0))
+    trajectory.extend([], [])
+    assert len(trajectory) == 4
+    trajectory.extend([0], new[:1])
+    assert (len(trajectory), trajectory.at(0), trajectory.end) == (1, new[0], 0)
+
+
+def test_a_gap_between_pieces_is_bridged() -> None:
+    """Check that the quintic joins the last point kept to the first of the new piece."""
+    times = [0, 500 * MS]
+    polys, points = _quintics(9, times)
+    trajectory = Trajectory()
+    trajectory.extend([0, 300 * MS], [points[0], _point(np.random.default_rng(1), 3)])
+    trajectory.extend([200 * MS], [points[1]])
+    trajectory.extend([100 * MS], [points[1]])
+    trajectory.extend(times[:1], points[:1])
+    trajectory.extend(times[1:], points[1:])
+    found = trajectory.at(123 * MS)
+    assert found is not None
+    assert found[0] == pytest.approx(_of(polys, 0.123)[0])
+
+
+def test_forget_keeps_what_is_needed() -> None:
+    """Check that every instant from `before` on is answered as if nothing were dropped."""
+    rng = np.random.default_rng(5)
+    times, points = list(range(0, 100, 10)), [_point(rng) for _ in range(10)]
+    for before, left in ((-1, 10), (0, 10), (35, 7), (40, 6), (90, 1), (1000, 1)):
+        whole, trajectory = Trajectory(), Trajectory()
+        whole.extend(times, points)
+        trajectory.extend(times, points)
+        trajectory.forget(before)
+        assert len(trajectory) == left
+        for t in range(max(before, 0), 120):
+            assert trajectory.at(t) == whole.at(t)
+        if left < 10:
+            assert trajectory.at(times[-left] - 1) is None
+    trajectory = Trajectory()
+    trajectory.forget(5)
+    assert len(trajectory) == 0
+
+
+MOVING: Point = ((1.0, 2.0), (3.0, -4.0), (5.0, 6.0))
+
+
+@pytest.mark.parametrize('grace', [0, 1, 100 * MS, 10 ** 12])
+def test_grace_goes_on_at_the_last_velocity_and_then_holds(grace: int) -> None:
+    """Check q + v t up to the grace exactly, and the position reached there ever after."""
+    trajectory = Trajectory(grace)
+    trajectory.extend([0, 500 * MS], [MOVING, MOVING])
+    end = 500 * MS
+    assert trajectory.at(end) == MOVING
+    for late in sorted({1, grace // 3, grace - 1, grace, grace + 1, 3 * grace, 10 ** 15}):
+        if late < 1:
+            continue
+        found = trajectory.at(end + late)
+        assert found is not None
+        gone = min(late, grace) * 1e-9
+        assert found[0] == pytest.approx([1.0 + 3.0 * gone, 2.0 - 4.0 * gone], rel=1e-12)
+        assert tuple(found[1]) == (MOVING[1] if late <= grace else (0.0, 0.0))
+        assert tuple(found[2]) == (0.0, 0.0)
+
+
+def test_without_grace_it_holds_at_once() -> None:
+    """Check that 0 is the default and is bit for bit the last position."""
+    for trajectory in (Trajectory(), Trajectory(0)):
+        trajectory.extend([10], [MOVING])
+        assert trajectory.at(11) == (MOVING[0], (0.0, 0.0), (0.0, 0.0))
+
+
+def test_a_late_piece_ends_the_grace() -> None:
+    """Check that it replaces the motion that went on, and the gap before it is bridged."""
+    trajectory = Trajectory(100 * MS)
+    trajectory.extend([0], [MOVING])
+    on = trajectory.at(50 * MS)
+    assert on is not None
+    assert on[0] == pytest.approx([1.15, 1.8])
+    point: Point = (tuple(on[0]), MOVING[1], (0.0, 0.0))
+    trajectory.extend([50 * MS, 60 * MS], [point, MOVING])
+    assert trajectory.at(50 * MS) == point
+    assert not trajectory.overdue(160 * MS)
+    assert trajectory.overdue(160 * MS + 1)
+
+
+@pytest.mark.parametrize('grace', [0, 100 * MS])
+def test_overdue_begins_after_the_grace(grace: int) -> None:
+    """Check both sides of it, and that nothing is overdue before there is any point."""
+    trajectory = Trajectory(grace)
+    assert not trajectory.overdue(10 ** 15)
+    trajectory.extend([0, 20 * MS], [MOVING, MOVING])
+    assert not trajectory.overdue(0)
+    assert not trajectory.overdue(20 * MS + grace)
+    assert trajectory.overdue(20 * MS + grace + 1)
+    trajectory.extend([20 * MS], [((1.0, 2.0), (0.0, 0.0), (0.0, 0.0))])
+    assert not trajectory.overdue(10 ** 15)
+
+
+@pytest.mark.parametrize(('velocity', 'acceleration', 'rests'), [
+    ((0.0, 0.0), (0.0, 0.0), True), ((0.0, -0.0), (0.0, 0.0), True),
+    ((0.0, 1e-300), (0.0, 0.0), False), ((0.0, 0.0), (-1e-300, 0.0), False)])
+def test_ends_at_rest(
+        velocity: tuple[float, float], acceleration: tuple[float, float], rests: bool) -> None:
+    """Check the last point alone: a velocity or an acceleration means that more is to come."""
+    trajectory = Trajectory(MS)
+    assert not trajectory.ends_at_rest
+    trajectory.extend([0, 10], [MOVING, ((1.0, 1.0), velocity, acceleration)])
+    assert trajectory.ends_at_rest == rests
+    trajectory.extend([10], [MOVING])
+    assert not trajectory.ends_at_rest

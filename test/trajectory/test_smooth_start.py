@@ -1,0 +1,306 @@
+"""The smooth start: within the hull of start and motion, whatever the phase."""
+
+from __future__ import annotations
+
+from itertools import accumulate
+import math
+import re
+
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import numpy.typing as npt
+import pytest
+from urdfs import two_links
+
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.joint_limits import Limits
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest, Sinusoid
+from ctc_chattering.trajectory.smooth_start import (
+    Braking,
+    BRAKING_TIME,
+    Motion,
+    smooth_start,
+    Transition,
+)
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
+
+S = 1_000_000_000
+positions = st.floats(-5.0, 5.0)
+velocities = st.floats(-3.0, 3.0)
+durations = st.floats(0.05, 20.0)
+instants = st.integers(-10 * S, 1000 * S)
+sinusoids = st.builds(
+    ReferenceConfig, joint_names=st.just(('a',)), center=st.tuples(positions),
+    amplitude=st.tuples(st.floats(-2.0, 2.0)), frequency=st.tuples(st.floats(0.0, 3.0)),
+    phase=st.tuples(st.floats(-4.0, 4.0)))
+
+
+class Wave:
+    """A motion of two joints that never rests."""
+
+    def at(self, t: int) -> Point:
+        x = t / S
+        return ((np.sin(3 * x), x ** 2), (3 * np.cos(3 * x), 2 * x), (-9 * np.sin(3 * x), 2.0))
+
+
+def _path(motion: Motion, t0: int, t1: int, count: int = 400) -> npt.NDArray[np.float64]:
+    """Return what a motion does: shape (count, 3, n)."""
+    return np.array([motion.at(t0 + (t1 - t0) * k // (count - 1)) for k in range(count)])
+
+
+def _ranges(config: ReferenceConfig) -> tuple[float, float, float, float]:
+    """Return centre, amplitude, greatest velocity and acceleration of the one joint."""
+    w = 2 * math.pi * config.frequency[0]
+    a = abs(config.amplitude[0])
+    return config.center[0], a, w * a, w * w * a
+
+
+@settings(max_examples=200)
+@given(sinusoids, positions, durations, instants)
+def test_from_rest_it_stays_within_the_hull_of_start_and_motion(
+        config: ReferenceConfig, q0: float, duration: float, t0: int) -> None:
+    """For any phase; velocity and acceleration stay within the bounds that are stated."""
+    c, a, speed, push = _ranges(config)
+    motion = make_motion(
+        config.changed({'start_duration': duration}), None, {'a': (q0, 0.0)}, t0)
+    q, dq, ddq = _path(motion, t0, t0 + round((duration + 0.5) * S))[:, :, 0].T
+    assert q.min() >= min(q0, c - a) - 1e-9
+    assert q.max() <= max(q0, c + a) + 1e-9
+    far = abs(q0 - c) + a
+    assert np.abs(dq).max() <= speed + 1.875 * far / duration + 1e-9
+    assert np.abs(ddq).max() <= (
+        push + 3.75 * speed / duration + 5.774 * far / duration ** 2) * (1 + 1e-9) + 1e-9
+
+
+@settings(max_examples=200)
+@given(sinusoids, positions, velocities, durations, instants)
+def test_a_robot_that_moves_leaves_the_hull_by_its_braking_distance(
+        config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int) -> None:
+    """Half of its velocity times the time that it brakes, at the most."""
+    c, a, speed, push = _ranges(config)
+    motion = make_motion(config.changed({'start_duration': duration}), None, {'a': (q0, dq0)}, t0)
+    assert motion.at(t0) == ((q0,), (dq0,), (0.0,))
+    q, dq, ddq = _path(motion, t0, t0 + round((duration + 0.5) * S))[:, :, 0].T
+    brake = min(duration, BRAKING_TIME)
+    margin = 0.5 * abs(dq0) * brake
+    assert q.min() >= min(q0, c - a) - margin - 1e-9
+    assert q.max() <= max(q0, c + a) + margin + 1e-9
+    far = abs(q0 - c) + a + margin
+    assert np.abs(dq).max() <= max(abs(dq0), speed) + 1.875 * far / duration + 1e-9
+    assert np.abs(ddq).max() <= (
+        max(push, 1.5 * abs(dq0) / brake) + 3.75 * (speed + abs(dq0)) / duration
+        + 5.774 * far / duration ** 2) * (1 + 1e-9) + 1e-9
+
+
+def test_the_start_of_the_paper_s_motion_from_rest_at_zero() -> None:
+    """Check three seconds: no way back, no overshoot, hardly faster than the motion itself."""
+    motion = make_motion(ReferenceConfig(start_duration=3.0), None,
+                         {'joint1': (0.0, 0.0), 'joint2': (0.0, 0.0)})
+    q, dq, _ = np.moveaxis(_path(motion, 0, 3 * S, 3001), 1, 0)
+    assert (q.min(axis=0) >= 0.0).all()
+    assert (q.max(axis=0) <= [math.pi + 0.5, math.pi / 2 + 0.5]).all()
+    assert np.abs(dq).max() < 4.1  # The motion's: 3.14.
+
+
+@st.composite
+def routes(draw: st.DrawFn) -> Route:
+    """Waypoints of one joint: of positions alone, with velocities, or with accelerations too."""
+    times = list(accumulate(draw(st.lists(
+        st.integers(S // 20, 3 * S), min_size=1, max_size=4))))
+    rows = draw(st.integers(1, 3))
+    numbers = st.tuples(st.floats(-2.0, 2.0))
+    return Route(('a',), times, [
+        (draw(numbers), draw(numbers) if rows > 1 else (), draw(numbers) if rows > 2 else ())
+        for _ in times])
+
+
+@settings(max_examples=150)
+@given(routes(), positions, velocities, durations, st.integers(-S, 6 * S))
+def test_waypoints_are_joined_within_the_hull_as_well(
+        route: Route, q0: float, dq0: float, duration: float, t0: int) -> None:
+    """Of the start and of what they do anyway, the way to a first one that is to come included."""
+    config = ReferenceConfig(joint_names=('a',), center=(0.0,), start_duration=duration)
+    motion = make_motion(config, route, {'a': (q0, dq0)}, t0)
+    exact = Waypoints(route.times, route.points,
+                      (t0, ((q0,), (0.0,), (0.0,))))
+    assert motion.at(t0)[:2] == ((q0,), (dq0,))
+    end = t0 + round(duration * S)
+    found, own = (_path(x, t0, end)[:, 0, 0] for x in (motion, exact))
+    margin = 0.5 * abs(dq0) * min(duration, BRAKING_TIME)
+    assert found.min() >= min(q0, own.min()) - margin - 1e-9
+    assert found.max() <= max(q0, own.max()) + margin + 1e-9
+    for t in (end, end + S):
+        assert motion.at(t) == exact.at(t)
+
+
+@settings(max_examples=60)
+@given(st.tuples(positions, positions), st.tuples(velocities, velocities),
+       st.tuples(velocities, velocities), durations, instants)
+def test_both_ends(q0: tuple[float, float], dq0: tuple[float, float], ddq0: tuple[float, float],
+                   duration: float, t0: int) -> None:
+    """Check state and acceleration at both ends to the last bit, and rest before."""
+    motion = Wave()
+    start = smooth_start(motion, t0, (q0, dq0, ddq0), duration)
+    assert start.at(t0) == (q0, dq0, ddq0)
+    assert start.at(t0 - 1) == (q0, (0.0, 0.0), (0.0, 0.0))
+    assert start.end == t0 + round(duration * S)
+    for t in (start.end, start.end + 1, start.end + 7 * S):
+        assert start.at(t) == motion.at(t)
+
+
+@pytest.mark.parametrize('motion', [
+    smooth_start(Wave(), 0, ((1.0, 2.0), (-1.0, 0.3), (2.0, 0.0)), 1.5),
+    Transition(Wave(), Braking(0, (1.0, 2.0), (0.5, 0.0), (0.0, 1.0), 1.0), 0, 1.5)])
+def test_velocity_and_acceleration_are_derivatives_and_nothing_jumps(motion: Motion) -> None:
+    """Check both against finite differences, over the seams too."""
+    step = 100_000
+    for t in (1, *range(step, 2 * S, S // 17), S // 2, S, 3 * S // 2):
+        before, now, after = (np.array(motion.at(t + d)) for d in (0, step, 2 * step))
+        np.testing.assert_allclose(now[:2], (before + after)[:2] / 2, atol=1e-6)
+        np.testing.assert_allclose(now[1:], (after - before)[:2] / (2 * step / S), atol=1e-2)
+        np.testing.assert_allclose(before[2], after[2], atol=5e-2)
+
+
+def test_braking_ends_at_rest_after_half_the_way() -> None:
+    """Check place, velocity and deceleration of a stop, without and with a first acceleration."""
+    plain = Braking(S, (1.0,), (2.0,), (0.0,), 0.5)
+    assert [row[0] for row in plain.at(2 * S)] == pytest.approx([1.5, 0.0, 0.0])
+    assert np.abs(_path(plain, S, 2 * S, 2001)[:, 2]).max() == pytest.approx(1.5 * 2.0 / 0.5, 1e-3)
+    speeding = Braking(S, (1.0,), (2.0,), (6.0,), 0.5)
+    path = _path(speeding, S, S + S // 2, 20_001)
+    assert speeding.at(2 * S)[0][0] == pytest.approx(
+        1.0 + np.trapezoid(path[:, 1, 0], dx=0.5 / 20_000), abs=1e-8)
+    assert path[-1].ravel().tolist() == pytest.approx([path[-1, 0, 0], 0.0, 0.0], abs=1e-9)
+
+
+# Limits.
+
+LIMITED = """<robot name="r"><link name="base"/><link name="arm"/>
+<joint name="a" type="{kind}"><parent link="base"/><child link="arm"/>
+<limit effort="0" {limits}/></joint></robot>"""
+
+
+def _limits(kind: str = 'revolute', **limits: float) -> Limits:
+    values = {'lower': -9.0, 'upper': 9.0, 'velocity': 0.0, **limits}
+    return Limits(LIMITED.format(kind=kind, limits=' '.join(
+        f'{name}="{value}"' for name, value in values.items())), ('a',))
+
+
+def test_limits_are_those_of_the_urdf() -> None:
+    """Check the two-link arm's, a joint that it does not have, and the units."""
+    found = Limits(two_links(), ('b', 'x', 'a')).joints
+    inf = math.inf
+    assert found[0].position == (-inf, inf)
+    assert found[0].velocity == (-1.5, 1.5)
+    assert found[1][2:] == ((-inf, inf),) * 3
+    assert found[2].position == (-2.0, 3.0)
+    sliding = _limits('prismatic', acceleration=4.0, deceleration=3.0).joints[0]
+    assert (sliding.unit, sliding.acceleration) == ('m', (-3.0, 3.0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(sinusoids, positions, velocities, st.floats(0.05, 3.0), instants, st.floats(0.5, 8.0),
+       st.floats(0.5, 8.0), st.floats(1.0, 100.0))
+def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(
+        config: ReferenceConfig, q0: float, dq0: float, duration: float, t0: int, upper: float,
+        velocity: float, acceleration: float) -> None:
+    limits = _limits(lower=-upper, upper=upper, velocity=velocity, acceleration=acceleration)
+    c, a, speed, push = _ranges(config)
+    state = {'a': (q0, dq0)}
+
+    def started(duration: float) -> Motion:
+        return make_motion(config.changed({'start_duration': duration}), None, state, t0, limits)
+
+    try:
+        motion = started(duration)
+    except CtcError as error:
+        beyond = (abs(c) + a > upper or speed > velocity or push > acceleration
+                  or abs(q0) > upper or abs(dq0) > velocity)
+        text = str(error)
+        if 'would do' not in text:
+            assert beyond
+            assert re.search('the (motion|start) is beyond the limits of the description: a: ',
+                             text)
+            return
+        assert f'start_duration {duration:g} s' in text
+        word = text.split('; ')[-1].split()[0]
+        assume(word != 'no')
+        duration = float(word)
+        motion = started(duration)
+    path = np.abs(_path(motion, t0, t0 + round(duration * S) + S, 1000))[:, :, 0]
+    assert (path.max(axis=0) <= np.array([
+        upper + 1e-3, velocity * 1.001, acceleration * 1.001]) + 0.02).all()
+
+
+def test_refusals_name_the_joint_and_by_how_much() -> None:
+    """Check motion, start and duration, one limit each."""
+    config = ReferenceConfig(joint_names=('a',), center=(1.0,), amplitude=(0.5,),
+                             frequency=(1.0,), start_duration=1.0)
+    state = {'a': (0.0, 0.0)}
+    for limits, start, message in (
+            ({'upper': 1.4}, state, 'the motion is beyond the limits of the description: '
+             'a: position 1.5 rad, 0.1 beyond its limit of 1.4'),
+            ({'velocity': 3.0}, state,
+             'the motion .* a: velocity 3.142 rad/s, 0.142 beyond its limit of 3$'),
+            ({'acceleration': 19.0}, state, 'a: acceleration 19.74 rad/s², 0.739 beyond'),
+            ({'lower': -0.5}, {'a': (-0.6, 0.0)}, 'the start is beyond the limits of the '
+             'description: a: position -0.6 rad, 0.1 beyond its limit of -0.5'),
+            ({'velocity': 3.5}, {'a': (0.0, -4.0)}, 'the start .* a: velocity -4 rad/s, 0.5 b'),
+            ({'velocity': 3.2}, {'a': (-3.0, 0.0)}, r'start_duration 1 s: the start is beyond .* '
+             r'a: velocity 6\.\d+ rad/s, .* beyond its limit of 3.2; \d+ s would do'),
+            ({'lower': -0.1}, {'a': (0.0, -3.0)}, 'no other would do')):
+        with pytest.raises(CtcError, match=message.replace('²', '.')):
+            make_motion(config, None, start, 0, _limits(**limits))  # type: ignore[arg-type]
+    rest = {'frequency': [0.0], 'phase': [0.5 * math.pi]}  # It stands at 1.5.
+    for upper, fits in ((1.6, True), (1.4, False)):
+        if fits:
+            make_motion(config.changed(rest), None, state, 0, _limits(upper=upper, velocity=9.0))
+            continue
+        with pytest.raises(CtcError, match=r'position 1\.5 rad, 0\.1 beyond'):
+            make_motion(config.changed(rest), None, state, 0, _limits(upper=upper))
+    route = Route(('a',), (S, 2 * S), (((0.0,), (0.0,), ()), ((2.0,), (0.0,), ())))
+    with pytest.raises(CtcError, match=r'the motion .* a: velocity 3 rad/s, 1 beyond its limit'):
+        make_motion(config, route, state, 0, _limits(velocity=2.0))
+
+
+def test_the_shortest_duration() -> None:
+    """Check it against a rest-to-rest move, whose greatest velocity is 15/8 of the mean."""
+    def move(duration: float) -> Transition:
+        rest = ((0.0,), (0.0,), (0.0,))
+        return Transition(Braking(0, *rest, 1.0), Braking(0, (3.0,), *rest[1:], 1.0), 0, duration)
+    needed = 3.0 * 1.875 / 1.5
+    assert needed <= shortest(move, 0, 0.1, _limits(velocity=1.5)) <= 1.15 * needed
+    assert shortest(move, 0, 5.0, _limits(velocity=1.5)) == 5.0
+    assert shortest(move, 0, 0.1, _limits(upper=2.0)) == math.inf
+
+
+def test_extremes_of_a_sinusoid() -> None:
+    """Check them against many points of it."""
+    config = ReferenceConfig(joint_names=('a', 'b', 'c'), center=(1.0, -2.0, 0.5),
+                             amplitude=(0.5, -1.5, 2.0), frequency=(1.0, 0.3, 0.0),
+                             phase=(0.0, 0.7, -2.0))
+    path = np.array([Sinusoid(config).at(t) for t in np.linspace(0.0, 20.0, 40_001).tolist()])
+    found = np.array(Sinusoid(config).extremes())
+    assert found.max(axis=0) == pytest.approx(path.max(axis=0), abs=1e-4)
+    assert found.min(axis=0) == pytest.approx(path.min(axis=0), abs=1e-4)
+
+
+@pytest.mark.parametrize(('q0', 'dq0', 'duration', 'ddq0', 'name'), [
+    ((0.0, 0.0), (0.0, 0.0), 0.0, (0.0, 0.0), 'duration'),
+    ((0.0, 0.0), (0.0, 0.0), -1.0, (0.0, 0.0), 'duration'),
+    ((0.0, 0.0), (0.0, 0.0), 1e-10, (0.0, 0.0), 'duration'),
+    ((0.0, 0.0), (0.0, 0.0), float('nan'), (0.0, 0.0), 'duration'),
+    ((0.0, 0.0), (0.0, 0.0), float('inf'), (0.0, 0.0), 'duration'),
+    ((0.0,), (0.0, 0.0), 1.0, (0.0, 0.0), 'q0'),
+    ((0.0, float('nan')), (0.0, 0.0), 1.0, (0.0, 0.0), 'q0'),
+    ((0.0, 0.0), (), 1.0, (0.0, 0.0), 'dq0'),
+    ((0.0, 0.0), (0.0, float('inf')), 1.0, (0.0, 0.0), 'dq0'),
+    ((0.0, 0.0), (0.0, 0.0), 1.0, (0.0,), 'ddq0')])
+def test_refusals(q0: tuple[float, ...], dq0: tuple[float, ...], duration: float,
+                  ddq0: tuple[float, ...], name: str) -> None:
+    """Check that the error names what is wrong."""
+    with pytest.raises(ParameterError) as error:
+        smooth_start(Wave(), 0, (q0, dq0, ddq0), duration)
+    assert error.value.name == name
