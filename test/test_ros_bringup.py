@@ -36,9 +36,12 @@ def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
 
 
 @pytest.mark.parametrize('numbers', [
-    (signal.SIGINT, signal.SIGINT), (signal.SIGTERM,), (signal.SIGHUP,), (signal.SIGQUIT,)])
+    (signal.SIGINT, signal.SIGTERM), (signal.SIGHUP, signal.SIGQUIT),
+    pytest.param((signal.SIGTERM,), marks=pytest.mark.slow),
+    pytest.param((signal.SIGQUIT,), marks=pytest.mark.slow)])
 def test_a_signal_stops_all_of_them_cleanly(
         tmp_path: Path, numbers: tuple[signal.Signals, ...]) -> None:
+    """The first one does; a second one that is not handled would kill it."""
     bag = tmp_path / 'bag'
     with bringup(*ENDLESS, '--record', str(bag)) as process:
         pids = running(process, bag)
