@@ -24,6 +24,7 @@ import yaml
 
 from ctc_chattering import params
 from ctc_chattering.bag import read_bag
+from ctc_chattering.core import stamps
 from ctc_chattering.core.parameters import LARGEST, LEAST
 from ctc_chattering.graph import COMMANDS, JOINT_STATES
 from ctc_chattering.result import simulated
@@ -253,10 +254,13 @@ def test_no_gains_stop_time() -> None:
             diagnostics.until('plant', lambda r, t=time: (  # type: ignore[misc]
                 r.values['time of the run [s]'] == t), 'motion')
         assert [child.status for child in children] == [None, None, None]
-        # A plant that waits sends a state again: those are refused, too.
-        assert 'overflow' not in diagnostics.next('controller').refused(JOINT_STATES)
+        # A plant that waits sends a state again.
+        assert diagnostics.next('controller').refused(JOINT_STATES).keys() <= {stamps.REPEATED}
 
 
+#: What more than is accepted of the random sets: they and the answers are the same each time, 20,
+#: 46 and 8 with the limits that parameters have now.
+ACCEPTED = {'plant': 15, 'controller': 40, 'reference': 5}
 NUMBERS = (0.0, 0.5, 1.0, 2.0, 20.0, -1.0, NAN, INF, -INF, HUGE, -HUGE, TINY, LEAST, LARGEST)
 #: What may be drawn of these while the loop runs, as others stop it in good order or have the
 #: robot move beyond all numbers.
@@ -412,7 +416,7 @@ def test_a_thousand_random_sets_end_no_node_and_leave_valid_values(tmp_path: Pat
         for fuzzer in fuzzers:
             fuzzer.check()
             assert fuzzer.refused > 50
-            assert fuzzer.accepted > (10 if fuzzer.setter.node in ('plant', 'controller') else 1)
+            assert fuzzer.accepted > ACCEPTED[fuzzer.setter.node]
         assert sum(x.refused + x.accepted for x in fuzzers) > 900
         for node, setter in loop.setters.items():
             assert setter.all_or_nothing(

@@ -48,8 +48,8 @@ STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
 PERIOD = 1_000_000
 #: What a killed recorder may lose, beside what comes while it waits for a processor [ns].
 LOSS = NANOSECONDS
-#: Recorders killed in each graph, and those alive at the same time.
-KILLS, ALIVE = 4, 2
+#: Recorders killed in each graph, by pacing (lockstep is slow), and those alive at the same time.
+KILLS, ALIVE = {'lockstep': 6, 'real_time': 4}, 2
 #: Largest size of a bag without a message [bytes].
 EMPTY = 500
 
@@ -109,8 +109,8 @@ def size(bag: Path) -> int:
     return file.stat().st_size if file.exists() else 0
 
 
-def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]:
-    """Start recorders, and kill each of them at a random moment of its life."""
+def kill_at_random(it: Probe, folder: Path, dice: random.Random, kills: int) -> list[Killed]:
+    """Start so many recorders, and kill each of them at a random moment of its life."""
     killed: list[Killed] = []
     lives: dict[Path, tuple[supervisor.Child, float]] = {}
     watches: dict[Path, Stopwatch] = {}
@@ -124,8 +124,8 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
                 begun[bag] = now
         return any(now - begin > 1e9 * lives[bag][1] for bag, begin in begun.items())
 
-    while len(killed) < KILLS:
-        while started < KILLS and len(lives) < ALIVE:
+    while len(killed) < kills:
+        while started < kills and len(lives) < ALIVE:
             bag = folder / f'bag{started}'
             lives[bag] = it.start('recorder', '-p', f'bag:={bag}'), dice.uniform(0.0, 1.5)
             watches[bag] = Stopwatch(lives[bag][0].process.pid)
@@ -158,7 +158,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         loop = [it.start('plant', '-p', f'pacing:={pacing}'),
                 it.start('controller', *patience), it.start('reference')]
         it.until(lambda: len(witness.commands) > 100, 'motion')
-        killed = kill_at_random(it, tmp_path, random.Random(pacing))
+        killed = kill_at_random(it, tmp_path, random.Random(pacing), KILLS[pacing])
         count = len(witness.commands)
         it.until(lambda: len(witness.commands) > count + 100, 'that the loop goes on')
         report = reports.next('controller')
@@ -189,7 +189,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         if pacing == 'lockstep' and not overrun:
             steps = {b.t - a.t for a, b in itertools.pairwise(mine)}
             assert steps <= {0, PERIOD}  # A state that is not answered at once is sent again.
-    assert whole >= KILLS // 2
+    assert whole >= KILLS[pacing] // 2
     if pacing == 'lockstep':
         expected = simulated(params.load(None, {'plant': {'duration': latest / 1e9}})).run
         rows = np.array([x.t // PERIOD for x in states])
@@ -292,7 +292,9 @@ def test_what_is_dropped_is_counted_exactly_and_said(
                          *everybody)
         it.until(after(witness, 500), 'motion')
         recorder.signal(signal.SIGSTOP)
+        begin = time.time_ns()
         it.until(after(witness, 4000), 'too much for the middleware')
+        end = time.time_ns()
         recorder.signal(signal.SIGCONT)
         it.until(lambda: plant.status is not None, 'the end')
         it.until(lambda: time_of(witness.states[-1]) == duration * 1e9
@@ -303,7 +305,10 @@ def test_what_is_dropped_is_counted_exactly_and_said(
         recorder.signal(signal.SIGINT)
         assert recorder.process.wait(PATIENCE) == 0
     lost = {topic: report.count(f'dropped, {topic}') for topic in published}
-    assert min(lost.values()) > 0
+    # Of what went by meanwhile, publishers keep 1000 and the kernel some 200. A witness that is
+    # late has less go by than it counts.
+    meanwhile = sum(begin < x.t < end for x in witness.states)
+    assert min(lost.values()) > max(0, meanwhile - 2000)
     assert report.level == ERROR
     total = report.count('dropped')
     assert report.message == f'{total} messages were dropped'

@@ -165,7 +165,8 @@ def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
     graph.probe.until(lambda: len(graph.log('controller', 'holding the position')) == count,
                       'a line for each')
     graph.clear()
-    # After a pause of the machine the desired motion leads to the held position, and stays there.
+    # After a pause of the machine, also one shortly before, the desired motion leads to the held
+    # position within `restart_duration`, and stays there: only the last messages are sure of it.
     graph.probe.until(lambda: len(graph.tracking) > 5 and not any(
         any(m.velocity[:2]) for m in graph.tracking[-5:]), 'the hold')
     last = graph.pieces[-1].points[-1]
