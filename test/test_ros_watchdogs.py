@@ -75,10 +75,11 @@ class Graph:
 
     def until_well(self) -> None:
         """Wait until all say that they run, and the plant feels torques."""
-        for name in ('plant', 'controller', 'reference'):
-            self.diagnostics.until(  # One killed is counted as a publisher for a while.
-                name, lambda r: r.level in (OK, WARN) and r.message.startswith('running'),
-                'health')
+        latest = self.diagnostics.latest
+        latest.clear()
+        self.probe.until(lambda: len(latest) == 3 and all(
+            r.level in (OK, WARN)  # One killed is counted as a publisher for a while.
+            and r.message.startswith('running') for r in latest.values()), 'health')
         self.states.clear()
         self.probe.until(lambda: any(any(m.effort) for m in self.states), 'torques')
 
