@@ -56,7 +56,7 @@ def test_a_signal_stops_all_of_them_cleanly(
 
 
 @pytest.mark.parametrize('victim', [
-    pytest.param(x, marks=pytest.mark.slow) if x in NODES[2:] else x for x in NODES])
+    pytest.param(x, marks=pytest.mark.slow) if x in NODES[1:] else x for x in NODES])
 def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) -> None:
     bag = tmp_path / 'bag'
     with bringup(*ENDLESS, '--record', str(bag)) as process:
