@@ -209,22 +209,22 @@ def others(bag: Path) -> list[bytes]:
     return found
 
 
-def test_five_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
+def test_two_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
-    status, output = perform('--params-file', str(file), '--duration', '5', '--record', str(bag))
+    status, output = perform('--params-file', str(file), '--duration', '2', '--record', str(bag))
     assert status == 0, output
     assert 'were dropped' not in output
-    assert_equal(read_bag(bag), simulated(params.load(file, {'plant': {'duration': 5.0}})))
+    assert_equal(read_bag(bag), simulated(params.load(file, {'plant': {'duration': 2.0}})))
     found = counts(bag)
     reader = StateReader()
     stamps = [reader.read(data).t for data in recorded(bag)[STATES]]
     # A state whose answer took long is sent again, and so is the answer.
-    assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(5001)]
+    assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(2001)]
     assert len(stamps) == found[STATES]
-    assert found[TORQUES] >= 5001
-    assert found['/clock'] >= 501
+    assert found[TORQUES] >= 2001
+    assert found['/clock'] >= 201
     for topic in ('tracking', 'filter', 'torques'):
-        assert found[f'/controller/{topic}'] == 501
+        assert found[f'/controller/{topic}'] == 201
     assert not metadata(bag)['custom_data']
     said = dropped(bag)
     assert said
