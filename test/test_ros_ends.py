@@ -76,6 +76,7 @@ def test_a_running_graph_ends_soon_on_a_loaded_machine(
     dice = random.Random(f'{pacing} {together}')
     with probe() as it:
         children = [start(it, name, tmp_path / 'bag', pacing) for name in NODES]
+        it.until(lambda: (tmp_path / 'bag' / 'bag_0.mcap').exists(), 'the recorder')
         moving(it)
         with load():
             if together:
