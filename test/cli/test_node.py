@@ -14,8 +14,9 @@ import pytest
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('name', ['plant', 'controller', 'reference', 'recorder'])
+@pytest.mark.parametrize(('name', 'number'), [
+    ('plant', signal.SIGINT), ('controller', signal.SIGTERM), ('reference', signal.SIGINT),
+    ('recorder', signal.SIGTERM)])
 def test_a_signal_while_it_imports_ends_it_without_a_traceback(
         name: str, number: signal.Signals, tmp_path: Path) -> None:
     process = subprocess.Popen(

@@ -48,8 +48,8 @@ STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
 PERIOD = 1_000_000
 #: What a killed recorder may lose, beside what comes while it waits for a processor [ns].
 LOSS = NANOSECONDS
-#: Recorders killed in each graph, and those alive at the same time.
-KILLS, ALIVE = 4, 2
+#: Recorders killed in each graph, by pacing (lockstep is slow), and those alive at the same time.
+KILLS, ALIVE = {'lockstep': 6, 'real_time': 4}, 2
 #: Largest size of a bag without a message [bytes].
 EMPTY = 500
 
@@ -109,8 +109,8 @@ def size(bag: Path) -> int:
     return file.stat().st_size if file.exists() else 0
 
 
-def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]:
-    """Start recorders, and kill each of them at a random moment of its life."""
+def kill_at_random(it: Probe, folder: Path, dice: random.Random, kills: int) -> list[Killed]:
+    """Start so many recorders, and kill each of them at a random moment of its life."""
     killed: list[Killed] = []
     lives: dict[Path, tuple[child_process.Child, float]] = {}
     watches: dict[Path, Stopwatch] = {}
@@ -124,8 +124,8 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random) -> list[Killed]
                 begun[bag] = now
         return any(now - begin > 1e9 * lives[bag][1] for bag, begin in begun.items())
 
-    while len(killed) < KILLS:
-        while started < KILLS and len(lives) < ALIVE:
+    while len(killed) < kills:
+        while started < kills and len(lives) < ALIVE:
             bag = folder / f'bag{started}'
             lives[bag] = it.start('recorder', '-p', f'bag:={bag}'), dice.uniform(0.0, 1.5)
             watches[bag] = Stopwatch(lives[bag][0].process.pid)
@@ -152,13 +152,15 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
     What was published, and when, says a witness; in lockstep every state in every bag equals the
     simulation, to the last bit, and none is missing between two.
     """
-    patience = ('-p', 'state_timeout:=5.0', *(PATIENT if pacing == 'real_time' else ()))
+    slow = pacing == 'real_time'  # At 500 Hz: the machine has others to serve.
+    period, law = (('-p', 'control_period:=0.002'), PATIENT) if slow else ((), [])
     with probe() as it:
         reports, witness = Diagnostics(it), Witness(it)
-        loop = [it.start('plant', '-p', f'pacing:={pacing}'),
-                it.start('controller', *patience), it.start('reference')]
+        loop = [it.start('plant', '-p', f'pacing:={pacing}', *period),
+                it.start('controller', '-p', 'state_timeout:=5.0', *period, *law),
+                it.start('reference')]
         it.until(lambda: len(witness.commands) > 100, 'motion')
-        killed = kill_at_random(it, tmp_path, random.Random(pacing))
+        killed = kill_at_random(it, tmp_path, random.Random(pacing), KILLS[pacing])
         count = len(witness.commands)
         it.until(lambda: len(witness.commands) > count + 100, 'that the loop goes on')
         report = reports.next('controller')
@@ -189,7 +191,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         if pacing == 'lockstep' and not overrun:
             steps = {b.t - a.t for a, b in itertools.pairwise(mine)}
             assert steps <= {0, PERIOD}  # A state that is not answered at once is sent again.
-    assert whole >= KILLS // 2
+    assert whole >= KILLS[pacing] // 2
     if pacing == 'lockstep':
         expected = simulated(parameter_file.load(None, {'plant': {'duration': latest / 1e9}})).run
         rows = np.array([x.t // PERIOD for x in states])
@@ -207,22 +209,22 @@ def others(bag: Path) -> list[bytes]:
     return found
 
 
-def test_five_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
+def test_two_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
-    status, output = perform('--params-file', str(file), '--duration', '5', '--record', str(bag))
+    status, output = perform('--params-file', str(file), '--duration', '2', '--record', str(bag))
     assert status == 0, output
     assert 'were dropped' not in output
-    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 5.0}})))
+    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 2.0}})))
     found = counts(bag)
     reader = StateReader()
     stamps = [reader.read(data).t for data in recorded(bag)[STATES]]
     # A state whose answer took long is sent again, and so is the answer.
-    assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(5001)]
+    assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(2001)]
     assert len(stamps) == found[STATES]
-    assert found[TORQUES] >= 5001
-    assert found['/clock'] >= 501
+    assert found[TORQUES] >= 2001
+    assert found['/clock'] >= 201
     for topic in ('tracking', 'filter', 'torques'):
-        assert found[f'/controller/{topic}'] == 501
+        assert found[f'/controller/{topic}'] == 201
     assert not metadata(bag)['custom_data']
     said = dropped(bag)
     assert said
@@ -292,18 +294,25 @@ def test_what_is_dropped_is_counted_exactly_and_said(
                          *everybody)
         it.until(after(witness, 500), 'motion')
         recorder.signal(signal.SIGSTOP)
+        begin = time.time_ns()
         it.until(after(witness, 4000), 'too much for the middleware')
+        end = time.time_ns()
         recorder.signal(signal.SIGCONT)
         it.until(lambda: plant.status is not None, 'the end')
         it.until(lambda: time_of(witness.states[-1]) == duration * 1e9
                  and witness.commands[-1].number > duration * 1e3, 'the last messages')
         published = {STATES: witness.states[-1].number, TORQUES: witness.commands[-1].number}
-        reports.next('recorder')
-        report = reports.next('recorder')
+        for _ in range(20):  # What is sent again, and what no longer can be, may take seconds.
+            report, found = reports.next('recorder'), recorded(bag)
+            lost = {topic: report.count(f'dropped, {topic}') for topic in published}
+            if {topic: len(found[topic]) + count for topic, count in lost.items()} == published:
+                break
         recorder.signal(signal.SIGINT)
         assert recorder.process.wait(PATIENCE) == 0
-    lost = {topic: report.count(f'dropped, {topic}') for topic in published}
-    assert min(lost.values()) > 0
+    # Of what went by meanwhile, publishers keep 1000 and the kernel some 200. A witness that is
+    # late has less go by than it counts.
+    meanwhile = sum(begin < x.t < end for x in witness.states)
+    assert min(lost.values()) > max(0, meanwhile - 2000)
     assert report.level == ERROR
     total = report.count('dropped')
     assert report.message == f'{total} messages were dropped'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from pathlib import Path
 
@@ -53,9 +54,9 @@ def tour() -> list[str]:
 def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     """At the sample of a change nothing differs from the run without it but the term itself."""
     first, *others = tour()
-    times = [1.0 + 0.05 * i for i in range(len(others))]
+    times = [0.2 + 0.05 * i for i in range(len(others))]
     file = tmp_path / 'params.yaml'
-    file.write_text(PLAIN.format(duration=1.8, switching=first, events=[
+    file.write_text(PLAIN.format(duration=0.9, switching=first, events=[
         f'{t:.3f} controller switching {name}' for t, name in zip(times, others)]))
     status, output = perform('--params-file', str(file), '--record', str(tmp_path / 'bag'))
     assert status == 0, output
@@ -69,7 +70,8 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     rest = result.run.tau + result.terms.chattering
     for i, event in enumerate(setup.events):
         k = int(np.flatnonzero(result.run.t >= event.time - 1e-12)[0])
-        without = simulate(setup.plant, setup.controller, setup.reference, setup.events[:i])
+        plant = dataclasses.replace(setup.plant, duration=event.time)
+        without = simulate(plant, setup.controller, setup.reference, setup.events[:i])
         assert np.array_equal(result.run.v[k], without.v[k])
         assert np.array_equal(result.run.q[k], without.q[k])
         other = terms(without, [(0.0, setup.controller), *result.configs[1:i + 1]])

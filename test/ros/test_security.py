@@ -12,7 +12,9 @@ from processes import alive, CONFIG, descriptors, has_port, PATIENCE, wait_for
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.security import check_security
 
 pytestmark = pytest.mark.ros
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
@@ -29,7 +31,9 @@ def command(name: str, folder: Path) -> list[str]:
     return [sys.executable, '-m', 'ctc_chattering.cli.node', name, *bag]
 
 
-@pytest.mark.parametrize('keystore', ['unset', 'missing', 'empty', 'without the libraries'])
+@pytest.mark.parametrize('keystore', [
+    'unset', pytest.param('missing', marks=pytest.mark.slow),
+    pytest.param('empty', marks=pytest.mark.slow), 'without the libraries'])
 def test_enforced_security_without_a_keystore_ends_all_at_once(
         keystore: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line, status 1, no traceback, and nothing is left: neither a process nor a bag."""
@@ -62,6 +66,18 @@ def test_enforced_security_without_a_keystore_ends_all_at_once(
             assert len(output.splitlines()) == 1
             assert 'Traceback' not in output
     assert not list(tmp_path.glob('*/bag'))
+
+
+@pytest.mark.parametrize('there', [False, True])
+def test_a_place_without_enclaves_is_named_as_no_keystore(
+        there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / 'keys'
+    if there:
+        place.mkdir()
+    for name, value in {**ENFORCED, 'ROS_SECURITY_KEYSTORE': str(place)}.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(CtcError, match=f'ROS_SECURITY_KEYSTORE={place} is no keystore'):
+        check_security()
 
 
 def environment(pid: int) -> dict[str, str]:

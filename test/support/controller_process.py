@@ -9,6 +9,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.trajectory.buffer import Point
+
 #: A law that a machine does not upset which is late by many samples.
 PATIENT = ['-p', 'law:=compensation', '-p', 'kp:=[25.0,25.0]', '-p', 'kv:=[10.0,10.0]']
 
@@ -32,3 +36,13 @@ class ControllerUnderTest:
         self.states.publish(message)
         self.probe.until(lambda: len(self.commands) > before, 'a torque')
         return list(self.commands[-1].data)
+
+
+def after_an_outage(q: Vector, dq: Vector, point: Point) -> list[float]:
+    """Return the first torque of a law after a bumpless reset."""
+    law = Controller(ControllerConfig())
+    law.reset(bumpless=True)
+    sample = law.step(q, dq, *point)
+    assert not any(sample.v)
+    assert list(sample.tau) == list(sample.inverse_dynamics)
+    return list(sample.tau)

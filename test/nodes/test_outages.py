@@ -1,0 +1,156 @@
+"""Outages before a controller that stands alone, and in lockstep, where time waits."""
+
+from __future__ import annotations
+
+from contextlib import closing
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from controller_process import after_an_outage
+from faults import Diagnostics, ERROR, nodes_of, OK, WARN
+from processes import bringup, CONFIG, PATIENCE, Probe, probe, wait_for
+import pytest
+from recorded_runs import assert_equal
+from ros_messages import COMMANDS, MS, ns, reference, state
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.ros.topics import DIAGNOSTICS
+
+pytestmark = pytest.mark.ros
+ZERO = [0.0, 0.0]
+
+
+class PlayedPlant:
+    """The test as the plant in real time, before a controller."""
+
+    def __init__(self, it: Probe, timeout: float) -> None:
+        self.probe = it
+        self.diagnostics = Diagnostics(it)
+        self.commands = it.listen(Float64MultiArray, COMMANDS)
+        self.states = it.node.create_publisher(JointState, 'joint_states', 1000)
+        self.references = it.node.create_publisher(JointTrajectory, 'reference', 1000)
+        it.start('controller', '-p', f'state_timeout:={timeout}', '-p', 'restart_duration:=0.0')
+        it.until(lambda: self.states.get_subscription_count()
+                 and self.references.get_subscription_count()
+                 and it.node.count_publishers(COMMANDS), 'the controller')
+        self.references.publish(reference(
+            ['joint1', 'joint2'], [[[1.0, -0.5], ZERO, ZERO]]))
+
+    def answer(self, q: Vector, dq: Vector) -> list[float]:
+        before = len(self.commands)
+        self.states.publish(state(
+            time.time_ns(), joint1=(q[0], dq[0]), joint2=(q[1], dq[1])))
+        self.probe.until(lambda: len(self.commands) > before, 'a torque')
+        return list(self.commands[-1].data)
+
+
+def test_every_outage_begins_the_law_anew_and_a_motion_at_rest_is_held() -> None:
+    """The last point of the reference, long past, is at rest: nothing is missing."""
+    point, law = ([1.0, -0.5], ZERO, ZERO), Controller(ControllerConfig())
+    with probe() as it:
+        plant = PlayedPlant(it, 1.0)
+        for outage in range(2):
+            law.reset(bumpless=outage > 0)
+            for k in range(5):
+                q, dq = [0.1 * k, 0.2 + outage], [0.3, -0.1 * k]
+                expected = law.step(q, dq, *point)
+                assert plant.answer(q, dq) == list(expected.tau)
+                if outage and not k:
+                    assert list(expected.tau) == after_an_outage(q, dq, point)
+            sent = len(plant.commands)
+            report = plant.diagnostics.until(
+                'controller', lambda r: 'no state for' in r.message, 'the error')
+            assert report.level == ERROR
+            assert report.count('timeouts, state') == outage + 1
+            assert report.count('timeouts, reference') == 0
+            assert report.count('restarts') == outage
+            it.until(lambda sent=sent: len(plant.commands) > sent, 'the last')  # type: ignore
+            plant.diagnostics.next('controller')
+            assert [list(m.data) for m in plant.commands[sent:]] == [ZERO]
+
+
+def recorded(bag: Path, node: str) -> list[dict[str, str]]:
+    """Return what a node said in the diagnostics that a bag holds."""
+    with closing(open_bag(bag)) as reader:
+        connections = [x for x in reader.connections if x.topic == DIAGNOSTICS]
+        arrays: list[Any] = [reader.deserialize(data, connection.msgtype)
+                             for connection, _, data in reader.messages(connections)]
+    found = [status for array in arrays for status in array.status if status.name == f'/{node}']
+    return [{x.key: x.value for x in status.values} for status in found]
+
+
+def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
+    """Hold each process still for half a second, as long as 25 timeouts."""
+    bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
+    with bringup('--params-file', str(file), '--duration', '3', '--record', str(bag)) as process:
+        wait_for(lambda: (bag / 'bag_0.mcap').exists()
+                 and (bag / 'bag_0.mcap').stat().st_size > 20_000, 'a part of the bag')
+        pids = nodes_of(process.pid)
+        for victim in ('plant', 'controller'):
+            os.kill(pids[victim], signal.SIGSTOP)
+            time.sleep(0.5)
+            os.kill(pids[victim], signal.SIGCONT)
+        output, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, output
+    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 3.0}})))
+    reports = recorded(bag, 'controller')
+    assert reports
+    for report in reports:
+        assert report['restarts'] == report['timeouts, state'] == '0'
+        assert report['timeouts, reference'] == '0'
+
+
+def test_in_lockstep_time_goes_on_where_the_motion_ends_at_rest() -> None:
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states')
+        pieces = it.node.create_publisher(JointTrajectory, 'reference', 10)
+        it.start('controller')
+        it.until(pieces.get_subscription_count, 'the controller')
+        pieces.publish(reference(['joint1', 'joint2'], [
+            [[0.1 * k, 0.0], [0.1, 0.0] if k < 2 else ZERO, ZERO] for k in range(3)]))
+        it.start('plant', '-p', 'pacing:=lockstep')
+        it.until(lambda: states and ns(states[-1].header.stamp) > 300 * MS, 'time')
+        report = diagnostics.until('controller', lambda r: r.level == OK, 'health')
+        assert report.message == 'running'
+        assert report.count('timeouts, reference') == 0
+        assert report.count('restarts') == 0
+
+
+def test_in_lockstep_the_plant_says_what_it_waits_for() -> None:
+    """Kill the controller: simulated time stands still until there is another one."""
+    with probe() as it:
+        diagnostics = Diagnostics(it)
+        states = it.listen(JointState, 'joint_states', 10_000)
+        it.start('plant', '-p', 'pacing:=lockstep')
+        controller = it.start('controller')
+        it.start('reference')
+        it.until(lambda: len(states) > 100, 'motion')
+        controller.signal(signal.SIGKILL)
+
+        def said() -> list[float]:
+            """Return when the plant said what it waits for [s]."""
+            return [float(line.split('[')[3].split(']')[0]) for line in it.lines
+                    if 'waiting for the answer on effort_controller/commands to the state' in line]
+
+        it.until(lambda: len(said()) >= 2, 'two reports')
+        assert said()[1] - said()[0] > 2.5
+        report = diagnostics.next('plant')
+        assert report.level == WARN
+        assert 'waiting for the answer on effort_controller/commands' in report.message
+        stood = states[-1].header.stamp
+        it.until(lambda: len(states) > 0, 'the last state')
+        it.start('controller')
+        it.until(lambda: ns(states[-1].header.stamp) > ns(stood) + 200 * MS, 'motion')
+        assert diagnostics.until('plant', lambda r: 'running' in r.message, 'health')
