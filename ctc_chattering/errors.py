@@ -38,7 +38,7 @@ class ParameterError(CtcError, ValueError):
         super().__init__(f'{name}: {text} is not allowed; allowed: {allowed}')
 
     def __reduce__(self) -> tuple[type[ParameterError], tuple[str, object, str]]:
-        """Say how to make it anew, for a worker process that raises it."""
+        """Return how to construct it again in another process."""
         return ParameterError, (self.name, self.value, self.allowed)
 
 

@@ -1,4 +1,4 @@
-"""Every term of the law over a recorded run, computed anew by the controller itself."""
+"""Every term of the law over a recorded run, recomputed by the controller itself."""
 
 from __future__ import annotations
 

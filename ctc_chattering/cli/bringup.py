@@ -10,7 +10,7 @@ import sys
 from ctc_chattering import __version__
 from ctc_chattering.cli.options import add_run_options, guarded, overrides, params_file, Parser
 from ctc_chattering.experiment import parameter_file
-from ctc_chattering.launch.graph import perform, Stopped
+from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.ros.ros_arguments import RosArguments
 from ctc_chattering.simulation.plant import PACINGS
@@ -56,8 +56,8 @@ def bringup(options: argparse.Namespace, ros: RosArguments) -> int:
     setup = parameter_file.load(file, over)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         try:
-            perform(file, over, options.record, ['--ros-args', *ros.rest], progress,
-                    progress.write)
+            run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,
+                      progress.write)
             progress.complete()
         except Stopped as stopped:
             progress.write(f'bringup: {stopped}')

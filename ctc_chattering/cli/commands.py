@@ -50,7 +50,7 @@ def simulate(options: argparse.Namespace) -> int:
 def reproduce(options: argparse.Namespace) -> int:
     """Run `ctc reproduce`."""
     from ctc_chattering.experiment.paper import EXPERIMENTS
-    from ctc_chattering.launch.graph import perform
+    from ctc_chattering.launch.graph import run_graph
     from ctc_chattering.ros.domain import own_domain
 
     out = prepare(options.out, (_BAGS, _FIGURES, _METRICS, _PAGE), options.overwrite)
@@ -61,8 +61,8 @@ def reproduce(options: argparse.Namespace) -> int:
             setup = parameter_file.load(experiment.path, experiment.overrides)
             bag = out / _BAGS / experiment.name
             with Progress(f'{experiment.name:{width}}', setup.plant.duration) as progress:
-                perform(experiment.path, experiment.overrides, bag, progress=progress,
-                        show=lambda _: None)
+                run_graph(experiment.path, experiment.overrides, bag, progress=progress,
+                          show=lambda _: None)
                 progress.complete()
             bags.append(bag)
     from ctc_chattering.bags.reader import read_bag
@@ -131,7 +131,7 @@ def study(options: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from ctc_chattering.studies.study import CASES, perform, to_csv, to_markdown
+    from ctc_chattering.studies.study import CASES, run_cases, to_csv, to_markdown
     from ctc_chattering.studies.study_figures import save_study_figures
 
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs
@@ -141,7 +141,7 @@ def study(options: argparse.Namespace) -> int:
     start = time.monotonic()
     with tqdm(total=len(CASES) * len(SWITCHINGS), desc='study', unit='run',
               mininterval=0.2 if sys.stderr.isatty() else 2.0) as bar:
-        outcomes = perform(CASES, SWITCHINGS, jobs, bar.update)
+        outcomes = run_cases(CASES, SWITCHINGS, jobs, bar.update)
     write_text(out / 'study.csv', to_csv(outcomes))
     print('drawing ...', flush=True)
     figures = save_study_figures(outcomes, out / _FIGURES)

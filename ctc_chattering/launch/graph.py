@@ -25,9 +25,9 @@ class Stopped(CtcError):
     """The run was stopped by SIGINT or SIGTERM."""
 
 
-def perform(path: Path | None, overrides: Overrides | None = None, record: Path | None = None,
-            ros_args: Sequence[str] = (), progress: Callable[[float], None] | None = None,
-            show: Callable[[str], None] = print) -> None:
+def run_graph(path: Path | None, overrides: Overrides | None = None, record: Path | None = None,
+              ros_args: Sequence[str] = (), progress: Callable[[float], None] | None = None,
+              show: Callable[[str], None] = print) -> None:
     """
     Run the graph until the plant ends the experiment, and leave no process behind.
 
@@ -60,7 +60,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profile()
-    from ctc_chattering.launch.parameter_events import Observer
+    from ctc_chattering.launch.parameter_events import GraphMonitor
     lockstep = setup.plant.pacing == 'lockstep'
     names = (*(('recorder',) if record else ()), *LOOP)
     values = {name: dict(setup.values[name]) for name in names}
@@ -85,7 +85,7 @@ def perform(path: Path | None, overrides: Overrides | None = None, record: Path 
                     name, *ros_args, '--ros-args', '--params-file', str(resolved))
                 children[name] = child_process.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)
-            observer = Observer(setup.events, lockstep, ros_args)
+            observer = GraphMonitor(setup.events, lockstep, ros_args)
             _watch(children, observer, caught, setup.plant.duration > 0.0, progress)
         finally:
             if observer is not None:

@@ -29,12 +29,12 @@ from ctc_chattering.simulation.closed_loop import Event
 _AGAIN = 1.0
 
 
-class Conductor(BaseNode):
+class ParameterEventScheduler(BaseNode):
     """
     Follows a run and carries out its events through the parameter services.
 
     In lockstep the plant holds simulated time before an event's first sample, until the
-    conductor moves its parameter ``hold_at`` on.
+    scheduler moves its parameter ``hold_at`` on.
 
     Parameters
     ----------
@@ -114,14 +114,14 @@ def _read_start(data: bytes) -> int:
     return nanoseconds_of(deserialize_message(data, ParameterEvent).stamp)
 
 
-class Observer:
+class GraphMonitor:
     """
-    A `Conductor` in this process, spun between other work.
+    A `ParameterEventScheduler` in this process, spun between other work.
 
     Parameters
     ----------
     events, lockstep
-        As `Conductor` takes them.
+        As `ParameterEventScheduler` takes them.
     ros_args : sequence of str
         Arguments for ROS, such as a namespace.
 
@@ -136,7 +136,7 @@ class Observer:
         try:
             rclpy.init(
                 args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
-            self._node = Conductor(events, lockstep)
+            self._node = ParameterEventScheduler(events, lockstep)
         except Exception as error:
             rclpy.try_shutdown()
             raise CtcError(' '.join(str(error).split())) from None

@@ -103,7 +103,7 @@ class ControlLoop:
         self._tripped = ''
 
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
-        """Add a piece of the reference: instants [ns] and points."""
+        """Add a chunk of the reference: instants [ns] and points."""
         unused = self.last is None or self.watchdog.out
         self.motion.extend(times, points, _MOST_POINTS if unused else None)
 

@@ -34,7 +34,7 @@ class SequenceTracker:
         number : int
             The publisher's number of the message.
         publishers : int
-            How many there are now. With several, nobody knows whose message is missing, and a
+            How many there are now. With several, it is not known whose message is missing, and a
             number never seen may be a new publisher's; then it is 0.
 
         """

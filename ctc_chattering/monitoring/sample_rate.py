@@ -1,4 +1,4 @@
-"""Whether samples come as often as they should, judged by their stamps, a window at a time."""
+"""Whether samples come at the configured rate, by their stamps, one window at a time."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class SampleRate:
         self._last = t
 
     def pause(self) -> None:
-        """Do not count the time to the next sample; begin the window anew."""
+        """Do not count the time to the next sample; start the window again."""
         self._first = None
         self._count = 0
 
     def rotate(self) -> None:
-        """Judge the window, and begin the next one; without a period it says nothing."""
+        """Evaluate the window and start the next one; without a period it says nothing."""
         if self._first is None or not self._count:
             return
         mean = (self._last - self._first) / self._count

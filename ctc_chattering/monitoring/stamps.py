@@ -38,7 +38,7 @@ class Stamps:
     Attributes
     ----------
     lateness : int
-        How much longer the state judged last was underway than the quickest one [ns]; told in
+        How much longer the state classified last was underway than the quickest one [ns]; told in
         real time only.
 
     """

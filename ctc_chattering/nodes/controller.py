@@ -97,12 +97,12 @@ class ControllerNode(BaseNode):
         return (f'law {config.law}{switching}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
 
-    def _on_reference(self, piece: TrajectoryChunk, now: int) -> None:
+    def _on_reference(self, chunk: TrajectoryChunk, now: int) -> None:
         rows = self._reference_joints.select(
-            piece.names, *(row for point in piece.points for row in point))
-        if any(b <= a for a, b in zip(piece.times, piece.times[1:])):
+            chunk.names, *(row for point in chunk.points for row in point))
+        if any(b <= a for a, b in zip(chunk.times, chunk.times[1:])):
             raise RejectedMessage('times', 'points whose times do not increase')
-        self._loop.take_reference(piece.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
+        self._loop.take_reference(chunk.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
     def _on_state(self, state: State, now: int) -> None:

@@ -136,7 +136,7 @@ class PlantNode(BaseNode):
             return f'those who are to hear {JOINT_STATES}'
         publishers = ', '.join(self.inputs[0].publishers())
         return (f'the answer on {COMMANDS} to the state at t = {self._robot.t:g} s; '
-                + (f'published by {publishers}' if publishers else 'nobody publishes there'))
+                + (f'published by {publishers}' if publishers else 'there is no publisher'))
 
     def status(self) -> Status:
         """Return what the plant does and why."""

@@ -56,7 +56,7 @@ class _Recorded:
         Whence its messages are taken.
     timing : ValidatedSubscription or None
         What reads the time out of them, where they tell it.
-    numbering : SequenceTracker
+    sequence : SequenceTracker
         What finds missing messages.
 
     """
@@ -66,7 +66,7 @@ class _Recorded:
     offered: str
     matching: MatchingSubscription
     timing: ValidatedSubscription[int] | None
-    numbering: SequenceTracker
+    sequence: SequenceTracker
 
 
 def _stamp(data: bytes) -> int:
@@ -79,9 +79,9 @@ def _stamp(data: bytes) -> int:
 
 class RecorderNode(BaseNode):
     """
-    Records all topics of `graph.TOPICS`.
+    Records all topics of `ros.topics.TOPICS`.
 
-    The log time is the simulated time of the last state received where somebody publishes
+    The log time is the simulated time of the last state received where there is a publisher of
     ``clock``, so that a lockstep run plays back with its own timing, and the node clock's time
     of reception otherwise. Publishers number their messages; what is missing in the numbers was
     dropped on the way, and the bag says how much.
@@ -92,8 +92,8 @@ class RecorderNode(BaseNode):
 
     def __init__(self) -> None:
         super().__init__('recorder')
-        tuning = NodeParameters(self, (RecorderSettings,), lambda: None)
-        self._recording = Recording(Path(tuning.get(RecorderSettings).bag))
+        parameters = NodeParameters(self, (RecorderSettings,), lambda: None)
+        self._recording = Recording(Path(parameters.get(RecorderSettings).bag))
         self.tick = NAP
         self._received = 0
         #: When the last message recorded was sent [ns], by the system's clock.
@@ -138,8 +138,8 @@ class RecorderNode(BaseNode):
     def _record(self, topic: _Recorded, data: bytes, info: Mapping[str, Any]) -> None:
         """Record a message."""
         number = info.get('publication_sequence_number')
-        if number and not topic.numbering.follows(number):
-            self._lose(topic.name, topic.numbering.lost(
+        if number and not topic.sequence.follows(number):
+            self._lose(topic.name, topic.sequence.lost(
                 number, self.count_publishers(topic.name)))
         if topic.timing is not None:
             topic.timing.receive(data, info)

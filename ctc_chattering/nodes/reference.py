@@ -44,10 +44,10 @@ _IN_STEP = NANOSECONDS // 4
 
 class ReferenceNode(BaseNode):
     """
-    Publishes pieces of the motion, each before it is needed.
+    Publishes chunks of the motion, each before it is needed.
 
-    Where somebody publishes ``clock``, the motion is a function of that time; otherwise of the
-    node clock's time since the first joint state seen while somebody listened, in terms of the
+    With a publisher of ``clock``, the motion is a function of that time; otherwise of the
+    node clock's time since the first joint state received while there was a subscriber, in terms of the
     stamps of the states, whatever clock they are from. Waypoints that come on
     ``~/joint_trajectory`` take the place of the motion, and a sinusoid whose parameters are set
     takes theirs: it passes from one into the other without a jump.
@@ -157,10 +157,10 @@ class ReferenceNode(BaseNode):
             return Status(ERROR, self._refusal, {})
         if self._now is None or self._plan.motion is None:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
-        values = {'time of the motion [s]': seconds(self._now), 'published pieces': self._pieces,
+        values = {'time of the motion [s]': seconds(self._now), 'published chunks': self._pieces,
                   'time': 'simulated' if self._simulated else 'real'}
         if not self._subscribers:
-            return Status(WARN, f'nobody listens to {REFERENCE}', values)
+            return Status(WARN, f'no subscriber to {REFERENCE}', values)
         return Status(OK, 'running', values)
 
     def _on_clock(self, now: int, _arrival: int) -> None:
@@ -176,7 +176,7 @@ class ReferenceNode(BaseNode):
         self._extend()
 
     def _advance(self, now: int) -> None:
-        """Note the time of the motion [ns]; if it went back, begin anew from there."""
+        """Note the time of the motion [ns]; if it went back, start again from there."""
         if self._now is not None and now < self._now:
             self._next = now // self._period
             self._plan.restart()
@@ -230,15 +230,15 @@ class ReferenceNode(BaseNode):
                 return True
         return False
 
-    def _on_route(self, piece: TrajectoryChunk, _arrival: int) -> None:
+    def _on_route(self, chunk: TrajectoryChunk, _arrival: int) -> None:
         """Go through waypoints, after what has been published already."""
         if self._now is None or self._plan.motion is None:
             raise RejectedMessage('early', 'the motion has not begun')
         begin = self._after_published(self._now)
-        shift = self._lead - (self._start or 0) if piece.start != 0 else begin
+        shift = self._lead - (self._start or 0) if chunk.start != 0 else begin
         try:
             self._plan.follow(
-                Route(*piece[:3])._replace(times=[t + shift for t in piece.times]), begin)
+                Route(*chunk[:3])._replace(times=[t + shift for t in chunk.times]), begin)
         except CtcError as error:
             raise RejectedMessage('waypoints', str(error)) from None
         self._next = begin // self._period
@@ -248,7 +248,7 @@ class ReferenceNode(BaseNode):
         return (now // self._period + self._piece) * self._period
 
     def _extend(self) -> None:
-        """Publish pieces until the motion is known far enough ahead."""
+        """Publish chunks until the motion is known far enough ahead."""
         if self._now is None or self._plan.motion is None or not self._subscribers:
             return
         begin = self._after_published(self._now)
@@ -265,7 +265,7 @@ class ReferenceNode(BaseNode):
             self._next += self._piece
 
     def _publish(self, first: int) -> None:
-        """Publish a piece from grid index `first` on."""
+        """Publish a chunk from grid index `first` on."""
         motion = self._plan.motion
         assert motion is not None
         self._pieces += 1

@@ -52,7 +52,7 @@ class MatchingSubscription:
     """
     A subscription that hears best-effort publishers, too.
 
-    It asks for what `profile` says. Only where nobody who publishes on the topic offers that does
+    It asks for what `profile` says. Only where no publisher of the topic offers that does
     it subscribe again and asks for less: a request for reliable messages does not match
     ``rclcpp::ClockQoS``, ``SensorDataQoS`` or the clock of ``ros2 bag play``. While a publisher
     matches, nothing changes, whoever else comes.

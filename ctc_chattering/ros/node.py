@@ -100,7 +100,7 @@ class BaseNode(Node):
 
     @property
     def in_real_time(self) -> bool:
-        """Whether the robot waits for nobody."""
+        """Whether the robot waits for none of its messages."""
         return False
 
     def schedule(self) -> None:
@@ -126,7 +126,7 @@ class BaseNode(Node):
         level, message, values = self.status()
         if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
             level = max(level, WARN)
-            message = f'{message}; use_sim_time is true, but nobody publishes /clock'
+            message = f'{message}; use_sim_time is true, but /clock has no publisher'
             self.get_logger().warning(message, throttle_duration_sec=5.0)
         everything = dict(values)
         if self.scheduling:
@@ -179,7 +179,7 @@ class BaseNode(Node):
 
     def spin_in_batches(self, executor: Any) -> None:
         """
-        Serve what has come, then sleep: for nodes that nobody waits for.
+        Serve what has come, then sleep: for nodes whose messages are not waited for.
 
         Woken for every message, such a node would take the processor away from the control loop;
         in batches a message costs half as much.

@@ -143,7 +143,7 @@ class NodeParameters:
                 if (parameter.name == 'use_sim_time' and parameter.value is True
                         and not self._node.count_publishers('/clock')):
                     raise ParameterError('use_sim_time', True, (
-                        'false: nobody publishes /clock, and time would stand still'))
+                        'false: /clock has no publisher, and time would stand still'))
             self._check(self._candidates(parameters))
         except CtcError as error:
             return SetParametersResult(successful=False, reason=str(error))

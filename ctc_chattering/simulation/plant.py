@@ -3,7 +3,7 @@ The simulated robot: equation (1) with set-valued Coulomb friction, under a held
 
 Between changes of stick and slide the motion is smooth and a Runge-Kutta step of fourth order
 follows it. Where a sliding joint comes to rest, or a stuck one is overloaded, the instant is
-located within the step, the modes are decided anew there, and the rest of the step goes on.
+located within the step, the modes are determined again there, and the rest of the step goes on.
 """
 
 from __future__ import annotations

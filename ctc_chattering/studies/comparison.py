@@ -86,12 +86,12 @@ def over_simulation(path: Path, overrides: Overrides) -> Result:
 def over_ros(path: Path, overrides: Overrides) -> Result:
     """Run the nodes, record a bag, and return what it says."""
     from ctc_chattering.bags.reader import read_bag
-    from ctc_chattering.launch.graph import perform
+    from ctc_chattering.launch.graph import run_graph
     from ctc_chattering.ros.domain import own_domain
 
     with own_domain(), tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
         bag = Path(scratch) / 'bag'
-        perform(path, overrides, bag, show=lambda _: None)
+        run_graph(path, overrides, bag, show=lambda _: None)
         return read_bag(bag)
 
 

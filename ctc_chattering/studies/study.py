@@ -177,8 +177,8 @@ def evaluate(case: Case, switching: str, setup: Setup) -> Outcome:
     return dataclasses.replace(outcome, error=error, variation=variation)
 
 
-def perform(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1,
-            progress: Callable[[], Any] | None = None) -> list[Outcome]:
+def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1,
+              progress: Callable[[], Any] | None = None) -> list[Outcome]:
     """
     Run every case under every switching.
 

@@ -142,7 +142,7 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[tup
     Parameters
     ----------
     outcomes : sequence of Outcome
-        Result of `study.perform`; a figure without any of its cases is left out.
+        Result of `study.run_cases`; a figure without any of its cases is left out.
     directory : Path
         Created if necessary.
 

@@ -1,4 +1,4 @@
-"""A desired motion that arrives in pieces, as a controller sees it."""
+"""A desired motion that arrives in chunks, as a controller sees it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class Trajectory:
     """
     Points of position, velocity and acceleration over integer nanoseconds.
 
-    A new piece replaces all points from its first instant on. Between two points the motion is
+    A new chunk replaces all points from its first instant on. Between two points the motion is
     the quintic that meets both; on a point it is that point, to the last bit. After the last one
     it goes on at that point's velocity for as long as `grace`, and then rests where it is.
 
     Parameters
     ----------
     grace : int
-        How long the next piece may be late [ns].
+        How long the next chunk may be late [ns].
 
     """
 
@@ -48,12 +48,12 @@ class Trajectory:
             x for row in self._points[self._times[-1]][1:] for x in row)
 
     def overdue(self, t: int) -> bool:
-        """Return whether a piece that should go on at `t` [ns] has not come within the grace."""
+        """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""
         return bool(self._times) and t > self._times[-1] + self._grace and not self.ends_at_rest
 
     def extend(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """
-        Add a piece.
+        Add a chunk.
 
         Parameters
         ----------

@@ -37,7 +37,7 @@ class DesiredMotion:
 
     def extend(self, times: Sequence[int], points: Sequence[Point], most: int | None) -> None:
         """
-        Add a piece of the reference.
+        Add a chunk of the reference.
 
         Parameters
         ----------
@@ -46,7 +46,7 @@ class DesiredMotion:
         points : sequence of (position, velocity, acceleration)
             Each of shape (n,) [rad, rad/s, rad/s²].
         most : int or None
-            Number of points to keep, beside a longer piece; None for all.
+            Number of points to keep, beside a longer chunk; None for all.
 
         """
         self._trajectory.extend(times, points)
@@ -91,5 +91,5 @@ class DesiredMotion:
         return self._rejoining.active
 
     def late(self, t: int) -> bool:
-        """Return whether a piece that should go on at `t` [ns] has not come within the grace."""
+        """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""
         return self._trajectory.overdue(t)

@@ -1,4 +1,4 @@
-"""The terms of the law, computed anew over a run."""
+"""The terms of the law, recomputed over a run."""
 
 import dataclasses
 from typing import Any

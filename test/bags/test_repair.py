@@ -26,7 +26,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer as McapWriter
 import numpy as np
-from processes import bringup, CONFIG, PATIENCE, perform, Stopwatch, wait_for
+from processes import bringup, CONFIG, PATIENCE, run_bringup, Stopwatch, wait_for
 import pytest
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
@@ -377,8 +377,8 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, hard))
     try:
-        status, output = perform('--params-file', str(CONFIG / 'friction.yaml'), '--record',
-                                 str(bag), '--duration', '3')
+        status, output = run_bringup('--params-file', str(CONFIG / 'friction.yaml'), '--record',
+                                     str(bag), '--duration', '3')
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert 'the experiment has ended at t = 3 s after 3001 samples' in output

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from typing import Any
 
-from processes import CONFIG, PATIENCE, perform, probe, Stopwatch
+from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -27,8 +27,8 @@ pytestmark = pytest.mark.ros
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('replay') / 'bag'
-    status, output = perform('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '1.0',
-                             '--record', str(path))
+    status, output = run_bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration',
+                                 '1.0', '--record', str(path))
     assert status == 0, output
     return path
 

@@ -19,7 +19,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.experiment.paper import EXPERIMENTS
-from ctc_chattering.launch.graph import one_processor, perform
+from ctc_chattering.launch.graph import one_processor, run_graph
 from ctc_chattering.ros.domain import own_domain
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant import Plant
@@ -62,7 +62,7 @@ def lockstep_rate(bag: Path | None) -> float:
         if 1.0 <= t <= 9.0:
             passed.append((t, time.perf_counter()))
 
-    perform(experiment.path, experiment.overrides, bag, progress=progress, show=lambda _: None)
+    run_graph(experiment.path, experiment.overrides, bag, progress=progress, show=lambda _: None)
     (t0, wall0), (t1, wall1) = passed[0], passed[-1]
     return (t1 - t0) / period / (wall1 - wall0)
 

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import time
 
-from processes import alive, bringup, CONFIG, descendants, PATIENCE, perform, probe, wait_for
+from processes import alive, bringup, CONFIG, descendants, PATIENCE, probe, run_bringup, wait_for
 import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
@@ -18,7 +18,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.launch.parameter_events import Observer
+from ctc_chattering.launch.parameter_events import GraphMonitor
 from ctc_chattering.simulation.closed_loop import Event
 
 pytestmark = pytest.mark.ros
@@ -102,7 +102,7 @@ def test_real_time_takes_its_time(tmp_path: Path) -> None:
 ])
 def test_what_is_wrong_is_said_in_one_line_before_anything_starts(
         arguments: tuple[str, ...], message: str) -> None:
-    status, output = perform(*arguments)
+    status, output = run_bringup(*arguments)
     assert status == 1
     assert len(output.splitlines()) == 1
     assert message in output
@@ -112,7 +112,7 @@ def test_arguments_for_ros_stand_above_its_own(tmp_path: Path) -> None:
     """Check by the bag that they reach the nodes, in a namespace, the last one of each."""
     file, bag = tmp_path / 'more.yaml', tmp_path / 'bag'
     file.write_text('controller: {ros__parameters: {law: compensation, b: 2.0}}')
-    status, output = perform(
+    status, output = run_bringup(
         '--duration', '0.2', '--law', 'chattering', '--record', str(bag), '--ros-args',
         '-p', 'law:=chattering', '--params-file', str(file), '-r', '__ns:=/robot1',
         '-p', 'experiment:=mine', '-p', 'controller:b:=3')
@@ -125,7 +125,7 @@ def test_arguments_for_ros_stand_above_its_own(tmp_path: Path) -> None:
 def test_an_event_that_a_running_node_would_refuse_is_refused_at_once(tmp_path: Path) -> None:
     file = tmp_path / 'params.yaml'
     file.write_text("bringup: {ros__parameters: {events: ['1.0 controller ka [-1.0, 0.0]']}}")
-    status, output = perform('--params-file', str(file))
+    status, output = run_bringup('--params-file', str(file))
     assert status == 1
     assert output.startswith('bringup: ka: [-1.0, 0.0] is not allowed')
 
@@ -146,7 +146,7 @@ def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:
         it.node.create_service(SetParameters, '/controller/set_parameters', answer,
                                callback_group=ReentrantCallbackGroup())
         events = [Event(0.0, 'controller', {'lambda': x}) for x in (7.0, 8.0)]
-        observer = Observer(events, lockstep=False, ros_args=())
+        observer = GraphMonitor(events, lockstep=False, ros_args=())
         try:
             def carried_out() -> bool:
                 observer.look()

@@ -20,7 +20,7 @@ from controller_process import PATIENT
 from faults import Diagnostics, ERROR, OK
 from mcap.reader import make_reader
 import numpy as np
-from processes import CONFIG, PATIENCE, perform, Probe, probe, Stopwatch, use_plain_profile
+from processes import CONFIG, PATIENCE, Probe, probe, run_bringup, Stopwatch, use_plain_profile
 import pytest
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
@@ -211,7 +211,8 @@ def others(bag: Path) -> list[bytes]:
 
 def test_two_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
-    status, output = perform('--params-file', str(file), '--duration', '2', '--record', str(bag))
+    status, output = run_bringup(
+        '--params-file', str(file), '--duration', '2', '--record', str(bag))
     assert status == 0, output
     assert 'were dropped' not in output
     assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 2.0}})))

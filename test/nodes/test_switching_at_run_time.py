@@ -7,7 +7,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
-from processes import perform
+from processes import run_bringup
 import pytest
 
 from ctc_chattering.analysis.result import simulated
@@ -58,7 +58,7 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     file = tmp_path / 'params.yaml'
     file.write_text(PLAIN.format(duration=0.9, switching=first, events=[
         f'{t:.3f} controller switching {name}' for t, name in zip(times, others)]))
-    status, output = perform('--params-file', str(file), '--record', str(tmp_path / 'bag'))
+    status, output = run_bringup('--params-file', str(file), '--record', str(tmp_path / 'bag'))
     assert status == 0, output
     result = read_bag(tmp_path / 'bag')
     setup = parameter_file.load(file)
@@ -93,7 +93,7 @@ controller:
   ros__parameters: {{ka: [12.0, 12.0], switching: {switching}, input_delay: 2,
     inertia_scale: 0.95, gravity_scale: 1.05}}
 """)
-    status, output = perform('--params-file', str(file), '--record', str(tmp_path / 'bag'))
+    status, output = run_bringup('--params-file', str(file), '--record', str(tmp_path / 'bag'))
     assert status == 0, output
     result, expected = read_bag(tmp_path / 'bag'), simulated(parameter_file.load(file))
     for field in FIELDS:
@@ -108,7 +108,7 @@ def test_in_real_time_the_torque_hardly_varies(tmp_path: Path) -> None:
         file, bag = tmp_path / f'{switching}.yaml', tmp_path / switching
         file.write_text(PLAIN.format(duration=10.0, switching=switching, events=[]).replace(
             'lockstep', 'real_time').replace('    events: []', '    events: [""]'))
-        status, output = perform('--params-file', str(file), '--record', str(bag))
+        status, output = run_bringup('--params-file', str(file), '--record', str(bag))
         assert status == 0, output
         variation[switching] = read_bag(bag).metrics()['torque_variation_nm_per_s']
     assert 10.0 * variation['implicit_observer'][1] < variation['sign'][1]

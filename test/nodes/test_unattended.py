@@ -99,7 +99,7 @@ def test_a_node_that_was_stopped_for_longer_than_its_lease_is_heard_again() -> N
         well()
         answer = it.set('plant', 'use_sim_time', True)
         assert not answer.successful
-        assert answer.reason.endswith('nobody publishes /clock, and time would stand still')
+        assert answer.reason.endswith('/clock has no publisher, and time would stand still')
         for node, child in children.items():
             child.signal(signal.SIGSTOP)
             try:

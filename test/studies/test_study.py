@@ -12,7 +12,7 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import study
-from ctc_chattering.studies.study import Case, evaluate, Outcome, perform, to_csv, to_markdown
+from ctc_chattering.studies.study import Case, evaluate, Outcome, run_cases, to_csv, to_markdown
 
 SHORT = tuple(
     Case(name, study.BASIC, {
@@ -47,7 +47,7 @@ def measured(case: Case, switching: str) -> tuple[float, float]:
 
 def test_numbers_are_those_of_the_simulation() -> None:
     """Check table and CSV against a simulation of their own, errors being the true ones."""
-    outcomes = perform(SHORT, TWO)
+    outcomes = run_cases(SHORT, TWO)
     assert [(o.case.name, o.switching) for o in outcomes] == [
         (case.name, switching) for case in SHORT for switching in TWO]
     lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
@@ -69,10 +69,10 @@ def test_numbers_are_those_of_the_simulation() -> None:
 def test_processes_do_not_matter() -> None:
     """Check that two processes give what one gives, in the same order, and count the runs."""
     done: list[None] = []
-    alone = perform(SHORT, TWO)
-    assert perform(SHORT, TWO, 2, lambda: done.append(None)) == alone
+    alone = run_cases(SHORT, TWO)
+    assert run_cases(SHORT, TWO, 2, lambda: done.append(None)) == alone
     assert len(done) == 4
-    assert perform(SHORT[::-1], TWO)[:2] == alone[2:]
+    assert run_cases(SHORT[::-1], TWO)[:2] == alone[2:]
 
 
 def test_diverging_run_is_reported() -> None:
@@ -80,7 +80,7 @@ def test_diverging_run_is_reported() -> None:
     unstable = Case('unstable', 'Gain', {
         '/**': {'control_period': 0.01}, 'controller': {'kv': [1e4, 1e4]},
         'plant': {'duration': 2.0, 'torque_saturation': [float('inf')] * 2}}, x=1.0)
-    outcomes = perform((SHORT[0], unstable), TWO, 2)
+    outcomes = run_cases((SHORT[0], unstable), TWO, 2)
     assert [bool(o.failure) for o in outcomes] == [False, False, True, True]
     assert outcomes[2].error is None
     line = list(csv.DictReader(io.StringIO(to_csv(outcomes))))[3]
@@ -136,7 +136,7 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert error.startswith('ctc study: --jobs: 0 is not allowed') and error.count('\n') == 1
     assert not (tmp_path / 'a').exists()
     with pytest.raises(CtcError, match='kp'):
-        perform([Case('bad', 'Gain', {'controller': {'kp': [-1.0, 1.0]}})], jobs=2)
+        run_cases([Case('bad', 'Gain', {'controller': {'kp': [-1.0, 1.0]}})], jobs=2)
 
 
 def test_the_cases() -> None:

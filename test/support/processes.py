@@ -134,7 +134,7 @@ def bringup(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.communicate()
 
 
-def perform(*arguments: str) -> tuple[int, str]:
+def run_bringup(*arguments: str) -> tuple[int, str]:
     """Run bringup to its end; return its status and output."""
     with bringup(*arguments) as process:
         output, _ = process.communicate(timeout=2 * PATIENCE)

@@ -7,7 +7,7 @@ from typing import Any
 
 from mcap.reader import make_reader
 import numpy as np
-from processes import perform
+from processes import run_bringup
 import yaml
 
 from ctc_chattering.analysis.result import Result
@@ -17,7 +17,7 @@ FIELDS = ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v')
 
 
 def record(bag: Path, *arguments: str) -> Result:
-    status, output = perform('--record', str(bag), *arguments)
+    status, output = run_bringup('--record', str(bag), *arguments)
     assert status == 0, output
     return read_bag(bag)
 

@@ -1,4 +1,4 @@
-"""A desired motion in pieces."""
+"""A desired motion in chunks."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -28,7 +28,7 @@ def _of(polys: list[np.poly1d], s: float) -> Point:
 
 
 def test_a_limit_keeps_the_last_points() -> None:
-    """Feed a minute at 1 kHz in pieces of half a second: the end of it is kept, and right."""
+    """Feed a minute at 1 kHz in chunks of half a second: the end of it is kept, and right."""
     trajectory = Trajectory()
     for start in range(0, 60_000, 500):
         times = range(start * MS, (start + 500) * MS, MS)
@@ -116,7 +116,7 @@ def test_a_new_piece_replaces_from_its_first_instant() -> None:
 
 
 def test_a_gap_between_pieces_is_bridged() -> None:
-    """Check that the quintic joins the last point kept to the first of the new piece."""
+    """Check that the quintic joins the last point kept to the first of the new chunk."""
     times = [0, 500 * MS]
     polys, points = _quintics(9, times)
     trajectory = Trajectory()
