@@ -46,9 +46,9 @@ class ReferenceNode(BaseNode):
     """
     Publishes chunks of the motion, each before it is needed.
 
-    With a publisher of ``clock``, the motion is a function of that time; otherwise of the
-    node clock's time since the first joint state received while there was a subscriber, in terms of the
-    stamps of the states, whatever clock they are from. Waypoints that come on
+    With a publisher of ``clock``, the motion is a function of that time; otherwise of the node
+    clock's time since the first joint state received while there was a subscriber, in terms of
+    the stamps of the states, whatever clock they are from. Waypoints that come on
     ``~/joint_trajectory`` take the place of the motion, and a sinusoid whose parameters are set
     takes theirs: it passes from one into the other without a jump.
     """
