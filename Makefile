@@ -49,7 +49,7 @@ latency: $(READY)
 # Random faults on the whole graph in real time; see docs/soak.md. More arguments: ARGS.
 MINUTES ?= 20
 soak: $(READY)
-	PYTHONPATH=test $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
+	PYTHONPATH=test:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml

@@ -24,10 +24,11 @@ PERIOD = 0.005
 
 
 def start(out: Path, minutes: float, seed: int = 1) -> subprocess.Popen[str]:
+    paths = TEST, TEST / 'support', TEST.parent
     return subprocess.Popen(
         [sys.executable, '-m', 'soak', f'--minutes={minutes}', f'--seed={seed}',
          f'--control-period={PERIOD}', '--out', str(out)], text=True, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, env={**os.environ, 'PYTHONPATH': f'{TEST}:{TEST.parent}'})
+        stderr=subprocess.PIPE, env={**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, paths))})
 
 
 def ended(process: subprocess.Popen[str], out: Path) -> dict[str, Any]:
