@@ -21,10 +21,10 @@ def config_directory() -> Path:
         If there is none.
 
     """
-    here = Path(__file__).resolve().parent
-    candidates = [here.parent / 'config'] if (here.parent / 'package.xml').exists() else []
+    package = Path(__file__).resolve().parents[1]
+    candidates = [package.parent / 'config'] if (package.parent / 'package.xml').exists() else []
     candidates += [prefix / 'share' / 'ctc_chattering' / 'config'
-                   for prefix in (*here.parents, Path(sys.prefix))]
+                   for prefix in (*package.parents, Path(sys.prefix))]
     for candidate in candidates:
         if (candidate / 'friction.yaml').exists():
             return candidate

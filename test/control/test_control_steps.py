@@ -35,7 +35,7 @@ State = tuple[list[float], list[float]]
 @cache
 def recorded() -> tuple[list[dict[str, Any]], Array, Array]:
     """Return cases, torques and states, the latter one after the other."""
-    data = np.load(Path(__file__).parent / 'data' / 'control_steps.npz')
+    data = np.load(Path(__file__).parents[1] / 'data' / 'control_steps.npz')
     return json.loads(data['cases'].tobytes()), data['torques'], data['states'].astype(float)
 
 

@@ -22,10 +22,11 @@ def shown(site: Path, code: str = SHOW) -> subprocess.CompletedProcess[str]:
 
 
 def copied(site: Path) -> None:
-    target = site / 'ctc_chattering'
-    target.mkdir(parents=True)
-    for name in ('__init__.py', 'experiment/package_share.py', 'errors.py'):
-        shutil.copy(Path(ctc_chattering.__file__).with_name(name), target)
+    source, target = Path(ctc_chattering.__file__).parent, site / 'ctc_chattering'
+    (target / 'experiment').mkdir(parents=True)
+    for name in ('__init__.py', 'errors.py', 'experiment/__init__.py',
+                 'experiment/package_share.py'):
+        shutil.copy(source / name, target / name)
 
 
 def test_directory_of_the_experiments() -> None:
