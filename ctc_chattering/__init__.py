@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ctc_chattering.simulation.closed_loop import Run as Run
     from ctc_chattering.simulation.closed_loop import simulate as simulate
     from ctc_chattering.simulation.plant import Plant as Plant
-    from ctc_chattering.simulation.plant import PlantConfig as PlantConfig
+    from ctc_chattering.simulation.plant_config import PlantConfig as PlantConfig
     from ctc_chattering.trajectory.reference import ReferenceConfig as ReferenceConfig
     from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
     from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
@@ -54,7 +54,7 @@ _MODULES = {
     'dynamics.model': ('Model',), 'dynamics.two_link': ('TwoLink',),
     'dynamics.urdf_model': ('UrdfModel',), 'errors': ('CtcError',),
     'simulation.closed_loop': ('Event', 'Run', 'simulate'),
-    'simulation.plant': ('Plant', 'PlantConfig'),
+    'simulation.plant': ('Plant',), 'simulation.plant_config': ('PlantConfig',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),
     'trajectory.waypoints': ('Waypoints',)}
 _PUBLIC = {name: module for module, names in _MODULES.items() for name in names}

@@ -12,7 +12,7 @@ import pytest
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, matrix, parameter
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 NAN, INF = math.nan, math.inf

@@ -29,7 +29,7 @@ from ctc_chattering.ros.topics import (
     ROBOT_DESCRIPTION,
 )
 from ctc_chattering.simulation.closed_loop import Run
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Trajectory
 
 #: Longest step between two states that is accepted at once [periods], and the number of states

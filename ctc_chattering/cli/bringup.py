@@ -13,7 +13,7 @@ from ctc_chattering.experiment import parameter_file
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.ros.ros_arguments import RosArguments
-from ctc_chattering.simulation.plant import PACINGS
+from ctc_chattering.simulation.plant_config import PACINGS
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.parameters import Config, Parameter, parameter
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 

@@ -19,7 +19,7 @@ from ctc_chattering.experiment.yaml_file import Dumper, read_yaml
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import Config
 from ctc_chattering.simulation.closed_loop import Event
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import check_start
 from ctc_chattering.trajectory.joint_limits import Limits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig

@@ -24,7 +24,7 @@ from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.serialization import EffortReader, Efforts, StateWriter
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import limits_of, make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 

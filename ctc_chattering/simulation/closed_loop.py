@@ -16,7 +16,7 @@ from ctc_chattering.control.error_monitor import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.buffer import Point

@@ -16,7 +16,7 @@ import numpy as np
 from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.dynamics.urdf_parser import parse_description
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot
 
 #: The largest impedance of a constraint that MuJoCo accepts.

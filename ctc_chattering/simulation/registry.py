@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ctc_chattering.dynamics.registry import locked_positions, model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.joint_limits import check_limits, Limits
 

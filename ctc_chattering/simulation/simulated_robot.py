@@ -6,16 +6,13 @@ from abc import ABC, abstractmethod
 from collections import deque
 import math
 from math import inf, isfinite
-from typing import TYPE_CHECKING
 
 from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.simulation.disturbance import disturbance
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.sensor import Sensor
-
-if TYPE_CHECKING:
-    from ctc_chattering.simulation.plant import PlantConfig
 
 
 class Robot(ABC):

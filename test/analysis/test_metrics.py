@@ -8,7 +8,7 @@ import pytest
 from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, rms, WINDOW
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run, simulate
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 

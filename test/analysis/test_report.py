@@ -17,7 +17,7 @@ from ctc_chattering.analysis.result import Result, write_metrics
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 VOID = {'meta', 'img', 'br'}

@@ -10,7 +10,7 @@ import pytest
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 CONTROLLER = ControllerConfig(

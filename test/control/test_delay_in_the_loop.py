@@ -9,7 +9,7 @@ import pytest
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run, simulate
-from ctc_chattering.simulation.plant import PlantConfig
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 H = 1e-3

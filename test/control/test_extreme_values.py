@@ -20,7 +20,8 @@ from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, LARGEST, LEAST, Parameter
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 
 C = TypeVar('C', bound=Config)

@@ -15,7 +15,8 @@ from ctc_chattering.dynamics.registry import check_model, make_model, MODELS
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 
 OWN = textwrap.dedent('''
     from ctc_chattering.dynamics.model import Model

@@ -17,7 +17,8 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.launch import child_process
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]

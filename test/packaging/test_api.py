@@ -92,5 +92,5 @@ def test_importing_the_package_imports_nothing_that_takes_time() -> None:
 
 def test_the_example_of_the_package_is_right() -> None:
     results = doctest.testmod(ctc_chattering)
-    assert results.attempted > 4
+    assert results.attempted >= 4
     assert results.failed == 0

@@ -12,7 +12,8 @@ from ctc_chattering.analysis.terms import Terms, terms
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.trajectory.waypoints import Route
 

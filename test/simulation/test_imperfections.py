@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 
 SLIDERS = [[2.0, 0.0], [0.0, 0.5]]  # two joints that know nothing of each other
 COUPLED = [[2.0, 1.0], [1.0, 2.0]]

@@ -20,7 +20,8 @@ from ctc_chattering.dynamics.model import Model, Rows, Vector
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.closed_loop import Event, simulate
 from ctc_chattering.simulation.mujoco_plant import MujocoPlant
-from ctc_chattering.simulation.plant import BACKENDS, Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import BACKENDS, PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.reference import ReferenceConfig

@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 
 SLIDERS = [[2.0, 0.0], [0.0, 0.5]]  # two joints that know nothing of each other
 

@@ -4,7 +4,8 @@ import numpy as np
 from oracles import Array
 import pytest
 
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.sensor import Sensor
 
 ZERO = (0.0, 0.0)

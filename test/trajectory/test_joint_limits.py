@@ -8,7 +8,8 @@ import pytest
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run, simulate
-from ctc_chattering.simulation.plant import Plant, PlantConfig
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 IMPLICIT = ['implicit', 'implicit_observer']
