@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 
 
 def joint_beyond(e: Vector, limit: Vector) -> int | None:

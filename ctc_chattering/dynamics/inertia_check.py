@@ -26,7 +26,7 @@ def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
     Parameters
     ----------
     urdf : str
-        Text that `core.tree.Tree` accepts.
+        Text that `urdf_parser.Tree` accepts.
     joints : sequence of str
         Those of the model.
 

@@ -11,9 +11,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ctc_chattering.numerics.linear_algebra import Array, dot, Rows, solve, times, Vector
-
-__all__ = ['Array', 'Model', 'Rows', 'Vector', 'dot', 'solve', 'times']
+from ctc_chattering.numerics.linear_algebra import Array, Rows, solve, times, Vector
 
 
 class Model(ABC):

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.error_monitor import joint_beyond
-from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.monitoring import stamps
 from ctc_chattering.monitoring.controller_health import ControllerHealth
 from ctc_chattering.monitoring.controller_state import ControllerState, Event, State
 from ctc_chattering.monitoring.watchdog import Logger, Watchdog
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.desired_motion import DesiredMotion

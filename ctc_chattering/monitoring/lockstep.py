@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 
 #: Time after which a state without an answer is sent again, and after which is said what is

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 
 #: Part of the samples at the bound that is worth a word.
 WORTH_A_WORD = 0.05

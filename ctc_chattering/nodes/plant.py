@@ -8,12 +8,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.node_parameters import PlantSettings, RealTimeSettings
 from ctc_chattering.monitoring.lockstep import LockstepExchange
 from ctc_chattering.monitoring.timer_grid import TimerGrid
 from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.ros.description import Description
 from ctc_chattering.ros.joint_order import Joints

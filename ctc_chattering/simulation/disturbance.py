@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import sin
 
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 
 
 def disturbance(amplitude: Vector, frequency: Vector, t: float) -> list[float]:

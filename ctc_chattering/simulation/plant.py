@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import exp, inf
 
-from ctc_chattering.dynamics.model import Model, Vector
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.numerics.event_location import first_negative
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.runge_kutta import Dynamics, step, step_two
 from ctc_chattering.simulation.friction import bit_mask, excess, modes
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from random import Random
 
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 
 
 class Sensor:

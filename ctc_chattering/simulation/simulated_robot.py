@@ -7,8 +7,8 @@ from collections import deque
 import math
 from math import inf, isfinite
 
-from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.simulation.disturbance import disturbance
 from ctc_chattering.simulation.plant_config import PlantConfig

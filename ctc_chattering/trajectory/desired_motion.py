@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point, Trajectory
 from ctc_chattering.trajectory.rejoining import Rejoining
 

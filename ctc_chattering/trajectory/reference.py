@@ -11,8 +11,8 @@ import dataclasses
 from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
-from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.buffer import Point

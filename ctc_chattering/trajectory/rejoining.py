@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import cast
 
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.buffer import Point, Trajectory
 from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import isfinite
 from typing import Protocol
 
-from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point

@@ -15,10 +15,11 @@ import pytest
 from urdfs import two_links
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.dynamics.model import Model, Vector
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.parameters import Config, LARGEST, LEAST, Parameter
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -23,8 +23,8 @@ from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.experiment import parameter_file
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.ros.topics import DIAGNOSTICS
 
 pytestmark = pytest.mark.ros

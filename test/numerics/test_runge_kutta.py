@@ -7,8 +7,8 @@ from random import Random
 
 import pytest
 
-from ctc_chattering.dynamics.model import Vector
 from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.runge_kutta import step, step_two
 
 

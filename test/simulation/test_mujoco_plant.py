@@ -16,8 +16,9 @@ from scipy.special import ellipk  # type: ignore[import-untyped]
 
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.dynamics.model import Model, Rows, Vector
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.linear_algebra import Rows, Vector
 from ctc_chattering.simulation.closed_loop import Event, simulate
 from ctc_chattering.simulation.mujoco_plant import MujocoPlant
 from ctc_chattering.simulation.plant import Plant

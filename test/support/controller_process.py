@@ -10,7 +10,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.dynamics.model import Vector
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.trajectory.buffer import Point
 
 #: A law that a machine does not upset which is late by many samples.

@@ -8,8 +8,9 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from ctc_chattering.dynamics.model import Model, Rows, Vector
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.numerics.linear_algebra import Rows, Vector
 
 Array = npt.NDArray[np.float64]
 
