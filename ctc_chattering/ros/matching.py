@@ -76,6 +76,8 @@ class MatchingSubscription:
     ----------
     current : Subscription
         The subscription of rclpy.
+    destroyed : bool
+        Whether it was destroyed; a callback may still be called afterwards.
 
     """
 
@@ -85,15 +87,14 @@ class MatchingSubscription:
         self._arguments = kind, topic, callback
         self._raw = raw
         self._profile = profile
-        #: A call of the timer may still be under way then.
-        self._destroyed = False
+        self.destroyed = False
         self.current = self._subscribe()
         self._timer = node.create_timer(
             _PERIOD, self.match, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def match(self) -> None:
         """Ask for less if publishers are there and none of them offers what is asked for."""
-        if self._destroyed or self.current.get_publisher_count():
+        if self.destroyed or self.current.get_publisher_count():
             return
         name = self.current.topic_name
         offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)]
@@ -107,7 +108,7 @@ class MatchingSubscription:
 
     def destroy(self) -> None:
         """Hear nothing any more."""
-        self._destroyed = True
+        self.destroyed = True
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self.current)
 

@@ -89,6 +89,8 @@ class ValidatedSubscription(Generic[T]):
 
     def receive(self, data: bytes, info: Mapping[str, Any]) -> None:
         """Use a serialized message, or count it as rejected."""
+        if self.subscription.destroyed:
+            return  # The executor had taken the message before.
         now = time.monotonic_ns()
         publishers = self.subscription.current.get_publisher_count()
         if publishers != self.ownership.publishers:

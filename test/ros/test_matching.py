@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 import signal
+import time
 
 from processes import interrupt, probe
 import pytest
@@ -18,6 +19,7 @@ from urdfs import two_links
 
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.ros.matching import compatible, weakened
+from ctc_chattering.ros.subscription import ValidatedSubscription
 
 pytestmark = pytest.mark.ros
 #: As `rclcpp::ClockQoS` and `rclcpp::SensorDataQoS` offer it.
@@ -44,6 +46,17 @@ def test_what_is_asked_for_is_the_least_that_is_offered() -> None:
                 for name in ('reliability', 'durability'):
                     assert getattr(found, name) in {
                         getattr(x, name) for x in (requested, one, other)}
+
+
+def test_a_message_taken_before_its_subscription_was_destroyed_is_ignored() -> None:
+    used: list[bytes] = []
+    with probe() as it:
+        states: ValidatedSubscription[bytes] = ValidatedSubscription(
+            it.node, JointState, 'joint_states', bytes, lambda data, _: used.append(data), PLAIN)
+        states.receive(b'first', {'received_timestamp': time.time_ns()})
+        states.subscription.destroy()
+        states.receive(b'second', {'received_timestamp': time.time_ns()})
+    assert used == [b'first'] and not states.rejected
 
 
 def test_all_nodes_hear_best_effort_publishers(tmp_path: Path) -> None:
