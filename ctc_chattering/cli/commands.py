@@ -131,7 +131,8 @@ def study(options: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from ctc_chattering.studies.study import CASES, run_cases, to_csv, to_markdown
+    from ctc_chattering.studies.cases import CASES
+    from ctc_chattering.studies.study import run_cases, to_csv, to_markdown
     from ctc_chattering.studies.study_figures import save_study_figures
 
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs

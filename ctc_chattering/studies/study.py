@@ -1,14 +1,14 @@
 """
-Comparison of the switchings over sample period, gain and the imperfections of a real loop.
+Comparison of the switchings over the cases of `cases.py`.
 
-A case is data; a run of it is a pure function of the case and the switching, so that the numbers
-depend neither on the number of processes nor on their order. `study_plots` draws them.
+A run is a pure function of the case and the switching, so that the numbers
+depend neither on the number of processes nor on their order. `study_figures` draws them.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 import csv
@@ -24,49 +24,14 @@ from typing import Any
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.studies.cases import Case, KA
 
-#: Groups of cases.
-BASIC = 'Basic cases'
-PERIOD, GAIN = 'Sample period', 'Gain'
-NOISE, SHORT_NOISE = 'Velocity noise', 'Velocity noise, h = 0.5 ms'
 #: What the tables show: attribute, heading, format.
 QUANTITIES = (('error', ('RMS e', 'rad'), '.2e'),
               ('variation', ('torque variation', 'N·m/s'), '.0f'))
-_KA = 12.0
 Pair = tuple[float, float]
-
-
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """
-    One experiment, run under every switching.
-
-    Attributes
-    ----------
-    name, group : str
-        What differs from the other cases of the group; the table that contains it.
-    overrides : mapping
-        Values by node and parameter above those of the file, as `params.load` takes them.
-    file : str
-        Parameter file in `config/`, without its ending.
-    x : float, optional
-        Abscissa in a figure over the group.
-
-    """
-
-    name: str
-    group: str
-    overrides: Mapping[str, Mapping[str, Any]]
-    file: str = 'friction'
-    x: float | None = None
-
-    def setup(self) -> Setup:
-        """Return the checked parameters; the switching is still that of the file."""
-        return parameter_file.load(config_directory() / f'{self.file}.yaml', self.overrides)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,73 +57,6 @@ class Outcome:
     error: Pair | None = None
     variation: Pair | None = None
     failure: str = ''
-
-
-def _case(group: str, name: str, x: float | None = None, *, h: float = 1e-3, ka: float = _KA,
-          plant: Mapping[str, Any] | None = None, controller: Mapping[str, Any] | None = None,
-          file: str = 'friction') -> Case:
-    return Case(name, group, {
-        '/**': {'control_period': h}, 'plant': {'duration': 10.0, **(plant or {})},
-        'controller': {'law': 'chattering', 'ka': [ka, ka], **(controller or {})}}, file, x)
-
-
-def _scaled(factor: float) -> dict[str, float]:
-    return {'inertia_scale': factor, 'gravity_scale': factor}
-
-
-def _both(x: float) -> list[float]:
-    return [x, x]
-
-
-def _basic_cases() -> Iterator[Case]:
-    delay = {'input_delay': 1}
-    yield _case(BASIC, 'clean')
-    yield _case(BASIC, '200 Hz', h=5e-3)
-    yield _case(BASIC, 'ka = 20', ka=20.0)
-    yield _case(BASIC, 'velocity noise 5e-3 rad/s', plant={'velocity_noise': _both(5e-3)})
-    yield _case(BASIC, 'model × 0.9', controller=_scaled(0.9))
-    yield _case(BASIC, 'delay of 1 sample, predicted', plant=delay, controller=delay)
-    yield _case(BASIC, 'delay of 1 sample, not predicted', plant=delay)
-    yield _case(BASIC, 'disturbance', file='disturbance')
-
-
-def _sweeps() -> Iterator[Case]:
-    for x in (0.5, 1.0, 2.0, 5.0, 10.0):
-        yield _case(PERIOD, f'h = {x:g} ms', x, h=1e-3 * x)
-    for x in (10.0, 12.0, 15.0, 20.0, 30.0, 40.0):
-        yield _case(GAIN, f'ka = {x:g} N·m', x, ka=x)
-    for group, h in ((NOISE, 1e-3), (SHORT_NOISE, 5e-4)):
-        for x in (1e-4, 1e-3, 5e-3, 2e-2):
-            yield _case(group, f'σ = {x:.0e} rad/s', x, h=h, plant={'velocity_noise': _both(x)})
-    for x in (1e-5, 1e-4, 1e-3):
-        yield _case('Position noise', f'σ = {x:.0e} rad', x, plant={'position_noise': _both(x)})
-    for x in (1e-5, 1e-4, 1e-3):
-        yield _case('Encoder resolution', f'{x:.0e} rad', x,
-                    plant={'encoder_resolution': _both(x)})
-    for kind, counts in (('predicted', (1, 2, 5)), ('not predicted', (1, 2))):
-        for n in counts:
-            yield _case('Input delay', f'{n} sample{"s" if n > 1 else ""}, {kind}', n,
-                        plant={'input_delay': n},
-                        controller={'input_delay': n if kind == 'predicted' else 0})
-    on_track = {'initial_position': [math.pi, 0.5 * math.pi], 'initial_velocity': _both(math.pi)}
-    tight, tighter = [300.0, 50.0], [200.0, 30.0]
-    for limit, start in ((tight, {}), (tight, on_track), (tighter, on_track)):
-        name = f'{limit[0]:g} / {limit[1]:g} N·m, from {"the reference" if start else "rest"}'
-        for more, known in (('', {}), (', known', {'effort_limit': limit})):
-            yield _case('Torque saturation', name + more, controller=known,
-                        plant={'torque_saturation': limit, **start})
-    for x in (0.5, 1.0, 2.0):
-        yield _case('Viscous friction', f'{x:g} N·m·s/rad', x,
-                    plant={'viscous_friction': _both(x)})
-    for x in (1.0, 2.0, 4.0):
-        yield _case('Stribeck friction', f'{x:g} N·m', x,
-                    plant={'stribeck_friction': _both(x)})
-    for x in (0.8, 0.9, 1.1, 1.2):
-        yield _case('Model of the controller', f'× {x:g}', x, controller=_scaled(x))
-
-
-#: Every case.
-CASES = (*_basic_cases(), *_sweeps())
 
 
 def evaluate(case: Case, switching: str, setup: Setup) -> Outcome:
@@ -251,7 +149,7 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
     """Return a table for each group of cases, and the ranking of the switchings."""
     lines = ['# Study of the switchings', '',
              'Output of `ctc study`. True errors and torques sent, joints 1 / 2, over the second '
-             f'half of each run; h = 1 ms and ka = {_KA:g} N·m unless the row says otherwise; '
+             f'half of each run; h = 1 ms and ka = {KA:g} N·m unless the row says otherwise; '
              'every other parameter has its default. Bold: the best of a row.']
     groups: dict[str, list[list[Outcome]]] = {}
     for row in rows(outcomes):

@@ -19,16 +19,8 @@ from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import simulate
-from ctc_chattering.studies.study import (
-    BASIC,
-    Case,
-    GAIN,
-    NOISE,
-    Outcome,
-    PERIOD,
-    rows,
-    SHORT_NOISE,
-)
+from ctc_chattering.studies.cases import BASIC, Case, GAIN, NOISE, PERIOD, SHORT_NOISE
+from ctc_chattering.studies.study import Outcome, rows
 
 #: Colour, marker and dashes of each switching (after Okabe and Ito), distinct without
 #: colour as well.

@@ -11,11 +11,12 @@ from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import simulate
-from ctc_chattering.studies import study
-from ctc_chattering.studies.study import Case, evaluate, Outcome, run_cases, to_csv, to_markdown
+from ctc_chattering.studies import cases
+from ctc_chattering.studies.cases import Case
+from ctc_chattering.studies.study import evaluate, Outcome, run_cases, to_csv, to_markdown
 
 SHORT = tuple(
-    Case(name, study.BASIC, {
+    Case(name, cases.BASIC, {
         'plant': {'duration': 1.0, 'velocity_noise': [noise, noise]},
         'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
     for name, noise in (('clean', 0.0), ('noise', 5e-3)))
@@ -34,7 +35,7 @@ THRESHOLDS = (
 
 def basic_case(name: str) -> Case:
     """Return the basic case of this name."""
-    (case,) = [c for c in study.CASES if c.group == study.BASIC and c.name == name]
+    (case,) = [c for c in cases.CASES if c.group == cases.BASIC and c.name == name]
     return case
 
 
@@ -106,9 +107,9 @@ def test_best_of_a_row_and_ranking() -> None:
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                  capsys: pytest.CaptureFixture[str]) -> None:
     """Check the files, that nothing is overwritten unasked, and nothing else removed."""
-    sweep = tuple(Case(f'h = {x:g} ms', study.PERIOD, {
+    sweep = tuple(Case(f'h = {x:g} ms', cases.PERIOD, {
         '/**': {'control_period': 1e-3 * x}, 'plant': {'duration': 1.0}}, x=x) for x in (1.0, 2.0))
-    monkeypatch.setattr(study, 'CASES', (*SHORT, *sweep))
+    monkeypatch.setattr(cases, 'CASES', (*SHORT, *sweep))
     monkeypatch.setattr('ctc_chattering.studies.study_figures.SLICE', (0.4, 0.5))
     out = tmp_path / 'study'
     arguments = ['study', '--out', str(out), '--jobs', '2']
@@ -141,9 +142,9 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 def test_the_cases() -> None:
     """Check names and ranges of the cases; the default bandwidth is the same in all."""
-    keys = [(case.group, case.name) for case in study.CASES]
+    keys = [(case.group, case.name) for case in cases.CASES]
     assert len(set(keys)) == len(keys)
-    setups = [case.setup() for case in study.CASES]
+    setups = [case.setup() for case in cases.CASES]
     assert len({setup.controller.observer_bandwidth for setup in setups}) == 1
     assert {setup.plant.duration for setup in setups} == {10.0}
     periods = {setup.controller.control_period for setup in setups}
