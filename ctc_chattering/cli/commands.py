@@ -228,8 +228,8 @@ def check_model(options: argparse.Namespace) -> int:
             raise CtcError('the model urdf needs --urdf FILE')
         urdf = read_description(options.urdf)
         if options.joints is None:
-            from ctc_chattering.dynamics.urdf_parser import movable_joints
-            joints = movable_joints(urdf)
+            from ctc_chattering.dynamics.urdf_parser import Tree
+            joints = Tree(urdf).movable
             if not joints:
                 raise CtcError(f'{options.urdf}: no joint moves')
     elif options.urdf is not None:
