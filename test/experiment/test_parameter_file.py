@@ -255,7 +255,7 @@ def test_bad_events(line: str, word: str) -> None:
     refused(lambda: events(line), word, 'allowed')
 
 
-def test_events_are_judged_in_their_order() -> None:
+def test_events_are_checked_in_their_order() -> None:
     """Check a value that a later event makes right again, and one that an earlier one does."""
     assert len(events('2 controller ka [0, 0]', '1 controller ka [5, 5]')) == 2
     refused(lambda: events('3 controller b 1', '2 controller b -1'), '-1')
