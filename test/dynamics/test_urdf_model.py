@@ -161,7 +161,7 @@ def test_locked_follower_goes_with_its_leader() -> None:
     """Check the inertia of fingers 0.03 m and 0.01 - 2 · 0.03 m off the arm's plane."""
     model = UrdfModel(grip(), ('turn',), locked={'f1': 0.03})
     expected = (0.1 + 2.0 * 0.2 ** 2 + 0.01 + 0.3 * (0.6 ** 2 + 0.03 ** 2)
-              + 0.01 + 0.4 * (0.6 ** 2 + 0.05 ** 2))
+                + 0.01 + 0.4 * (0.6 ** 2 + 0.05 ** 2))
     assert model.mass_matrix([0.3])[0][0] == pytest.approx(expected, rel=1e-12)
 
 
