@@ -200,7 +200,7 @@ class Controller:
         self._limiter.configure(np.array(effort), rate * period,
                                 self.filter.scale if config.anti_windup else 0.0)
         self._loop.period = period
-        self._law.kp, self._law.kv = matrix(config.kp, n), matrix(config.kv, n)
+        self._law.kp, self._law.kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
         self._law.switching = make_switching(
             config.switching, ka, config.boundary_layer, self.filter, self.observer)
         if config.law == 'compensation':
