@@ -168,8 +168,7 @@ class _Topics:
         for _, message in self._messages(f'{node}/{PARAMETERS}'):
             for item in [*message.new_parameters, *message.changed_parameters]:
                 if item.name in known and item.value.type in _FIELDS:
-                    value = getattr(item.value, _FIELDS[item.value.type])
-                    values[item.name] = value.tolist() if hasattr(value, 'tolist') else value
+                    values[item.name] = getattr(item.value, _FIELDS[item.value.type])
             config = kind.from_mapping(values)
             if not history or history[-1][1] != config:
                 history.append((_nanoseconds(message.stamp), config))

@@ -196,9 +196,8 @@ class Recording:
 
     def abandon(self) -> None:
         """Close without index and metadata: the disk takes no more."""
-        with suppress(OSError):
-            self._sync.end()
-        for action in (self._stream.close, (self.path / 'metadata.yaml.tmp').unlink):
+        for action in (self._sync.end, self._stream.close,
+                       (self.path / 'metadata.yaml.tmp').unlink):
             with suppress(OSError):
                 action()
 

@@ -65,7 +65,11 @@ class Tree:
     """
 
     def __init__(self, urdf: str) -> None:
-        robot = _parse(urdf)
+        robot = parse_description(urdf)
+        if robot.tag != 'robot':
+            raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
+        if any('xacro' in element.tag for element in robot.iter()):
+            raise CtcError('URDF: this is xacro; run xacro on it first')
         self.links, self._elements = _named(robot, 'link'), _named(robot, 'joint')
         for link in self.links.values():
             _check_inertia(link)
@@ -190,15 +194,6 @@ def parse_description(text: str) -> ET.Element:
         if count > _BODIES:
             raise CtcError(f'the description is too large: {count} {name}, of {_BODIES} at most')
     return root
-
-
-def _parse(urdf: str) -> ET.Element:
-    robot = parse_description(urdf)
-    if robot.tag != 'robot':
-        raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
-    if any('xacro' in element.tag for element in robot.iter()):
-        raise CtcError('URDF: this is xacro; run xacro on it first')
-    return robot
 
 
 def _named(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
