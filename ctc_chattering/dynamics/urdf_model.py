@@ -105,7 +105,8 @@ class UrdfModel(Model):
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
-        rows: Rows = self._mass(q).tolist()
+        rows: Rows = self._pin.crba(
+            self._model, self._data, self._put(self._q, q))[self._square].tolist()
         return rows
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
@@ -137,14 +138,7 @@ class UrdfModel(Model):
             return self._listed(self._pin.aba(
                 self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
                 self._put(self._x, u)))
-        ddq = [0.0] * self.n
-        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
-        if free:
-            bias = self.inverse_dynamics(q, dq, ddq)
-            a = np.linalg.solve(self._mass(q)[np.ix_(free, free)], [u[i] - bias[i] for i in free])
-            for i, value in zip(free, a.tolist()):
-                ddq[i] = value
-        return ddq
+        return super().forward_dynamics(q, dq, u, fixed_joints)
 
     def _put(self, buffer: Array, x: Vector) -> Array:
         """Return `x` as an array in Pinocchio's order: in `buffer`, or a new one."""
@@ -156,11 +150,6 @@ class UrdfModel(Model):
         """Return an array in Pinocchio's order as a list in that of the vectors."""
         values: list[float] = x[self._back].tolist()
         return values
-
-    def _mass(self, q: Vector) -> Array:
-        """Return M(q); the next call may overwrite the array."""
-        made: Array = self._pin.crba(self._model, self._data, self._put(self._q, q))[self._square]
-        return made
 
     def _check_inertia(self) -> None:
         """Raise `CtcError` unless M is positive definite at a few positions."""
