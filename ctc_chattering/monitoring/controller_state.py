@@ -26,12 +26,16 @@ class State(Enum):
     @property
     def sends_torque(self) -> bool:
         """Whether every joint state is answered by a torque."""
-        return self in _SENDING
+        return self in (State.RUNNING, State.RESTARTING, State.HOLDING)
 
     @property
     def allows_torque(self) -> bool:
         """Whether a torque may be sent as soon as state and reference are there."""
-        return self not in _FORBIDDEN
+        return self not in (State.TRIPPED, State.DISABLED, State.TRIPPED_AND_DISABLED)
+
+    def after(self, event: Event) -> State:
+        """Return the state that an event leads to: this one, where the table has no other."""
+        return TRANSITIONS[self].get(event, self)
 
 
 class Event(Enum):
@@ -54,9 +58,6 @@ class Event(Enum):
     ENABLE = 'enable'
 
 
-_SENDING = frozenset({State.RUNNING, State.RESTARTING, State.HOLDING})
-_FORBIDDEN = frozenset({State.TRIPPED, State.DISABLED, State.TRIPPED_AND_DISABLED})
-
 #: Rows of all states in which torques are sent, or would be.
 _ARMED = {
     Event.FOLLOW: State.RUNNING, Event.LEAD_BACK: State.RESTARTING, Event.HOLD: State.HOLDING,
@@ -76,29 +77,3 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     State.DISABLED: {Event.ENABLE: State.WAITING_FOR_STATE},
     State.TRIPPED_AND_DISABLED: {Event.RESET: State.DISABLED, Event.ENABLE: State.TRIPPED},
 }
-
-
-class ControllerState:
-    """
-    The present state.
-
-    Parameters
-    ----------
-    enabled : bool
-        Whether torques are wanted from the start.
-
-    Attributes
-    ----------
-    state : State
-        The present one.
-
-    """
-
-    def __init__(self, enabled: bool) -> None:
-        self.state = State.WAITING_FOR_STATE if enabled else State.DISABLED
-
-    def handle(self, event: Event) -> bool:
-        """Go on to the next state; return whether it is another one."""
-        before = self.state
-        self.state = TRANSITIONS[before].get(event, before)
-        return self.state is not before

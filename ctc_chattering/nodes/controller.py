@@ -144,7 +144,7 @@ class ControllerNode(BaseNode):
             self.inputs[0].reject(rejected, now)
             return
         if answer is None:
-            if not self._loop.state.state.sends_torque:
+            if not self._loop.state.sends_torque:
                 self.statistics.pause()
             return
         self._publish_terms(answer)
@@ -171,7 +171,7 @@ class ControllerNode(BaseNode):
         self._loop.enable(request.data)
         response.success = True
         response.message = 'enabled' if request.data else 'disabled'
-        if request.data and self._loop.state.state is controller_state.State.TRIPPED:
+        if request.data and self._loop.state is controller_state.State.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response
 

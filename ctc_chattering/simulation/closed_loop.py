@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.error_monitor import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
@@ -77,27 +78,6 @@ class Run:
     v: Array
 
 
-class Record:
-    """Collects samples into a `Run` without an object per number."""
-
-    def __init__(self, n: int) -> None:
-        self._n = n
-        self._columns = [array('d') for _ in range(7)]
-        self._t = array('d')
-
-    def add(self, t: float, *rows: Sequence[float]) -> None:
-        """Append one sample: q, dq, q_d, dq_d, ddq_d, tau, v."""
-        self._t.append(t)
-        for column, row in zip(self._columns, rows):
-            column.extend(row)
-
-    def run(self) -> Run:
-        """Return what was collected."""
-        return Run(np.frombuffer(self._t) if self._t else np.zeros(0), *(
-            np.frombuffer(c).reshape(-1, self._n) if c else np.zeros((0, self._n))
-            for c in self._columns))
-
-
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None, truth: bool = False,
@@ -140,45 +120,49 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     motion = make_motion(
         reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
-    straight = order == list(range(len(order)))
     period = period_ns(plant.control_period)
     last = samples(plant.duration, period)
-    delay = controller.input_delay
 
-    def at(k: int) -> Point:
-        point = motion.at(k * period)
-        if straight:
-            return point
-        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
+    def desired(k: int) -> Point:
+        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in motion.at(k * period))
         return q_d, dq_d, ddq_d
 
-    coming = deque(at(k) for k in range(delay))
-    due = sorted(events, key=lambda event: event.time)
-    record = Record(robot.n)
-    every = max(1, last // 100)
+    points = deque(map(desired, range(controller.input_delay)))
+    due = deque(sorted(events, key=lambda event: event.time))
+    record = array('d')
     for k in range(last + 1):
         t = seconds(k * period)
         while due and t >= due[0].time:
-            _apply(due.pop(0), robot, law)
-        coming.append(at(k + delay))
+            _apply(due.popleft(), robot, law)
+        points.append(desired(k + controller.input_delay))
         q, dq = robot.measured
-        desired = coming.popleft()
-        sample = law.try_step(q, dq, *desired, coming)
-        if sample is None:
-            raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
-        i = joint_beyond(sample.e, law.config.error_limit)
-        if i is not None:
-            raise CtcError(
-                f'the position error of {controller.joint_names[i]} at t = {t:g} s, '
-                f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')
+        point = points.popleft()
+        sample = _step(law, t, q, dq, point, points)
         if truth:
             q, dq = robot.q, robot.dq
-        record.add(t, q, dq, *desired, sample.tau, sample.v)
+        record.append(t)
+        for row in (q, dq, *point, sample.tau, sample.v):
+            record.extend(row)
         if k < last:
             robot.step(sample.tau)
-        if progress is not None and k % every == 0:
+        if progress is not None and k % max(1, last // 100) == 0:
             progress(t)
-    return record.run()
+    table = np.frombuffer(record).reshape(last + 1, -1)
+    return Run(table[:, 0], *np.split(table[:, 1:], 7, axis=1))
+
+
+def _step(law: Controller, t: float, q: Vector, dq: Vector, point: Point, ahead: Sequence[Point]
+          ) -> Sample:
+    """Return the law's sample at `t` [s]; raise `CtcError` if no torque may be sent for it."""
+    sample = law.try_step(q, dq, *point, ahead)
+    if sample is None:
+        raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
+    i = joint_beyond(sample.e, law.config.error_limit)
+    if i is not None:
+        raise CtcError(
+            f'the position error of {law.config.joint_names[i]} at t = {t:g} s, '
+            f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')
+    return sample
 
 
 def _apply(event: Event, robot: Robot, law: Controller) -> None:

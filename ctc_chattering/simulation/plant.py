@@ -15,7 +15,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.numerics.event_location import first_negative
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.runge_kutta import Dynamics, step, step_two
+from ctc_chattering.numerics.runge_kutta import Dynamics, step
 from ctc_chattering.simulation.friction import bit_mask, excess, modes
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot
@@ -46,7 +46,6 @@ class Plant(Robot):
         super().__init__(config)
         self.model = model or model_of(config)
         self.modes: tuple[int, ...] = (0,) * self.n
-        self._step = step_two if self.n == 2 else step
         self.configure(config)
 
     def configure(self, config: PlantConfig) -> None:
@@ -160,4 +159,4 @@ class Plant(Robot):
         if self._disturbed:
             loads = (self._torque(t, load), self._torque(t + 0.5 * h, load),
                      self._torque(t + h, load))
-        return self._step(dynamics, self.q, self.dq, loads, self._fixed_joints, h)
+        return step(dynamics, self.q, self.dq, loads, self._fixed_joints, h)

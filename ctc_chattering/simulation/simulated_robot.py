@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 import math
-from math import inf, isfinite
+from math import isfinite
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -51,7 +51,6 @@ class Robot(ABC):
         rest = (0.0,) * self.n
         self.applied: Vector = rest
         self._coming: deque[Vector] = deque([rest] * config.input_delay)
-        self._limited = min(config.torque_saturation) < inf
         self._sensor = Sensor(config.encoder_resolution, config.position_noise,
                               config.velocity_noise, config.noise_seed)
         self.measured = self._sensor.measure(self.q, self.dq)
@@ -98,13 +97,9 @@ class Robot(ABC):
         t = self.t
         if not isfinite(sum(tau)):
             raise CtcError(f'the torque {list(tau)} at t = {t:g} s is not finite')
-        if self._coming:
-            self._coming.append(tau)
-            tau = self._coming.popleft()
-        if self._limited:
-            tau = [min(max(x, -limit), limit)
-                   for x, limit in zip(tau, self.config.torque_saturation)]
-        self.applied = tau
+        self._coming.append(tau)
+        self.applied = tau = [min(max(x, -limit), limit) for x, limit in zip(
+            self._coming.popleft(), self.config.torque_saturation)]
         try:
             self._move(t, tau)
             if not isfinite(sum(self.q) + sum(self.dq)):

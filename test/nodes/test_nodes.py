@@ -30,7 +30,7 @@ pytestmark = pytest.mark.ros
 
 def test_the_controller_finds_its_joints_by_name() -> None:
     """Extra joints, any order, no efforts, a reference in another order: the law's torque."""
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(20)]
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(20)]
     law = Controller(ControllerConfig())
     with probe() as it:
         controller = ControllerUnderTest(it)
@@ -49,7 +49,7 @@ def test_the_controller_finds_its_joints_by_name() -> None:
 
 
 def test_a_state_waits_for_its_reference_and_bad_states_are_passed_over() -> None:
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(5)]
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(5)]
     law = Controller(ControllerConfig())
     with probe() as it:
         controller = ControllerUnderTest(it)
@@ -70,7 +70,7 @@ def test_a_state_waits_for_its_reference_and_bad_states_are_passed_over() -> Non
 
 
 def test_the_state_topics_say_what_the_torque_is_made_of() -> None:
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(5)]
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(5)]
     law = Controller(ControllerConfig())
     with probe() as it:
         heard = {name: it.listen(JointState, f'controller/{name}')
@@ -100,7 +100,7 @@ def test_the_state_topics_say_what_the_torque_is_made_of() -> None:
 
 def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample() -> None:
     """As `ros2 param set` would: the chattering term goes and comes, v lives on."""
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(40)]
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(40)]
     law = Controller(ControllerConfig())
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     with probe() as it:
@@ -258,7 +258,7 @@ def test_the_reference_follows_the_clock_ahead_of_time() -> None:
         assert all(t % (2 * MS) == 0 for t in points)
         assert all(t in points for t in range(0, 290 * MS, 2 * MS))
         for t, point in points.items():
-            q_d, dq_d, ddq_d = motion.at(t / 1e9)
+            q_d, dq_d, ddq_d = motion.at(t)
             assert list(point.positions) == list(q_d)
             assert list(point.velocities) == list(dq_d)
             assert list(point.accelerations) == list(ddq_d)
@@ -302,6 +302,6 @@ def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> No
                 assert b.positions[j] - a.positions[j] == pytest.approx(1e-2 * mean, abs=2e-4)
                 mean = 0.5 * (a.accelerations[j] + b.accelerations[j])
                 assert b.velocities[j] - a.velocities[j] == pytest.approx(1e-2 * mean, abs=2e-2)
-        last = Sinusoid(changed).at(times[-1] / 1e9)
+        last = Sinusoid(changed).at(times[-1])
         assert list(points[times[-1]].positions) == list(last[0])
         assert points[0].positions[0] == math.pi

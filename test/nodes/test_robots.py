@@ -273,7 +273,7 @@ def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
     period = 2 * MS
     law = Controller(ControllerConfig(control_period=2e-3))
     motion = Sinusoid(ReferenceConfig())
-    rows = [motion.at(k * 2e-3) for k in range(100)]
+    rows = [motion.at(k * period) for k in range(100)]
     rows.append((rows[-1][0], (0.0, 0.0), (0.0, 0.0)))
     with probe() as it:
         source = Broadcaster(it)
