@@ -35,6 +35,7 @@ setup(
         (f'share/{NAME}/config', files('config')),
         (f'share/{NAME}/config/trajectories', files('config/trajectories')),
     ],
+    package_data={NAME: ['py.typed', 'analysis/page.html']},
     python_requires='>=3.10',
     install_requires=[
         'setuptools', 'matplotlib', 'mcap>=1.6', 'numpy', 'PyYAML', 'rosbags>=0.11', 'tqdm'],
