@@ -29,14 +29,13 @@ setup(
     cmdclass={'develop': Develop},
     version='0.1.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'analysis/page.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', files('config')),
         (f'share/{NAME}/config/trajectories', files('config/trajectories')),
     ],
-    package_data={NAME: ['py.typed', 'analysis/page.html']},
     python_requires='>=3.10',
     install_requires=[
         'setuptools', 'matplotlib', 'mcap>=1.6', 'numpy', 'PyYAML', 'rosbags>=0.11', 'tqdm'],

@@ -23,7 +23,6 @@ REFERENCE = '#222222'
 SHOWN_GAP = 5
 #: Of a sheet, and between its panels [inch].
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, _SIDE = 11.0, 0.85, 0.25, 0.78, 0.55, 0.75, 0.85
-_NOTE: dict[str, Any] = {'fontsize': 9, 'color': '#444444', 'zorder': 5}
 STEPS: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
 #: Metadata that name a date or a version are left out, so that equal runs give equal files.
 _PLAIN = {'svg': {'Date': None}, 'pdf': {'CreationDate': None}, 'png': {'Software': None}}
@@ -138,7 +137,7 @@ def note(ax: Axes, text: str) -> None:
 
 def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
     """Write `text` into the axes."""
-    ax.text(x, y, text, transform=ax.transAxes, **style, **_NOTE)
+    ax.text(x, y, text, transform=ax.transAxes, fontsize=9, color='#444444', zorder=5, **style)
 
 
 def mark(ax: Axes, time: float, name: str = '') -> None:

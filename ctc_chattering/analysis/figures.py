@@ -34,7 +34,6 @@ _TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
           'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
 _WHOLE = slice(None)
-_PLAIN = 'compensation'
 
 
 def tracking(result: Result, run_name: str = '') -> Figure:
@@ -82,7 +81,7 @@ def internals(result: Result, run_name: str = '') -> Figure:
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', terms.lyapunov,
                      linewidth=0.9)
     drawing.log_axis(ax, terms.lyapunov)
-    kinds = {_TERMS[config.switching] for _, config in result.configs if config.law != _PLAIN}
+    kinds = {_TERMS[config.switching] for _, config in result.configs if config.law == 'chattering'}
     kind = kinds.pop() if len(kinds) == 1 else 'chattering term z'
     for i, (joint, position, torque, v, term) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units, terms.v.T,
@@ -201,5 +200,5 @@ def _paper(result: Result, which: int) -> str:
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
     config = result.config
     same = (not result.marks and config.model == 'two_link' and set(config.ka) == {10.0}
-            and (config.switching == 'sign' or config.law == _PLAIN))
+            and (config.switching == 'sign' or config.law == 'compensation'))
     return f' (figure {numbers[which]} of the paper)' if numbers and same else ''
