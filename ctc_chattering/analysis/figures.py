@@ -81,7 +81,7 @@ def internals(result: Result, run_name: str = '') -> Figure:
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', terms.lyapunov,
                      linewidth=0.9)
     drawing.log_axis(ax, terms.lyapunov)
-    kinds = {_TERMS[config.switching] for _, config in result.configs if config.law == 'chattering'}
+    kinds = {_TERMS[x.switching] for _, x in result.configs if x.law == 'chattering'}
     kind = kinds.pop() if len(kinds) == 1 else 'chattering term z'
     for i, (joint, position, torque, v, term) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units, terms.v.T,
