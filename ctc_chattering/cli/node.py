@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 import gc
 import importlib
 import os
@@ -76,33 +77,18 @@ def _make_parser(name: str) -> argparse.ArgumentParser:
     return parser
 
 
-def leave(status: int) -> NoReturn:
-    """End the process as soon as its node has left the graph."""
+def execute(name: str, argv: Sequence[str] | None = None) -> NoReturn:
+    """Run a node; end the process as soon as the node has left the graph."""
+    status = main(name, argv)
     gc.collect()  # The last reference to the node holds its DDS participant.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)
 
 
-def plant() -> NoReturn:
-    """Run the plant."""
-    leave(main('plant'))
-
-
-def controller() -> NoReturn:
-    """Run the controller."""
-    leave(main('controller'))
-
-
-def reference() -> NoReturn:
-    """Run the reference."""
-    leave(main('reference'))
-
-
-def recorder() -> NoReturn:
-    """Run the recorder."""
-    leave(main('recorder'))
-
+#: Entry points of the executables.
+plant, controller, reference, recorder = (
+    partial(execute, name) for name in ('plant', 'controller', 'reference', 'recorder'))
 
 if __name__ == '__main__':
-    leave(main(sys.argv[1], sys.argv[1:]))
+    execute(sys.argv[1], sys.argv[1:])

@@ -152,7 +152,7 @@ def test_help_and_version_need_no_ros(name: str) -> None:
             '        if name.split(".")[0] == "rclpy" or name.split(".")[0].endswith("_msgs"):\n'
             '            raise ModuleNotFoundError(name, name=name)\n'
             'sys.meta_path.insert(0, Without())\n'
-            'from ctc_chattering.cli.node import leave, main\n'
+            'from ctc_chattering.cli.node import main\n'
             'for more in (["--version"], ["--help"], []):\n'
             '    try:\n'
             '        print("status", main(sys.argv[1], [sys.argv[1], *more]))\n'
