@@ -16,7 +16,7 @@ from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.ros.description import Description
-from ctc_chattering.ros.joint_order import Joints
+from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.messages import stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.parameters import NodeParameters
@@ -57,7 +57,7 @@ class PlantNode(BaseNode):
         self._last = samples(config.duration, self._period)
         self._clock_every = max(
             1, round(self._settings.clock_period * NANOSECONDS / self._period))
-        self._names, self._joints = config.joint_names, Joints(config.joint_names)
+        self._names = config.joint_names
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
         self._subscribers = 0
@@ -282,7 +282,7 @@ class PlantNode(BaseNode):
 
     def _torques(self, efforts: Efforts) -> Vector:
         """Return the torques of a message in our order."""
-        return self._joints.select(efforts.names or self._names, efforts.values)[0]
+        return select(self._names, efforts.names or self._names, efforts.values)[0]
 
     def _at_end(self) -> bool:
         """Return whether the experiment is over, and end if so."""

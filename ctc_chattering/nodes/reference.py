@@ -18,7 +18,7 @@ from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.description import Description
-from ctc_chattering.ros.messages import LATEST, read_clock
+from ctc_chattering.ros.messages import LATEST, read_stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.real_time import RealTime
@@ -74,7 +74,6 @@ class ReferenceNode(BaseNode):
         self._writer = TrajectoryWriter(config.joint_names, self._piece, self._period)
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
         self._simulated = False
-        self._mine = frozenset(config.joint_names)
         self._start: int | None = None
         self._now: int | None = None
         #: What the states' stamps are ahead of the node's clock, where that matters [ns].
@@ -85,7 +84,7 @@ class ReferenceNode(BaseNode):
         self._subscribers = 0
         self._states: ValidatedSubscription[State] | None = None
         self.inputs = [
-            ValidatedSubscription(self, Clock, CLOCK, read_clock, self._on_clock, qos()),
+            ValidatedSubscription(self, Clock, CLOCK, read_stamp, self._on_clock, qos()),
             ValidatedSubscription(
                 self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
                 self._on_route, qos(10))]
@@ -137,7 +136,8 @@ class ReferenceNode(BaseNode):
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
                 self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
-                lambda state: (state.names, not self._mine.isdisjoint(state.names)))
+                lambda state: (state.names, not set(state.names).isdisjoint(
+                    self._plan.config.joint_names)))
         elif self._states is not None and begun:
             self._states.subscription.destroy()
             self._states = None
@@ -166,8 +166,6 @@ class ReferenceNode(BaseNode):
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
             raise RejectedMessage('real_time', 'the motion follows real time since its start')
-        if now > LATEST:
-            raise RejectedMessage('stamp', f'no time is as late as {seconds(now):.9f} s')
         if self._simulated and now == self._now:
             # Time stands still, maybe because what was published has not been taken.
             self._next = now // self._period

@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Time
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.cdr import read_time
 
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
@@ -38,22 +38,18 @@ def stamp(nanoseconds: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def nanoseconds_of(time: Time | Duration) -> int:
-    """Return a time message in nanoseconds."""
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+def read_stamp(data: bytes) -> int:
+    """
+    Return the time in a `Clock`, or in a header, at the beginning of a serialized message [ns].
 
+    Raises
+    ------
+    CtcError
+        If the message is incomplete, or this is no time from 0 to `LATEST`.
 
-def read_clock(data: bytes) -> int:
-    """Return the time in a serialized `Clock` [ns]; raise `CtcError` if it is malformed."""
+    """
     sec, nanosec = read_time(data)
-    return sec * NANOSECONDS + nanosec
-
-
-def read_stamp(data: bytes) -> int | None:
-    """Return the time [ns] of a `Clock` or a header at the beginning of a message, if any."""
-    try:
-        sec, nanosec = read_time(data)
-    except CtcError:
-        return None
     t = sec * NANOSECONDS + nanosec
-    return t if 0 <= t <= LATEST and nanosec < NANOSECONDS else None
+    if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
+        raise CtcError(f'{sec} s and {nanosec} ns are no time; allowed: 0 to {seconds(LATEST):g} s')
+    return t
