@@ -13,6 +13,7 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.experiment.node_parameters import ControllerSettings, RealTimeSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring import controller_state
 from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
 from ctc_chattering.nodes.control_terms import ControlTerms
@@ -43,8 +44,8 @@ class ControllerNode(BaseNode):
     `ControlLoop`.
     """
 
-    def __init__(self) -> None:
-        super().__init__('controller')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('controller', values)
         self._configs = NodeParameters(
             self, (ControllerConfig, ControllerSettings, RealTimeSettings), self._on_change)
         config, settings = (

@@ -10,6 +10,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.node_parameters import PlantSettings, RealTimeSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring.lockstep import LockstepExchange
 from ctc_chattering.monitoring.timer_grid import TimerGrid
 from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
@@ -43,8 +44,8 @@ class PlantNode(BaseNode):
     torque comes, and is braked when no more come.
     """
 
-    def __init__(self) -> None:
-        super().__init__('plant')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('plant', values)
         self._configs = NodeParameters(
             self, (PlantConfig, PlantSettings, RealTimeSettings), self._on_change)
         config, self._settings = self._configs.get(PlantConfig), self._configs.get(PlantSettings)

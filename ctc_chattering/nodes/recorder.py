@@ -12,6 +12,7 @@ from typing import Any
 
 from ctc_chattering.bags.writer import offered_qos, Recording
 from ctc_chattering.experiment.node_parameters import RecorderSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring.log_clock import LogTime
 from ctc_chattering.monitoring.message_loss import SequenceTracker
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -81,8 +82,8 @@ class RecorderNode(BaseNode):
     executor that calls back for each takes longer for a message.
     """
 
-    def __init__(self) -> None:
-        super().__init__('recorder')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('recorder', values)
         parameters = NodeParameters(self, (RecorderSettings,), lambda: None)
         self._recording = Recording(Path(parameters.get(RecorderSettings).bag))
         self.tick = NAP

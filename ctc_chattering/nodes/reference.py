@@ -14,6 +14,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.experiment.node_parameters import RealTimeSettings, ReferenceSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config
@@ -53,8 +54,8 @@ class ReferenceNode(BaseNode):
     takes theirs: it passes from one into the other without a jump.
     """
 
-    def __init__(self) -> None:
-        super().__init__('reference')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('reference', values)
         self._configs = NodeParameters(
             self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), self._on_change,
             self._check)

@@ -51,5 +51,6 @@ def read_stamp(data: bytes) -> int:
     sec, nanosec = read_time(data)
     t = sec * NANOSECONDS + nanosec
     if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
-        raise CtcError(f'{sec} s and {nanosec} ns are no time; allowed: 0 to {seconds(LATEST):g} s')
+        raise CtcError(
+            f'{sec} s and {nanosec} ns are no time; allowed: 0 s to {seconds(LATEST)} s')
     return t

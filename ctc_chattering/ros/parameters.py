@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+import re
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -12,14 +13,13 @@ from rcl_interfaces.msg import (
     ParameterEvent,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
-from rclpy.node import Node
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as RosParameter
 
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, Parameter
 from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.node import qos
+from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.topics import PARAMETERS
 
 C = TypeVar('C', bound=Config)
@@ -39,7 +39,7 @@ class NodeParameters:
 
     Parameters
     ----------
-    node : Node
+    node : BaseNode
         Where they are declared.
     configs : sequence of Config types
         Together they hold all parameters of the node.
@@ -56,29 +56,21 @@ class NodeParameters:
     Raises
     ------
     CtcError
-        If an override is not allowed.
+        If one of the node's values is not allowed.
 
     """
 
-    def __init__(self, node: Node, configs: Sequence[type[Config]],
+    def __init__(self, node: BaseNode, configs: Sequence[type[Config]],
                  changed: Callable[[], None],
                  check: Callable[[Sequence[Config]], None] = lambda _: None) -> None:
         self._node = node
         self._changed, self._check = changed, check
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
-        values = {}
-        for name in self._specs:
-            value = _override(node, name)
-            if value is not None:
-                values[name] = value
-        self._configs = [config.from_mapping(
-            {name: value for name, value in values.items() if name in config.parameters()})
-            for config in configs]
+        self._configs = [config.from_mapping(_of(config, node.given)) for config in configs]
         for config in self._configs:
             for name, value in config.as_mapping().items():
-                node.declare_parameter(name, _to_ros(value), descriptor(self._specs[name]),
-                                       ignore_override=True)
+                node.declare_parameter(name, _to_ros(value), descriptor(self._specs[name]))
         self._publisher = node.create_publisher(
             ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
         self._announced: dict[str, Any] = {}
@@ -89,10 +81,7 @@ class NodeParameters:
 
     def get(self, kind: type[C]) -> C:
         """Return the present configuration of type `kind`."""
-        for config in self._configs:
-            if isinstance(config, kind):
-                return config
-        raise TypeError(kind)
+        return next(config for config in self._configs if isinstance(config, kind))
 
     def announce(self, t: int) -> None:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
@@ -129,10 +118,8 @@ class NodeParameters:
         return result
 
     def _candidates(self, parameters: Sequence[RosParameter]) -> list[Config]:
-        values = {p.name: p.value for p in parameters if p.name in self._specs}
-        return [config.changed({
-            name: value for name, value in values.items() if name in config.parameters()})
-            for config in self._configs]
+        values = {parameter.name: parameter.value for parameter in parameters}
+        return [config.changed(_of(config, values)) for config in self._configs]
 
     def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -157,15 +144,9 @@ class NodeParameters:
             self._changed()
 
 
-def _override(node: Node, name: str) -> Any:
-    """Return the value that the command line or a file gives, of whatever type; None without."""
-    try:
-        value = node.declare_parameter(
-            name, descriptor=ParameterDescriptor(dynamic_typing=True)).value
-        node.undeclare_parameter(name)
-    except ParameterException as error:
-        raise CtcError(' '.join(str(error).split())) from None
-    return value
+def _of(config: Config | type[Config], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of the parameters that a configuration has."""
+    return {name: value for name, value in values.items() if name in config.parameters()}
 
 
 def _numbers(spec: Parameter, value: Any) -> Any:
@@ -177,27 +158,18 @@ def _numbers(spec: Parameter, value: Any) -> Any:
     """
     if spec.kind not in ('float', 'float[]'):
         return value
-    items = value
-    if isinstance(value, str):
-        text = value.strip()
-        if not (text.startswith('[') and text.endswith(']')):
-            return _number(text)
-        items = text[1:-1].split(',')
-    if not isinstance(items, list):
-        return value
-    numbers = [_number(x.strip()) if isinstance(x, str) else x for x in items]
-    return value if any(isinstance(x, str) for x in numbers) else numbers
-
-
-def _number(text: str) -> float | str:
+    row = re.fullmatch(r'\s*\[(.*)\]\s*', value) if isinstance(value, str) else None
+    items = row[1].split(',') if row else value if isinstance(value, list) else [value]
     try:
-        return float(text.replace('.inf', 'inf'))
+        numbers = [float(x.replace('.inf', 'inf')) if isinstance(x, str) else x for x in items]
     except ValueError:
-        return text
+        return value
+    return numbers if row or isinstance(value, list) else numbers[0]
 
 
 def _to_ros(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+    """Return a value as ROS takes it: an empty list becomes a list of ''."""
+    return list(value) or [''] if isinstance(value, tuple) else value
 
 
 def descriptor(spec: Parameter) -> ParameterDescriptor:
