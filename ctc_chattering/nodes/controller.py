@@ -58,8 +58,7 @@ class ControllerNode(BaseNode):
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
             lambda tau: self._commands.publish(writer.write(tau)), self.get_logger())
-        self._loop.restart_duration = settings.restart_duration
-        self._settings = settings
+        self._on_change()
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False

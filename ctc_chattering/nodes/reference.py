@@ -152,10 +152,8 @@ class ReferenceNode(BaseNode):
 
     def status(self) -> Status:
         """Return what the motion does."""
-        if self._description.problem:
-            return Status(ERROR, self._description.problem, {})
-        if self._refusal:
-            return Status(ERROR, self._refusal, {})
+        if problem := self._description.problem or self._refusal:
+            return Status(ERROR, problem, {})
         if self._now is None or self._plan.motion is None:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
         values = {'time of the motion [s]': seconds(self._now), 'published chunks': self._pieces,
@@ -260,17 +258,12 @@ class ReferenceNode(BaseNode):
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
-            self._publish(self._next)
+            self._publisher.publish(self._writer.write(
+                (self._start or 0) + self._next * self._period,
+                [self._plan.motion.at((self._next + k) * self._period)
+                 for k in range(self._piece)]))
+            self._pieces += 1
             self._next += self._piece
-
-    def _publish(self, first: int) -> None:
-        """Publish a chunk from grid index `first` on."""
-        motion = self._plan.motion
-        assert motion is not None
-        self._pieces += 1
-        self._publisher.publish(self._writer.write(
-            (self._start or 0) + first * self._period,
-            [motion.at((first + k) * self._period) for k in range(self._piece)]))
 
 
 #: What the executable runs.
