@@ -122,7 +122,7 @@ class BaseNode(Node):
             self.get_logger().info(line)
 
     def status(self) -> Status:
-        """Return what is to be reported beside the pace and what was refused."""
+        """Return what is to be reported beside the loop statistics and what was refused."""
         return Status(OK, 'running', {})
 
     def introduction(self) -> str:

@@ -86,9 +86,9 @@ def send(it: Probe, publisher: Any, messages: list[bytes]) -> None:
 @pytest.mark.parametrize(('topic', 'arguments'), [
     (JOINT_STATES, ()), (REFERENCE, ()), (CLOCK, ()), (COMMANDS, ('-p', 'pacing:=lockstep')),
     (COMMANDS, ('-p', 'pacing:=real_time'))])
-def test_a_node_alone_refuses_counts_and_lives(topic: str, arguments: tuple[str, ...]) -> None:
+def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[str, ...]) -> None:
     kind, name = KINDS[topic], READERS[topic][0]
-    # Each time that goes back or leaps has the reference publish its motion anew.
+    # Each time that goes back or leaps has the reference publish its motion again.
     messages = [data for data in malformed(kind, COUNT // 5 if topic == CLOCK else COUNT)
                 if topic != COMMANDS or not is_huge(data)]
     with probe() as it:

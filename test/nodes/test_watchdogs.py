@@ -1,4 +1,4 @@
-"""What stops the robot when somebody falls silent, and what starts it again: one graph for all."""
+"""What stops the robot when a publisher falls silent, and what starts it again."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def graph() -> Iterator[Graph]:
 
 
 @pytest.fixture(autouse=True)
-def nobody_else_dies(request: pytest.FixtureRequest) -> Iterator[None]:
+def no_other_node_ends(request: pytest.FixtureRequest) -> Iterator[None]:
     yield
     if 'graph' in request.fixturenames:
         children = request.getfixturevalue('graph').children
@@ -105,7 +105,7 @@ def nobody_else_dies(request: pytest.FixtureRequest) -> Iterator[None]:
 
 @pytest.mark.parametrize(
     'number', [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
-def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
+def test_without_states_the_torque_stops_and_restarts_without_a_bump(
         graph: Graph, number: signal.Signals) -> None:
     """One torque of zero, silence, an error; then the inverse dynamics, and on from there."""
     before = graph.diagnostics.next('controller')
