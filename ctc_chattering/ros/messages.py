@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import struct
 from typing import Any
 
 from builtin_interfaces.msg import Time
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.ros.cdr import read_time
+from ctc_chattering.ros.cdr import byte_order, TIME
 
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
@@ -48,9 +49,12 @@ def read_stamp(data: bytes) -> int:
         If the message is incomplete, or this is no time from 0 to `LATEST`.
 
     """
-    sec, nanosec = read_time(data)
+    try:
+        sec, nanosec = struct.unpack_from(byte_order(data) + TIME, data, 4)
+    except struct.error:
+        raise CtcError(f'the message is incomplete: {len(data)} bytes') from None
     t = sec * NANOSECONDS + nanosec
     if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
         raise CtcError(
             f'{sec} s and {nanosec} ns are no time; allowed: 0 s to {seconds(LATEST)} s')
-    return t
+    return int(t)

@@ -120,7 +120,7 @@ class _Writer(Template):
             values[self.fields[0]] = divmod(t, NANOSECONDS)
         for place, row in zip(self.rows, rows):
             values[place] = row
-        return self.pack(*values)
+        return self._struct.pack(*values)
 
 
 class StateWriter(_Writer):
