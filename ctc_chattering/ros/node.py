@@ -117,8 +117,7 @@ class BaseNode(Node):
 
     def schedule(self) -> None:
         """Have the process scheduled for real time while that is needed, and say so."""
-        line = self.scheduling.update(self.in_real_time) if self.scheduling else ''
-        if line:
+        if self.scheduling and (line := self.scheduling.update(self.in_real_time)):
             self.get_logger().info(line)
 
     def status(self) -> Status:

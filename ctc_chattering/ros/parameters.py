@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 import re
 from typing import Any, TypeVar
 
@@ -70,7 +71,8 @@ class NodeParameters:
         self._configs = [config.from_mapping(_of(config, node.given)) for config in configs]
         for config in self._configs:
             for name, value in config.as_mapping().items():
-                node.declare_parameter(name, _to_ros(value), descriptor(self._specs[name]))
+                spec = self._specs[name]
+                node.declare_parameter(name, _to_ros(spec, value), descriptor(spec))
         self._publisher = node.create_publisher(
             ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
         self._announced: dict[str, Any] = {}
@@ -87,35 +89,32 @@ class NodeParameters:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
         now = {name: value for config in self._configs
                for name, value in config.as_mapping().items()}
-        message = ParameterEvent(stamp=stamp(t), node=self._node.get_fully_qualified_name())
         changed = [self._to_parameter(name, value).to_parameter_msg()
                    for name, value in now.items() if self._announced.get(name) != value]
-        if self._announced:
-            message.changed_parameters = changed
-        else:
-            message.new_parameters = changed
+        kind = 'changed_parameters' if self._announced else 'new_parameters'
         self._announced = now
         self.changed = False
         if changed:
-            self._publisher.publish(message)
+            self._publisher.publish(ParameterEvent(
+                stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
 
     def _to_parameter(self, name: str, value: Any) -> RosParameter:
-        return RosParameter(name, _ROS_TYPES[self._specs[name].kind], _to_ros(value))
+        spec = self._specs[name]
+        return RosParameter(name, _ROS_TYPES[spec.kind], _to_ros(spec, value))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Turn integers and words for numbers into numbers where such are due."""
-        result = []
-        for parameter in parameters:
-            if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.
-                raise ParameterNotDeclaredException([parameter.name])
-            spec = self._specs.get(parameter.name)
-            try:
-                coerced = parameter if spec is None else self._to_parameter(
+        return [self._coerced(parameter) for parameter in parameters]
+
+    def _coerced(self, parameter: RosParameter) -> RosParameter:
+        if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.
+            raise ParameterNotDeclaredException([parameter.name])
+        spec = self._specs.get(parameter.name)
+        if spec is not None:
+            with suppress(ParameterError):  # `_validate` refuses it, and says why.
+                return self._to_parameter(
                     parameter.name, spec.coerce(_numbers(spec, parameter.value)))
-            except ParameterError:
-                coerced = parameter
-            result.append(coerced)
-        return result
+        return parameter
 
     def _candidates(self, parameters: Sequence[RosParameter]) -> list[Config]:
         values = {parameter.name: parameter.value for parameter in parameters}
@@ -167,9 +166,11 @@ def _numbers(spec: Parameter, value: Any) -> Any:
     return numbers if row or isinstance(value, list) else numbers[0]
 
 
-def _to_ros(value: Any) -> Any:
-    """Return a value as ROS takes it: an empty list becomes a list of ''."""
-    return list(value) or [''] if isinstance(value, tuple) else value
+def _to_ros(spec: Parameter, value: Any) -> Any:
+    """Return a value as ROS takes it; an empty list of texts has no type there."""
+    if value == () and spec.kind == 'str[]':
+        return ['']
+    return list(value) if isinstance(value, tuple) else value
 
 
 def descriptor(spec: Parameter) -> ParameterDescriptor:
