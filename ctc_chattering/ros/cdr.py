@@ -19,7 +19,6 @@ from ctc_chattering.errors import CtcError
 TIME, STRING, DOUBLES = 'iI', 'string', 'doubles'
 #: Size of the encapsulation [bytes].
 _BEGIN = 4
-_INCOMPLETE = 'the message is incomplete'
 
 
 def byte_order(data: bytes) -> str:
@@ -106,7 +105,7 @@ class Template:
         self._at += padding + length
         self._size += count
         if self._at > len(self._data):
-            raise CtcError(f'{_INCOMPLETE}: {len(self._data)} of {self._at} bytes')
+            raise CtcError(f'the message is incomplete: {len(self._data)} of {self._at} bytes')
         return slice(self._size - count, self._size)
 
     def _constant(self, code: str, alignment: int, length: int) -> Any:

@@ -15,6 +15,7 @@ import ctypes
 import gc
 import os
 from pathlib import Path
+import resource
 import signal
 import sys
 from typing import Any
@@ -23,8 +24,6 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.experiment.node_parameters import RealTimeSettings
 
 _LINUX = sys.platform.startswith('linux')
-if _LINUX:
-    import resource
 
 #: Of Linux: limits that the module `resource` lacks, flags of mlockall, a capability's bit.
 _RLIMIT_RTPRIO, _RLIMIT_RTTIME = 14, 15

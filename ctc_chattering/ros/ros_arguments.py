@@ -131,12 +131,9 @@ def _hint(name: str, executables: Sequence[str]) -> str:
     """Return what to say of a parameter that none of the executables has."""
     if name.startswith('qos_overrides.'):
         return 'the QoS of topics is fixed'
-    whose, where = 'no node has a', 'ctc parameters lists them'
-    if len(executables) == 1:
-        whose, where = f'{executables[0]} has no', '--help lists them'
     near = difflib.get_close_matches(name, {x for y in executables for x in parameters_of(y)})
-    return f'{whose} parameter of this name; ' + (
-        f'do you mean {" or ".join(near)}?' if near else where)
+    return f'{" | ".join(executables)}: no parameter of this name; ' + (
+        f'do you mean {" or ".join(near)}?' if near else 'ctc parameters lists them')
 
 
 def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
