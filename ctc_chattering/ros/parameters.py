@@ -25,11 +25,6 @@ from ctc_chattering.ros.topics import PARAMETERS
 
 C = TypeVar('C', bound=Config)
 
-_ROS_TYPES = {
-    'bool': RosParameter.Type.BOOL, 'int': RosParameter.Type.INTEGER,
-    'float': RosParameter.Type.DOUBLE, 'str': RosParameter.Type.STRING,
-    'float[]': RosParameter.Type.DOUBLE_ARRAY, 'str[]': RosParameter.Type.STRING_ARRAY}
-
 
 class NodeParameters:
     """
@@ -71,8 +66,8 @@ class NodeParameters:
         self._configs = [config.from_mapping(_of(config, node.given)) for config in configs]
         for config in self._configs:
             for name, value in config.as_mapping().items():
-                spec = self._specs[name]
-                node.declare_parameter(name, _to_ros(spec, value), descriptor(spec))
+                node.declare_parameter(name, _to_parameter(name, value).value,
+                                       descriptor(self._specs[name]))
         self._publisher = node.create_publisher(
             ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
         self._announced: dict[str, Any] = {}
@@ -89,7 +84,7 @@ class NodeParameters:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
         now = {name: value for config in self._configs
                for name, value in config.as_mapping().items()}
-        changed = [self._to_parameter(name, value).to_parameter_msg()
+        changed = [_to_parameter(name, value).to_parameter_msg()
                    for name, value in now.items() if self._announced.get(name) != value]
         kind = 'changed_parameters' if self._announced else 'new_parameters'
         self._announced = now
@@ -97,10 +92,6 @@ class NodeParameters:
         if changed:
             self._publisher.publish(ParameterEvent(
                 stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
-
-    def _to_parameter(self, name: str, value: Any) -> RosParameter:
-        spec = self._specs[name]
-        return RosParameter(name, _ROS_TYPES[spec.kind], _to_ros(spec, value))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Turn integers and words for numbers into numbers where such are due."""
@@ -112,8 +103,8 @@ class NodeParameters:
         spec = self._specs.get(parameter.name)
         if spec is not None:
             with suppress(ParameterError):  # `_validate` refuses it, and says why.
-                return self._to_parameter(
-                    parameter.name, spec.coerce(_numbers(spec, parameter.value)))
+                value = spec.coerce(_numbers(spec, parameter.value))
+                return _to_parameter(spec.name, value)
         return parameter
 
     def _candidates(self, parameters: Sequence[RosParameter]) -> list[Config]:
@@ -166,19 +157,17 @@ def _numbers(spec: Parameter, value: Any) -> Any:
     return numbers if row or isinstance(value, list) else numbers[0]
 
 
-def _to_ros(spec: Parameter, value: Any) -> Any:
-    """Return a value as ROS takes it; an empty list of texts has no type there."""
-    if value == () and spec.kind == 'str[]':
-        return ['']
-    return list(value) if isinstance(value, tuple) else value
+def _to_parameter(name: str, value: Any) -> RosParameter:
+    """Return a parameter of ROS: an empty list has no type there, and becomes a list of ''."""
+    return RosParameter(name, value=list(value) or [''] if isinstance(value, tuple) else value)
 
 
 def descriptor(spec: Parameter) -> ParameterDescriptor:
-    """Return the descriptor of a parameter; its type is judged by us, for a better message."""
+    """Return the descriptor of a parameter; `Parameter` checks its type, for a better message."""
     unit = f' [{spec.unit}]' if spec.unit else ''
     result = ParameterDescriptor(
-        name=spec.name, type=_ROS_TYPES[spec.kind].value, description=spec.description + unit,
-        additional_constraints=spec.allowed, read_only=spec.read_only, dynamic_typing=True)
+        name=spec.name, description=spec.description + unit, read_only=spec.read_only,
+        additional_constraints=spec.allowed, dynamic_typing=True)
     low, high = spec.bounds
     if spec.kind in ('float', 'float[]') and not spec.infinite and spec.shape != 'nn':
         result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
