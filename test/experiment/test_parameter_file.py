@@ -296,7 +296,6 @@ def test_dump_has_all_nodes(file: Path) -> None:
     assert set(parameter_file.read(file)) == set(NODES)
 
 
-
 def test_what_is_beyond_the_limits_of_the_urdf_is_refused_at_load(tmp_path: Path) -> None:
     """The motion, its start, and that of the builtin plant, by name and amount."""
     robot, file = tmp_path / 'arm.urdf', tmp_path / 'params.yaml'
