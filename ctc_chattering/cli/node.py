@@ -18,7 +18,7 @@ from typing import NoReturn
 
 from ctc_chattering import __version__
 from ctc_chattering.ros import signals
-from ctc_chattering.ros.nonblocking_output import NonblockingOutput
+from ctc_chattering.ros.nonblocking_output import nonblocking_output
 
 
 def main(name: str, argv: Sequence[str] | None = None) -> int:
@@ -52,14 +52,12 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     parent = _make_parser(name).parse_args(own).parent
     if parent is not None:
         child_process.end_with(parent)
-    ros.check([name])
-    values = ros.values(name)
+    values = ros.values([name])[name]
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     run = importlib.import_module('ctc_chattering.ros.run').run
-    with NonblockingOutput():
-        return int(run(
-            module.NODE, name, ['--ros-args', *ros.rest, *ros_arguments.assignments(values)],
-            signals.collect()))
+    with nonblocking_output():
+        return int(run(lambda: module.NODE(values), name, ['--ros-args', *ros.rest],
+                       signals.collect()))
 
 
 def _make_parser(name: str) -> argparse.ArgumentParser:

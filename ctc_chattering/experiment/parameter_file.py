@@ -110,21 +110,19 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     return Setup(plant, controller, reference, events, resolved, route, descriptions)
 
 
-def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
+def dump(values: Mapping[str, Values], path: Path) -> None:
     """
-    Write a parameter file with all values, for nodes in `namespace`.
+    Write a parameter file.
 
     Parameters
     ----------
     values : mapping
         Values by node and parameter.
-    namespace : str
-        For example ``/robot1``; ROS takes no wildcard in front of a node's name.
     path : Path
         File to write.
 
     """
-    tree = {f'{namespace.rstrip("/")}/{node}': {'ros__parameters': {
+    tree = {node: {'ros__parameters': {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in mine.items()}} for node, mine in values.items()}
     path.write_text(yaml.dump(tree, Dumper=Dumper, default_flow_style=None), encoding='utf-8')

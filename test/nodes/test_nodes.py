@@ -99,7 +99,7 @@ def test_the_state_topics_say_what_the_torque_is_made_of() -> None:
 
 
 def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample() -> None:
-    """As `ros2 param set` would: the chattering term goes and comes, v lives on."""
+    """As `ros2 param set` would: the chattering term goes and comes, v is preserved."""
     motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(40)]
     law = Controller(ControllerConfig())
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -55,7 +55,7 @@ class PlayedPlant:
         return list(self.commands[-1].data)
 
 
-def test_every_outage_begins_the_law_anew_and_a_motion_at_rest_is_held() -> None:
+def test_every_outage_restarts_the_law_and_a_motion_at_rest_is_held() -> None:
     """The last point of the reference, long past, is at rest: nothing is missing."""
     point, law = ([1.0, -0.5], ZERO, ZERO), Controller(ControllerConfig())
     with probe() as it:

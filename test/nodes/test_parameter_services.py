@@ -120,7 +120,7 @@ class Loop:
         self.goes_on()
 
     def goes_on(self) -> None:
-        """Wait for torques and the states that answer them; nobody may have died or raised."""
+        """Wait for torques and the states that answer them; no node may have ended or raised."""
         it = self.probe
         stamps: set[tuple[int, int]] = set()
         torques: list[Float64MultiArray] = []

@@ -111,27 +111,27 @@ def size(bag: Path) -> int:
 def kill_at_random(it: Probe, folder: Path, dice: random.Random, kills: int) -> list[Killed]:
     """Start so many recorders, and kill each of them at a random moment of its life."""
     killed: list[Killed] = []
-    lives: dict[Path, tuple[child_process.Child, float]] = {}
+    running: dict[Path, tuple[child_process.Child, float]] = {}
     watches: dict[Path, Stopwatch] = {}
     begun: dict[Path, int] = {}
     started = 0
 
     def due() -> bool:
         now = time.time_ns()
-        for bag in lives:
+        for bag in running:
             if bag not in begun and size(bag) > EMPTY:
                 begun[bag] = now
-        return any(now - begin > 1e9 * lives[bag][1] for bag, begin in begun.items())
+        return any(now - begin > 1e9 * running[bag][1] for bag, begin in begun.items())
 
     while len(killed) < kills:
-        while started < kills and len(lives) < ALIVE:
+        while started < kills and len(running) < ALIVE:
             bag = folder / f'bag{started}'
-            lives[bag] = it.start('recorder', '-p', f'bag:={bag}'), dice.uniform(0.0, 1.5)
-            watches[bag] = Stopwatch(lives[bag][0].process.pid)
+            running[bag] = it.start('recorder', '-p', f'bag:={bag}'), dice.uniform(0.0, 1.5)
+            watches[bag] = Stopwatch(running[bag][0].process.pid)
             started += 1
         it.until(due, 'the moment')
-        bag = min(begun, key=lambda x: begun[x] + 1e9 * lives[x][1])
-        child, _ = lives.pop(bag)
+        bag = min(begun, key=lambda x: begun[x] + 1e9 * running[x][1])
+        child, _ = running.pop(bag)
         del begun[bag]
         waited = round(1e9 * watches[bag].waited())
         end = time.time_ns()

@@ -265,7 +265,7 @@ class Broadcaster:
 
 def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
     """
-    Other order, more joints, no efforts, no clock, stamps that are on nobody's grid.
+    Other order, more joints, no efforts, no clock, stamps on no grid.
 
     States that come at another period than `control_period` are answered by the same law, and a
     warning says that its filter takes them for something else.

@@ -26,7 +26,7 @@ def ns(message: JointState) -> int:
     return int(message.header.stamp.sec) * 10 ** 9 + int(message.header.stamp.nanosec)
 
 
-def test_references_that_nobody_uses_are_forgotten() -> None:
+def test_unused_references_are_discarded() -> None:
     """Send more than a minute to a controller that is disabled, without a state and with one."""
     with probe() as it:
         reports = Diagnostics(it)
