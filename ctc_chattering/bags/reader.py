@@ -18,11 +18,11 @@ from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.repair import BagReader, open_bag
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.ros.joint_order import Joints
+from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.topics import (
     COMMANDS,
     FILTER,
@@ -98,7 +98,7 @@ class _Topics:
             raise CtcError(f'{path}: not a bag of this package: no message on '
                            f'controller/{PARAMETERS}')
         config = self._history[0][1]
-        self._names, self._joints = config.joint_names, Joints(config.joint_names)
+        self._names = config.joint_names
         self._period = period_ns(config.control_period)
 
     def result(self) -> Result:
@@ -154,11 +154,11 @@ class _Topics:
             yield t, message
 
     def _select(self, names: Sequence[str], *rows: Any) -> Array:
-        """Return our joints' values out of rows of a message; nan if joints or rows do not fit."""
-        pick = self._joints.pick(tuple(names))
-        if pick is None or any(len(row) != len(names) for row in rows):
+        """Return our joints' values out of rows of a message; nan if it would be rejected."""
+        try:
+            return np.array(select(self._names, names, *rows))
+        except RejectedMessage:
             return np.full((len(rows), len(self._names)), np.nan)
-        return np.array([pick(row) for row in rows])
 
     def _parameters(self, node: str, kind: Any) -> list[tuple[int, Any]]:
         """Return the configurations of a node, each with the time [ns] from which it applies."""
@@ -179,8 +179,9 @@ class _Topics:
         for recorded, message in self._messages(JOINT_STATES):
             t = _nanoseconds(message.header.stamp)
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))
-            row = self._select(message.name, message.position, message.velocity, effort)
-            if t >= since and np.isfinite(row[:2]).all():
+            row = self._select(message.name, message.position, message.velocity)
+            if t >= since and np.isfinite(row).all():
+                row = np.vstack((row, self._select(message.name, effort)))
                 yield _State(t, row, recorded)
 
     def _states(self, since: int) -> tuple[list[_State], Counter[int]]:
