@@ -156,7 +156,7 @@ class _Topics:
     def _select(self, names: Sequence[str], *rows: Any) -> Array:
         """Return our joints' values out of rows of a message; nan if it would be rejected."""
         try:
-            with np.errstate(over='ignore'):
+            with np.errstate(all='ignore'):
                 return np.array(select(self._names, names, *rows))
         except RejectedMessage:
             return np.full((len(rows), len(self._names)), np.nan)

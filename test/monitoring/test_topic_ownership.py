@@ -107,7 +107,7 @@ def heard(ownership: TopicOwnership, *parts: tuple[str, ...]) -> bool:
     return ownership.admits(None, 2 * SECOND, 0)
 
 
-@pytest.mark.parametrize('order', itertools.permutations((ARM, GRIPPER, CAMERA)))
+@pytest.mark.parametrize('order', [*itertools.permutations((ARM, GRIPPER, CAMERA))])
 def test_publishers_of_other_joints_share_a_topic(order: tuple[tuple[str, ...], ...]) -> None:
     ownership = TopicOwnership()
     ownership.update(3, 0)
