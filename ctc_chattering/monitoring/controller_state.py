@@ -13,6 +13,9 @@ from enum import Enum
 class State(Enum):
     """What the controller does; the value is the text for a user."""
 
+    # The hash of Enum, computed from the name each time, takes as long as a product of matrices.
+    __hash__ = object.__hash__
+
     WAITING_FOR_STATE = 'waiting for a state'
     WAITING_FOR_REFERENCE = 'waiting for the reference'
     RUNNING = 'running'
@@ -40,6 +43,8 @@ class State(Enum):
 
 class Event(Enum):
     """What happens to the controller."""
+
+    __hash__ = object.__hash__
 
     #: A joint state was accepted.
     STATE = 'state'

@@ -30,15 +30,17 @@ def select(ours: Sequence[str], names: Sequence[str], *rows: Sequence[float]
 
     """
     n = len(names)
-    if len(set(names)) != n or not set(names).issuperset(ours):
+    if names != ours and (len(set(names)) != n or not set(names).issuperset(ours)):
         raise RejectedMessage('joints', (
             f'joints {list(names)}; needed: each of {list(ours)} once'))
     if any(len(row) != n for row in rows):
         lengths = sorted({len(row) for row in rows})
         raise RejectedMessage('length', (
             f'{" or ".join(map(str, lengths))} values for {n} joints'))
-    order = [names.index(name) for name in ours]
-    values = [tuple([row[i] for i in order]) for row in rows]
+    values = [tuple(row) for row in rows]
+    if names != ours:
+        order = [names.index(name) for name in ours]
+        values = [tuple([row[i] for i in order]) for row in rows]
     if not isfinite(sum(map(sum, values))):
         raise RejectedMessage('not_finite', f'{[list(row) for row in values[:3]]}')
     return values

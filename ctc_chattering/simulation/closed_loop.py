@@ -78,6 +78,7 @@ class Run:
     v: Array
 
 
+@np.errstate(all='ignore')  # What overflows shows in the torque.
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None, truth: bool = False,

@@ -25,6 +25,9 @@ from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 
+# numpy warns of what overflows; the law then has no sample.
+pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
+
 C = TypeVar('C', bound=Config)
 #: Parameters that set up something else than numbers; the rest is drawn.
 FIXED = ('joint_names', 'model', 'plant_backend', 'description', 'locked', 'pacing', 'experiment',
