@@ -60,7 +60,7 @@ def check(result: Result) -> None:
 
 @pytest.mark.parametrize('how', [
     {}, {'order': (1, 0)}, {'extra': ('gripper', 'wheel')}, {'order': (1, 0), 'extra': ('x',)},
-    {'piece': 1}, {'piece': 1000}])
+    {'chunk': 1}, {'chunk': 1000}])
 def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: dict[str, object]) -> None:
     check(read(tmp_path, messages(**how)))
 

@@ -9,7 +9,7 @@ import re
 import time
 from typing import Any
 
-from bags import efforts, piece, state
+from bags import chunk, efforts, state
 from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed
 import numpy as np
 from processes import bringup, CONFIG, PATIENCE, Probe, probe
@@ -126,7 +126,7 @@ def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[st
             k += 1
             t = divmod(time.time_ns(), 10 ** 9)
             now = {CLOCK: clock(k, 0), COMMANDS: kind.valid, JOINT_STATES: state(
-                JOINTS, [[0.1, 0.2]] * 3, t), REFERENCE: piece(
+                JOINTS, [[0.1, 0.2]] * 3, t), REFERENCE: chunk(
                     JOINTS, [([[0.1, 0.2]] * 3 + [[]], 0, 0)], (1, 0))}
             publisher.publish(now[topic])
             if other is not None:

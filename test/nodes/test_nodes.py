@@ -241,7 +241,7 @@ def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
 def test_the_reference_follows_the_clock_ahead_of_time() -> None:
     motion = Sinusoid(ReferenceConfig(phase=(0.3, 0.4), control_period=2e-3))
     with probe() as it:
-        pieces = it.listen(JointTrajectory, 'reference')
+        chunks = it.listen(JointTrajectory, 'reference')
         clock = it.node.create_publisher(Clock, 'clock', 10)
         it.start('reference', '-p', 'phase:=[0.3, 0.4]', '-p', 'control_period:=0.002',
                  '-p', 'horizon:=0.2')
@@ -250,7 +250,7 @@ def test_the_reference_follows_the_clock_ahead_of_time() -> None:
         def known() -> dict[int, JointTrajectoryPoint]:
             return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
                     + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
-                    for m in pieces for p in m.points}
+                    for m in chunks for p in m.points}
         for now in (0, 50 * MS, 90 * MS, 1_500 * MS):
             clock.publish(Clock(clock=stamp(now)))
             it.until(lambda: known() and max(known()) >= now + 190 * MS, 'the motion ahead')
@@ -270,7 +270,7 @@ def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> No
     changed = ReferenceConfig(
         amplitude=(0.2, 0.9), center=(1.0, -1.0), frequency=(0.4, 1.7), control_period=1e-2)
     with probe() as it:
-        pieces = it.listen(JointTrajectory, 'reference')
+        chunks = it.listen(JointTrajectory, 'reference')
         clock = it.node.create_publisher(Clock, 'clock', 10)
         it.start('reference', '-p', 'control_period:=0.01')
         it.until(clock.get_subscription_count, 'the reference')
@@ -279,7 +279,7 @@ def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> No
         def known() -> dict[int, JointTrajectoryPoint]:
             return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
                     + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
-                    for m in pieces for p in m.points}
+                    for m in chunks for p in m.points}
 
         def run_to(end: int) -> None:
             nonlocal now

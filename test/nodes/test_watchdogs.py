@@ -37,7 +37,7 @@ class Graph:
         self.diagnostics = Diagnostics(it)
         self.states = it.listen(JointState, 'joint_states', 10_000)
         self.commands = it.listen(Float64MultiArray, COMMANDS, 10_000)
-        self.pieces = it.listen(JointTrajectory, 'reference', 10_000)
+        self.chunks = it.listen(JointTrajectory, 'reference', 10_000)
         self.tracking = it.listen(JointState, 'controller/tracking')
         self.children: dict[str, child_process.Child] = {}
         self._begun: dict[str, int] = {}
@@ -156,7 +156,7 @@ def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
     # position within `restart_duration`, and stays there: only the last messages are sure of it.
     graph.probe.until(lambda: len(graph.tracking) > 5 and not any(
         any(m.velocity[:2]) for m in graph.tracking[-5:]), 'the hold')
-    last = graph.pieces[-1].points[-1]
+    last = graph.chunks[-1].points[-1]
     held = [q + REFERENCE_TIMEOUT * dq for q, dq in zip(last.positions, last.velocities)]
     for message in graph.tracking[-5:]:
         assert list(message.position[:2]) == held

@@ -15,7 +15,7 @@ import sys
 from time import perf_counter
 from typing import Any
 
-from bags import Cdr, efforts, piece, state
+from bags import Cdr, chunk, efforts, state
 from builtin_interfaces.msg import Time
 from faults import KINDS, mutated
 from hypothesis import given, settings
@@ -74,14 +74,14 @@ def efforts_by_us(reader: EffortReader, data: bytes) -> Answer:
     return e.names, bits(e.values)
 
 
-def piece_by_ros(data: bytes) -> Answer:
+def chunk_by_ros(data: bytes) -> Answer:
     m = deserialize_message(data, JointTrajectory)
     return tuple(m.joint_names), [
         (ns(m.header.stamp) + ns(p.time_from_start), bits(p.positions), bits(p.velocities),
          bits(p.accelerations)) for p in m.points]
 
 
-def piece_by_us(reader: TrajectoryReader, data: bytes) -> Answer:
+def chunk_by_us(reader: TrajectoryReader, data: bytes) -> Answer:
     p = reader.read(data)
     return p.names, [(t, *map(bits, rows)) for t, rows in zip(p.times, p.points, strict=True)]
 
@@ -89,7 +89,7 @@ def piece_by_us(reader: TrajectoryReader, data: bytes) -> Answer:
 Kind = tuple[Callable[[], Any], Callable[[Any, bytes], Answer], Callable[[bytes], Answer]]
 STATE: Kind = StateReader, state_by_us, state_by_ros
 EFFORTS: Kind = EffortReader, efforts_by_us, efforts_by_ros
-PIECE: Kind = TrajectoryReader, piece_by_us, piece_by_ros
+CHUNK: Kind = TrajectoryReader, chunk_by_us, chunk_by_ros
 
 
 def samples(names: Sequence[str], shift: float, count: int = 3) -> list[tuple[Kind, bytes]]:
@@ -97,7 +97,7 @@ def samples(names: Sequence[str], shift: float, count: int = 3) -> list[tuple[Ki
     rows = [[shift + i + 10.0 * k for i in range(len(names))] for k in range(3)]
     points, stamp = [((*rows, []), k // 2, k) for k in range(count)], (int(shift) - 5, int(shift))
     return [(STATE, state(names, rows, stamp)), (EFFORTS, efforts(names, rows[0])),
-            (EFFORTS, efforts([], rows[0])), (PIECE, piece(names, points, stamp))]
+            (EFFORTS, efforts([], rows[0])), (CHUNK, chunk(names, points, stamp))]
 
 
 @pytest.mark.parametrize('frame', ['', 'x', 'base', 'base_link'])
@@ -122,7 +122,7 @@ def test_what_ros_serializes(names: tuple[str, ...], frame: str) -> None:
             JointTrajectoryPoint(positions=rows[0], velocities=rows[1], accelerations=rows[2])
             for _ in range(1 + k % 2)])
         data = serialize_message(motion)
-        assert piece_by_us(readers[2], data) == piece_by_ros(data)
+        assert chunk_by_us(readers[2], data) == chunk_by_ros(data)
 
 
 @pytest.mark.parametrize('kind', range(4))
@@ -176,11 +176,11 @@ def any_piece(draw: Any) -> bytes:
     points = draw(st.lists(st.tuples(
         st.tuples(rows_of(len(names), 3), effort).map(lambda x: [*x[0], x[1]]),
         st.integers(-3, 2 ** 31 - 1), st.integers(0, 2 ** 32 - 1)), max_size=4))
-    return piece(names, points, draw(stamps), draw(frames), draw(orders))
+    return chunk(names, points, draw(stamps), draw(frames), draw(orders))
 
 
 @pytest.mark.parametrize(('kind', 'messages'), [
-    (STATE, any_state()), (EFFORTS, any_efforts()), (PIECE, any_piece())])
+    (STATE, any_state()), (EFFORTS, any_efforts()), (CHUNK, any_piece())])
 def test_any_sequence(kind: Kind, messages: st.SearchStrategy[bytes]) -> None:
     """Check that a reader returns what ROS returns, whatever it has read before."""
     make, ours, theirs = kind
@@ -263,7 +263,7 @@ def test_thousands_of_mutated_messages_do_no_harm(topic: str) -> None:
 def test_what_is_read_of_a_mutated_message_is_what_ros_reads(
         index: int, capfd: pytest.CaptureFixture[str]) -> None:
     """Check that we refuse what ROS reads only where it complains, or takes it for no CDR."""
-    make, ours, theirs = (STATE, EFFORTS, PIECE)[index]
+    make, ours, theirs = (STATE, EFFORTS, CHUNK)[index]
     reader, dice = make(), random.Random(index)
     for _ in range(1000):
         data = mutated(list(KINDS.values())[index], dice)
@@ -325,7 +325,7 @@ def test_every_byte_of_a_writer(fields: tuple[str, ...]) -> None:
         points: list[tuple[Any, int, int]] = [
             ((row, row, row, []), k, 5 * k) for k in range(3)]
         assert TrajectoryWriter(names, 3, 10 ** 9 + 5).write(
-            3 * 10 ** 9 + 4, [(row, row, row)] * 3) == piece(names, points, (3, 4))
+            3 * 10 ** 9 + 4, [(row, row, row)] * 3) == chunk(names, points, (3, 4))
 
 
 @pytest.mark.parametrize('index', range(4))
