@@ -178,9 +178,9 @@ class ControlLoop:
 
     def handle(self, event: Event) -> bool:
         """Handle an event; return whether it led to another state, and end torques if so."""
-        before, after = self.state, self.state.after(event)
-        self.state = after
-        if before.sends_torque and not after.sends_torque and not (
+        before = self.state
+        self.state = after = before.after(event)
+        if after is not before and before.sends_torque and not after.sends_torque and not (
                 self.simulated and after is State.WAITING_FOR_REFERENCE):
             self.end_torque()
         return after is not before

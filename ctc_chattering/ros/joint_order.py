@@ -33,10 +33,10 @@ def select(ours: Sequence[str], names: Sequence[str], *rows: Sequence[float]
     if names != ours and (len(set(names)) != n or not set(names).issuperset(ours)):
         raise RejectedMessage('joints', (
             f'joints {list(names)}; needed: each of {list(ours)} once'))
-    if any(len(row) != n for row in rows):
-        lengths = sorted({len(row) for row in rows})
+    lengths = {len(row) for row in rows}
+    if lengths - {n}:
         raise RejectedMessage('length', (
-            f'{" or ".join(map(str, lengths))} values for {n} joints'))
+            f'{" or ".join(map(str, sorted(lengths)))} values for {n} joints'))
     values = [tuple(row) for row in rows]
     if names != ours:
         order = [names.index(name) for name in ours]
