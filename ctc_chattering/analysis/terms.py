@@ -42,8 +42,8 @@ class Terms:
 
 
 def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
-          model: Model | None = None, known: Mapping[float, Sequence[float]] | None = None
-          ) -> Terms:
+          model: Model | None = None, known: Mapping[float, Sequence[float]] | None = None,
+          unsent: bool = False) -> Terms:
     """
     Run the controller over the states and the reference of `run`.
 
@@ -62,6 +62,8 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     known : mapping of float to sequence of float, shape (n,), optional
         By times of samples [s], v as the controller published it [rad/s]: after missing samples
         it is taken from here.
+    unsent : bool
+        Missing samples were never sent: the controller has not stepped there.
 
     """
     due = sorted(configs, key=lambda item: item[0])
@@ -75,7 +77,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     lyapunov = np.zeros_like(run.t)
     doubtful = False
     for k, t in enumerate(run.t.tolist()):
-        if gaps[k]:
+        if gaps[k] and not unsent:
             _bridge(law, rows[k - 1], rows[k], gaps[k])
             doubtful = True
         while due and t >= due[0][0]:

@@ -124,7 +124,8 @@ class _Topics:
         description = self._description()
         known = self._filtered_error(start) if missing(
             times, configs[0][1].control_period).any() else None
-        computed = terms(run, configs, model_of(configs[0][1], description), known)
+        computed = terms(run, configs, model_of(configs[0][1], description), known,
+                         any(plant.sample_loss for _, plant in plants))
         return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
                       description, self._path.resolve().name)
 

@@ -87,8 +87,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     """
     Run the closed loop from t = 0 to the plant's `duration`, both samples included.
 
-    At every sample the controller answers the state, and the plant holds that torque until the
-    next; that is the lockstep of the nodes.
+    At every sample the controller answers the state, and the plant takes that torque until the
+    next; that is the lockstep of the nodes. A sample whose state is lost is not in the result.
 
     Parameters
     ----------
@@ -131,24 +131,27 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     points = deque(map(desired, range(controller.input_delay)))
     due = deque(sorted(events, key=lambda event: event.time))
     record = array('d')
+    tau: Vector = ()
     for k in range(last + 1):
         t = seconds(k * period)
         while due and t >= due[0].time:
             _apply(due.popleft(), robot, law)
         points.append(desired(k + controller.input_delay))
-        q, dq = robot.measured
         point = points.popleft()
-        sample = _step(law, t, q, dq, point, points)
-        if truth:
-            q, dq = robot.q, robot.dq
+        if robot.lost:
+            robot.step(tau)
+            continue
+        sample = _step(law, t, *robot.measured, point, points)
+        tau = sample.tau
         record.append(t)
-        for row in (q, dq, *point, sample.tau, sample.v):
-            record.extend(row)
+        for row in ((robot.q, robot.dq) if truth else robot.measured, point, (tau, sample.v)):
+            for column in row:
+                record.extend(column)
         if k < last:
-            robot.step(sample.tau)
+            robot.step(tau)
         if progress is not None and k % max(1, last // 100) == 0:
             progress(t)
-    table = np.frombuffer(record).reshape(last + 1, -1)
+    table = np.frombuffer(record).reshape(-1, 1 + 7 * robot.n)
     return Run(table[:, 0], *np.split(table[:, 1:], 7, axis=1))
 
 
