@@ -56,6 +56,8 @@ class Parameter:
         row); or any number of them.
     read_only : bool
         Whether it is fixed once the node runs.
+    laws : tuple of str
+        The control laws that take it; empty for all, and for what has no law.
 
     """
 
@@ -71,6 +73,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     shape: str = ''
     read_only: bool = False
+    laws: tuple[str, ...] = ()
 
     @property
     def field(self) -> str:
