@@ -81,6 +81,11 @@ class Parameter:
         return 'lambda_' if self.name == 'lambda' else self.name.replace('.', '_')
 
     @property
+    def meaning(self) -> str:
+        """The description, and the laws that take it."""
+        return self.description + (f' Law {", ".join(self.laws)}.' if self.laws else '')
+
+    @property
     def allowed(self) -> str:
         """What is allowed, in words."""
         if self.choices:

@@ -117,7 +117,7 @@ def _headline(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
 
 
 def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield a card for each pair of runs under the two laws."""
+    """Yield a card for each run that can be compared with one under compensation."""
     for result, run, base in _pairs(results, runs):
         key, unit = 'max_error_norm1_rad', result.position_units[0]
         joints = '; '.join(

@@ -162,10 +162,8 @@ NODE_DESCRIPTIONS = {
 
 def parameter_help(node: str) -> str:
     """Return the parameters of an executable, one a line."""
-    return '\n'.join(
-        f'  {spec.name} ({spec.kind}, {_shown(spec)}): {spec.description}'
-        + (f' Law {", ".join(spec.laws)}.' if spec.laws else '')
-        for spec in parameters_of(node).values())
+    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec)}): {spec.meaning}'
+                     for spec in parameters_of(node).values())
 
 
 def parameter_table() -> str:
