@@ -100,13 +100,13 @@ def _factor(before: float, after: float) -> str:
 
 
 def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> list[Pair]:
-    """Return each run under chattering only, with its metrics and those under compensation."""
+    """Return each run under another law only, with its metrics and those under compensation."""
     whole = [(result, run) for result, run in zip(results, runs)
              if not result.changes and run['max_error_norm1_rad'] is not None]
     base = {result.experiment: run for result, run in reversed(whole)
             if result.law == 'compensation'}
     return [(result, run, base[result.experiment]) for result, run in whole
-            if result.law == 'chattering' and result.experiment in base]
+            if result.law != 'compensation' and result.experiment in base]
 
 
 def _headline(pairs: Sequence[Pair]) -> str:
@@ -114,11 +114,12 @@ def _headline(pairs: Sequence[Pair]) -> str:
         return 'Computed torque plus compensation plus chattering'
     result, run, base = pairs[0]
     factor = _factor(base['max_error_norm1_rad'], run['max_error_norm1_rad'])
-    return f'With chattering the largest tracking error is {factor} ({escape(result.experiment)})'
+    return (f'With {result.law} the largest tracking error is {factor} '
+            f'({escape(result.experiment)})')
 
 
 def _comparison(pair: Pair) -> str:
-    """Return the card of a pair of runs under the two laws."""
+    """Return the card of a pair of runs under two laws."""
     result, run, base = pair
     key, unit = 'max_error_norm1_rad', result.position_units[0]
     joints, variation = ('; '.join(
@@ -130,7 +131,7 @@ def _comparison(pair: Pair) -> str:
         f'<p class="big">{_factor(base[key], run[key])}</p>'
         '<p>Largest error: '
         f'<b class="compensation">{_number(base[key])} {unit}</b> under compensation → '
-        f'<b class="chattering">{_number(run[key])} {unit}</b> with chattering.</p>'
+        f'<b class="{result.law}">{_number(run[key])} {unit}</b> with {result.law}.</p>'
         f'<p class="fine">RMS error: {joints}.<br>Torque variation: {variation}.</p>'
         '</section>\n')
 

@@ -20,12 +20,12 @@ BRIDGED = 20
 @dataclasses.dataclass(frozen=True)
 class Terms:
     """
-    Terms of the laws (2) and (6) sample by sample.
+    Terms of the law sample by sample.
 
     Attributes
     ----------
-    tau, inverse_dynamics, compensation, chattering : ndarray, shape (N, n)
-        Torque, and its parts: tau = inverse_dynamics - compensation - chattering [N·m].
+    tau, nominal, compensation, robust : ndarray, shape (N, n)
+        Torque, and its parts: tau = nominal - compensation - robust [N·m].
     v : ndarray, shape (N, n)
         Filtered error [rad/s].
     lyapunov : ndarray, shape (N,)
@@ -34,9 +34,9 @@ class Terms:
     """
 
     tau: Array
-    inverse_dynamics: Array
+    nominal: Array
     compensation: Array
-    chattering: Array
+    robust: Array
     v: Array
     lyapunov: Array
 
@@ -73,7 +73,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     points: Any = np.concatenate((rows, rows[-1:].repeat(delay, axis=0)))[:, 2:]
     gaps = [0, *missing(run.t, law.config.control_period)]
     columns = {name: np.zeros_like(run.q) for name in (
-        'tau', 'inverse_dynamics', 'compensation', 'chattering', 'v')}
+        'tau', 'nominal', 'compensation', 'robust', 'v')}
     lyapunov = np.zeros_like(run.t)
     doubtful = False
     for k, t in enumerate(run.t.tolist()):

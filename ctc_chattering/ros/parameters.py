@@ -166,7 +166,7 @@ def descriptor(spec: Parameter) -> ParameterDescriptor:
     """Return the descriptor of a parameter; `Parameter` checks its type, for a better message."""
     unit = f' [{spec.unit}]' if spec.unit else ''
     result = ParameterDescriptor(
-        name=spec.name, description=spec.description + unit, read_only=spec.read_only,
+        name=spec.name, description=spec.meaning + unit, read_only=spec.read_only,
         additional_constraints=spec.allowed, dynamic_typing=True)
     low, high = spec.bounds
     if spec.kind in ('float', 'float[]') and not spec.infinite and spec.shape != 'nn':

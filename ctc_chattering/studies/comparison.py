@@ -1,4 +1,4 @@
-"""The original law against the proposed one, joint by joint, on any robot and either plant."""
+"""The original law against all others, joint by joint, on any robot and either plant."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import tempfile
 
 from ctc_chattering.analysis.output import markdown_table
 from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Overrides
 
-#: The original law, and every way to evaluate the proposed one: law and switching.
-VARIANTS = (('compensation', 'sign'), *(('chattering', name) for name in SWITCHINGS))
+#: Every law and, of the one that takes it, every switching; '' for the others.
+VARIANTS = tuple((law, name) for law in LAWS for name in (
+    SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',)))
 #: Runs a parameter file with some values overridden; returns what happened.
 Runner = Callable[[Path, Overrides], Result]
 
@@ -62,7 +64,8 @@ def run_variants(path: Path, backend: str | None, run: Runner) -> Iterator[Outco
 
     """
     for law, switching in VARIANTS:
-        over = {'controller': {'law': law, 'switching': switching},
+        controller = {'law': law, 'switching': switching} if switching else {'law': law}
+        over = {'controller': controller,
                 'plant': {} if backend is None else {'plant_backend': backend}}
         plant = parameter_file.load(path, over).plant
         result = run(path, over)
@@ -99,8 +102,8 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
         rows = []
         for x in mine:
             least = min(a / b for a, b in zip(original.rms, x.rms))
-            switching, ratio = ('', '') if x is original else (x.switching, f'{least:.0f}×')
-            rows.append([x.law, switching, *(f'{value:.2e}' for value in x.rms), ratio,
+            ratio = '' if x is original else f'{least:.0f}×'
+            rows.append([x.law, x.switching, *(f'{value:.2e}' for value in x.rms), ratio,
                          f'{x.peak:.0f}'])
         heads = ['law', 'switching', *original.joints, 'least', 'peak torque [N·m]']
         lines += [f'**{experiment}, plant {backend}**: RMS error [rad], 5 s ≤ t ≤ 10 s', '',
