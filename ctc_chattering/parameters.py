@@ -56,6 +56,8 @@ class Parameter:
         row); or any number of them.
     read_only : bool
         Whether it is fixed once the node runs.
+    laws : tuple of str
+        The control laws that take it; empty for all, and for what has no law.
 
     """
 
@@ -71,11 +73,17 @@ class Parameter:
     choices: tuple[str, ...] = ()
     shape: str = ''
     read_only: bool = False
+    laws: tuple[str, ...] = ()
 
     @property
     def field(self) -> str:
         """Name in the dataclass: ``lambda`` is a keyword, and a dot is no identifier."""
         return 'lambda_' if self.name == 'lambda' else self.name.replace('.', '_')
+
+    @property
+    def meaning(self) -> str:
+        """The description, and the laws that take it."""
+        return self.description + (f' Law {", ".join(self.laws)}.' if self.laws else '')
 
     @property
     def allowed(self) -> str:

@@ -36,6 +36,7 @@ from ctc_chattering.analysis.figure_style import (
 )
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, name, names
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Array
 
@@ -104,31 +105,40 @@ def torques(result: Result, run_name: str = '') -> Figure:
 
 
 def internals(result: Result, run_name: str = '') -> Figure:
-    """Draw V, and for each joint the filtered error v and the chattering term z."""
+    """Draw V, and for each joint the filtered error v and the robust term z of the law."""
     terms, n = result.terms, _joints(result)
-    sheet = _Sheet(result, f'V, filtered error and chattering term – {run_name or name(result)}',
+    noun, kind = _robust_term(result)
+    sheet = _Sheet(result, f'V, filtered error and {noun} – {run_name or name(result)}',
                    n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', _WHOLE)
     sheet.line(ax, terms.lyapunov, _WHOLE, linewidth=0.9)
     log_axis(ax, terms.lyapunov)
-    kinds = {_TERMS[config.switching] for _, config in result.configs if config.law != _PLAIN}
-    kind = kinds.pop() if len(kinds) == 1 else 'chattering term z'
     for i, (joint, position, torque) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units)):
         ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', _WHOLE)
         sheet.line(ax, terms.v[:, i], _WHOLE, **_THIN)
         steady_axis(ax, result.run.t, terms.v[:, i])
-        term = terms.chattering[:, i]
+        term = terms.robust[:, i]
         reach = 1.25 * float(np.abs(term).max()) or 1.0
         for column, part in ((1, _WHOLE), (2, sheet.window)):
-            ax = sheet.panel((i + 1, column), f'{joint}: {kind}', f'z [{torque}]', part)
+            ax = sheet.panel((i + 1, column), f'{joint}: {kind or noun}', f'z [{torque}]', part)
             sheet.line(ax, term, part, **(STEPS if column == 2 else {**_THIN, 'linewidth': 0.35}))
             ax.set_ylim(-reach, reach)
             if not term.any():
-                label(ax, 0.5, 0.62, 'zero: not part of this law', ha='center')
+                label(ax, 0.5, 0.62, 'zero' if kind else 'zero: not part of this law', ha='center')
             elif column == 1 and result.saturation and result.saturation[i].cause:
                 note(ax, result.saturation[i].cause)
     return sheet.finished()
+
+
+def _robust_term(result: Result) -> tuple[str, str]:
+    """Return what the robust term is called, and the term in symbols; empty for a law without."""
+    configs = [config for _, config in result.configs]
+    symbols = {_TERMS[config.switching] if config.takes('switching')
+               else law_class(config.law).symbol for config in configs} - {''}
+    paper = all(law_class(config.law).of_the_paper for config in configs)
+    noun = 'chattering term' if paper else 'robust term'
+    return noun, symbols.pop() if len(symbols) == 1 else f'{noun} z' if symbols else ''
 
 
 def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
@@ -190,7 +200,7 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
             f'Torques sent to the joints. Right: {where}')
         yield f'{slug}_internals', internals(result, run_name), (
             'Not in the paper: the Lyapunov function V of its proof, the filtered error v, and '
-            f'the chattering term. Right: {where}')
+            f'the {_robust_term(result)[0]}. Right: {where}')
 
 
 class _Sheet:

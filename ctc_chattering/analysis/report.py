@@ -96,7 +96,7 @@ def _factor(before: float, after: float) -> str:
 
 def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]
            ) -> Iterator[tuple[Result, dict[str, Any], dict[str, Any]]]:
-    """Yield each run under chattering only, its metrics, and those under compensation."""
+    """Yield each run under another law only, its metrics, and those under compensation."""
     base: dict[str, dict[str, Any]] = {}
     whole = [(result, run) for result, run in zip(results, runs)
              if not result.changes and run['max_error_norm1_rad'] is not None]
@@ -104,7 +104,7 @@ def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]
         if result.law == 'compensation':
             base.setdefault(result.experiment, run)
     for result, run in whole:
-        if result.law == 'chattering' and result.experiment in base:
+        if result.law != 'compensation' and result.experiment in base:
             yield result, run, base[result.experiment]
 
 
@@ -112,12 +112,12 @@ def _headline(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
     for result, run, base in _pairs(results, runs):
         factor = _factor(base['max_error_norm1_rad'], run['max_error_norm1_rad'])
         experiment = escape(result.experiment)
-        return f'With chattering the largest tracking error is {factor} ({experiment})'
+        return f'With {result.law} the largest tracking error is {factor} ({experiment})'
     return 'Computed torque plus compensation plus chattering'
 
 
 def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield a card for each pair of runs under the two laws."""
+    """Yield a card for each run that can be compared with one under compensation."""
     for result, run, base in _pairs(results, runs):
         key, unit = 'max_error_norm1_rad', result.position_units[0]
         joints = '; '.join(
@@ -132,7 +132,7 @@ def _comparisons(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> I
             f'<p class="big">{_factor(base[key], run[key])}</p>'
             '<p>Largest error: '
             f'<b class="compensation">{_number(base[key])} {unit}</b> under compensation → '
-            f'<b class="chattering">{_number(run[key])} {unit}</b> with chattering.</p>'
+            f'<b class="{result.law}">{_number(run[key])} {unit}</b> with {result.law}.</p>'
             f'<p class="fine">RMS error: {joints}.<br>Torque variation: {variation}.</p>'
             '</section>\n')
 
@@ -254,7 +254,7 @@ details { margin: .5rem 0; }
 <body>
 <h1>$headline</h1>
 <p class="lead">A robot arm with friction that the controller does not know, under computed torque
-plus compensation, and under the same law plus a chattering term Ka sgn(v).</p>
+plus compensation, under the same law plus a chattering term Ka sgn(v), or under others.</p>
 $cards
 $first
 <h2>Numbers</h2>

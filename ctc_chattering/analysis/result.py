@@ -28,7 +28,7 @@ from ctc_chattering.simulation.registry import make_plant
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5
 #: Gains of one switching only.
-_OWN_GAINS = {'boundary_layer': ('boundary_layer',), 'implicit_observer': ('observer_bandwidth',)}
+_OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,10 +120,13 @@ class Result:
 
     @property
     def gains(self) -> dict[str, Any]:
-        """The gains at the end, by parameter name."""
+        """The gains of the law at the end, by parameter name."""
         config = self.configs[-1][1]
         values = config.as_mapping()
-        names = ('kp', 'kv', 'ka', 'lambda', 'b', *_OWN_GAINS.get(self.switching, ()))
+        names = ['kp', 'kv', *(
+            name for name, spec in config.parameters().items()
+            if config.law in spec.laws and spec.kind.startswith('float')
+            and _OF_SWITCHING.get(name, config.switching) == config.switching)]
         return {name: list(x) if isinstance(x := values[name], tuple) else x for name in names}
 
     @cached_property
@@ -149,7 +152,7 @@ class Result:
                 for k in np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end)):
                     if gaps[k]:
                         count.pause()
-                    count.add(self.terms.chattering[k].tolist(), config.ka, config.switching)
+                    count.add(self.terms.robust[k].tolist(), config.ka, config.switching)
         return count.found() if count.samples else None
 
     def metrics(self) -> dict[str, Any]:

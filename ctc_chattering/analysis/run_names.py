@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+import itertools
 from typing import Any
 
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.control.controller import LAWS
 
-#: Colour of each law, and of a run under both (after Okabe and Ito).
-LAW_COLOURS = {'compensation': '#D55E00', 'chattering': '#0072B2'}
-MIXED = '#007A5A'
 #: Further colours, for runs of one experiment under the same law.
 _FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7')
+#: Colour of each law, and of a run under several (after Okabe and Ito).
+LAW_COLOURS = dict(zip(LAWS, itertools.cycle(('#D55E00', '#0072B2', *_FURTHER))))
+MIXED = '#007A5A'
 #: Parameters that are added to names which would be equal, and their symbols.
 _SIGNS = {'ka': 'Ka', 'kp': 'Kp', 'kv': 'Kv', 'lambda': 'λ', 'b': 'b', 'control_period': 'h',
           'boundary_layer': 'layer', 'observer_bandwidth': 'bandwidth',
+          'ki': 'Ki', 'momentum_gain': 'K', 'super_twisting_k1': 'k₁',
+          'super_twisting_k2': 'k₂', 'adaptation_gain': 'Γ', 'friction_level': 'f',
+          'friction_velocity': 'ε',
           'input_delay': 'delay', 'inertia_scale': 'inertia ×', 'gravity_scale': 'gravity ×'}
 
 
@@ -67,13 +72,13 @@ def colours(results: Sequence[Result]) -> list[str]:
 
 def colour(result: Result) -> str:
     """Return the colour of a run by itself."""
-    return MIXED if result.changes else LAW_COLOURS.get(result.law, _FURTHER[0])
+    return MIXED if result.changes else LAW_COLOURS[result.law]
 
 
 def gains(result: Result) -> str:
     """Return the gains in force at the end, and the sample period, on one line."""
-    values = [f'{_SIGNS[key]} {number_text(value)}' for key, value in result.gains.items()
-              if key != 'ka' or result.law == 'chattering']
+    values = [f'{_SIGNS.get(key, key)} {number_text(value)}'
+              for key, value in result.gains.items()]
     return ', '.join([*values, f'h {1e3 * result.configs[-1][1].control_period:g} ms'])
 
 

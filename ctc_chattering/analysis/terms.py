@@ -21,12 +21,12 @@ BRIDGED = 20
 @dataclasses.dataclass(frozen=True)
 class Terms:
     """
-    Terms of the laws (2) and (6) sample by sample.
+    Terms of the law sample by sample.
 
     Attributes
     ----------
-    tau, inverse_dynamics, compensation, chattering : ndarray, shape (N, n)
-        Torque, and its parts: tau = inverse_dynamics - compensation - chattering [N·m].
+    tau, nominal, compensation, robust : ndarray, shape (N, n)
+        Torque, and its parts: tau = nominal - compensation - robust [N·m].
     v : ndarray, shape (N, n)
         Filtered error [rad/s].
     lyapunov : ndarray, shape (N,)
@@ -35,9 +35,9 @@ class Terms:
     """
 
     tau: Array
-    inverse_dynamics: Array
+    nominal: Array
     compensation: Array
-    chattering: Array
+    robust: Array
     v: Array
     lyapunov: Array
 
@@ -87,11 +87,11 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
         ahead = [samples[min(k + j, len(samples) - 1)][3:] for j in range(1, delay + 1)]
         s = law.step(q, dq, q_d, dq_d, ddq_d, ahead)
         for column, row in zip(
-                columns, (s.tau, s.inverse_dynamics, s.compensation, s.chattering, s.v)):
+                columns, (s.tau, s.nominal, s.compensation, s.robust, s.v)):
             column.extend(row)
         lyapunov.append(law.lyapunov(q, s.v))
-    tau, inverse, compensation, chattering, v = (np.array(c).reshape(-1, n) for c in columns)
-    return Terms(tau, inverse, compensation, chattering, v, np.array(lyapunov))
+    tau, nominal, compensation, robust, v = (np.array(c).reshape(-1, n) for c in columns)
+    return Terms(tau, nominal, compensation, robust, v, np.array(lyapunov))
 
 
 def _bridge(law: Controller, before: Any, after: Any, count: int) -> None:

@@ -49,9 +49,9 @@ def _add_experiments(commands: Any) -> None:
                        help='processes, as many as there are processors by default')
 
     compare = commands.add_parser(
-        'compare', help='compare both laws joint by joint, on any robot',
-        description='Run every parameter file with the original law and with every switching of '
-                    'the proposed one; print the RMS error of each joint.')
+        'compare', help='compare all laws joint by joint, on any robot',
+        description='Run every parameter file with every law and, under law chattering, every '
+                    'switching; print the RMS error of each joint.')
     compare.add_argument('files', nargs='+', type=parameter_file, metavar='F',
                          help='parameter file, or the name of one of the package, such as panda')
     compare.add_argument('--backend', action='append', metavar='X',

@@ -36,7 +36,7 @@ from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE, 
 
 class ControllerNode(BaseNode):
     """
-    Answers every joint state with a torque, by the law (2) or (6).
+    Answers every joint state with a torque, by the law that the parameters name.
 
     A state for which there is no reference yet waits for it. In real time it falls silent without
     states, and restarts the law with the next one; simulated time can wait. All of that is in
@@ -92,7 +92,7 @@ class ControllerNode(BaseNode):
     def introduction(self) -> str:
         """Return the law, and what must come before the first torque."""
         config = self._configs.get(ControllerConfig)
-        switching = f', switching {config.switching}' if config.law == 'chattering' else ''
+        switching = f', switching {config.switching}' if config.takes('switching') else ''
         waits = self._description.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return (f'law {config.law}{switching}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
@@ -196,7 +196,9 @@ class ControllerNode(BaseNode):
             level, message = ERROR, self._description.problem
         return Status(level, message, {
             'period of the stamps, mean [ms]': 1e3 * loop.health.sample_rate.mean,
-            'law': config.law, 'switching': config.switching,
+            'law': config.law, **({'switching': config.switching}
+                                  if config.takes('switching') else {}),
+            'robust term [N·m]': ', '.join(f'{x:.4g}' for x in loop.health.robust),
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,
             'restarts per second': loop.health.rates.events_per_second,

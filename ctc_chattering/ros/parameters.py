@@ -204,7 +204,7 @@ def descriptor(spec: Parameter) -> ParameterDescriptor:
     """Return the descriptor of a parameter; its type is judged by us, for a better message."""
     unit = f' [{spec.unit}]' if spec.unit else ''
     result = ParameterDescriptor(
-        name=spec.name, type=_ROS_TYPES[spec.kind].value, description=spec.description + unit,
+        name=spec.name, type=_ROS_TYPES[spec.kind].value, description=spec.meaning + unit,
         additional_constraints=spec.allowed, read_only=spec.read_only, dynamic_typing=True)
     low, high = spec.bounds
     if spec.kind in ('float', 'float[]') and not spec.infinite and spec.shape != 'nn':

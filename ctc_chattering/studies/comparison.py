@@ -1,4 +1,4 @@
-"""The original law against the proposed one, joint by joint, on any robot and either plant."""
+"""The original law against all others, joint by joint, on any robot and either plant."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from pathlib import Path
 import tempfile
 
 from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Overrides
 from ctc_chattering.simulation.closed_loop import Run
 
-#: The original law, and every way to evaluate the proposed one: law and switching.
-VARIANTS = (('compensation', 'sign'), *(('chattering', name) for name in SWITCHINGS))
+#: Every law and, of the one that takes it, every switching; '' for the others.
+VARIANTS = tuple((law, name) for law in LAWS for name in (
+    SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',)))
 #: Runs parameters; returns what happened.
 Runner = Callable[[Path, Overrides], Result]
 
@@ -66,7 +68,8 @@ def run_variants(path: Path, backend: str | None, run: Runner,
     """
     for law, switching in VARIANTS:
         over = {node: dict(values) for node, values in (overrides or {}).items()}
-        over.setdefault('controller', {}).update(law=law, switching=switching)
+        over.setdefault('controller', {}).update(
+            {'law': law, 'switching': switching} if switching else {'law': law})
         if backend is not None:
             over.setdefault('plant', {})['plant_backend'] = backend
         setup = parameter_file.load(path, over)
@@ -112,7 +115,7 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
         for x in mine:
             least = min(a / b for a, b in zip(original.rms, x.rms))
             lines.append(
-                f'| {x.law} | {x.switching if x is not original else ""} | '
+                f'| {x.law} | {x.switching} | '
                 + ' | '.join(f'{value:.2e}' for value in x.rms)
                 + f' | {"" if x is original else f"{least:.0f}×"} | {x.peak:.0f} |')
         lines.append('')

@@ -114,7 +114,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
         run = simulate(plant, controller, setup.reference, setup.events)
         part = (run.t >= SLICE[0] - 1e-9) & (run.t <= SLICE[1] + 1e-9)
         t, v = run.t[part], run.v[part, 1]
-        term = terms(run, [(0.0, controller)]).chattering[part, 1]
+        term = terms(run, [(0.0, controller)]).robust[part, 1]
         colour, variation = STYLES[switching][0], float(np.abs(np.diff(term)).sum())
         for line, (name, unit, y, caption) in enumerate((
                 ('v₂', 'rad/s', v, f'largest |v₂|: {np.abs(v).max():.1e} rad/s'),

@@ -117,7 +117,7 @@ def test_internals_draw_v_lyapunov_and_chattering(chattering: Result) -> None:
     for i in range(2):
         assert np.array_equal(drawn(panel(figure, 'rad/s', i)), terms.v[:, i])
         ax = panel(figure, 'N·m', i)
-        assert np.array_equal(drawn(ax), terms.chattering[:, i])
+        assert np.array_equal(drawn(ax), terms.robust[:, i])
         assert ax.get_ylim() == (-12.5, 12.5)
 
 

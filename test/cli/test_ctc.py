@@ -69,8 +69,8 @@ def test_simulate(tmp_path: Path) -> None:
         'experiment': 'friction', 'bag': None, 'law': 'compensation', 'switching': 'sign',
         'control_period_s': 0.001, 'joint_names': ['joint1', 'joint2'],
         'position_units': ['rad', 'rad'], 'torque_units': ['N·m', 'N·m'], 'gains': {
-            'kp': [100.0, 100.0], 'kv': [50.0, 50.0], 'ka': [10.0, 10.0], 'lambda': 10.0,
-            'b': 1.0}, 'term_at_bound': None, 'notes': []}
+            'kp': [100.0, 100.0], 'kv': [50.0, 50.0], 'lambda': 10.0, 'b': 1.0},
+        'term_at_bound': None, 'notes': []}
     assert 'friction' in result.stdout
     assert 'compensation' in result.stdout
 

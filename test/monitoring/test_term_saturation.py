@@ -64,7 +64,7 @@ def loop(switching: str, ka: float, **plant: Any) -> list[Saturation]:
     config = ControllerConfig(switching=switching, ka=(ka, ka))
     run = simulate(PlantConfig(duration=3.0, **plant), config, ReferenceConfig())
     count = TermSaturation(2)
-    rows = terms(run, [(0.0, config)]).chattering.tolist()
+    rows = terms(run, [(0.0, config)]).robust.tolist()
     for row in itertools.islice(rows, 1000, None):
         count.add(row, config.ka, switching)
     return count.found()

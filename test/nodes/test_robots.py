@@ -72,7 +72,7 @@ def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
     assert len(result.run.t) == 1001
     assert result.joint_names == tuple(joints)
     assert (result.experiment, result.switching) == (name, 'implicit_observer')
-    assert np.abs(result.terms.chattering).max() > 0.0
+    assert np.abs(result.terms.robust).max() > 0.0
     with closing(open_bag(bag)) as reader:
         told = [reader.deserialize(data, connection.msgtype).data
                 for connection, _, data in reader.messages() if DESCRIPTION in connection.topic]

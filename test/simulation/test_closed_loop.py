@@ -188,7 +188,7 @@ def _held_error(run: Run) -> Array:
     sample of the smooth part of tau and of M times the bracket: at most that of the period.
     """
     parts = _terms(run)
-    smooth = np.abs(np.diff(parts.inverse_dynamics - parts.compensation, axis=0)).sum(axis=1)
+    smooth = np.abs(np.diff(parts.nominal - parts.compensation, axis=0)).sum(axis=1)
     e, de = run.q_d - run.q, run.dq_d - run.dq
     bracket = np.abs(np.diff((0.1 - 50.0) * de - 100.0 * e, axis=0)).sum(axis=1)
     rho: Array = smooth + 9.97 * bracket
