@@ -20,7 +20,9 @@ from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 RUN_COLUMNS = (('max_error_norm1_rad', 'Largest Σ |eᵢ|', 'rad'),
                ('reaching_time_s', 'v reached', 's'))
 JOINT_COLUMNS = (('rms_error_rad', 'RMS error', 'rad'), ('rms_torque_nm', 'RMS torque', 'N·m'),
-                 ('torque_variation_nm_per_s', 'Torque variation', 'N·m/s'))
+                 ('torque_variation_nm_per_s', 'Torque variation', 'N·m/s'),
+                 ('max_torque_step_nm', 'Largest torque step', 'N·m'),
+                 ('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'))
 
 
 def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: Path,
@@ -181,7 +183,7 @@ def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> str:
             f'<tbody>{chr(10).join(rows)}</tbody></table></div>\n<p class="fine">{when} '
             'v reached: '
             f'the time from which every |vᵢ| stays within {BAND:g} rad/s to the end. '
-            'Torque variation: Σ |Δτ| per second.</p>'
+            'Torque variation: Σ |Δτ| per second; step and rate: from one sample to the next.</p>'
             + ''.join(f'<p class="attention"><b>{escape(run["name"])}:</b> {escape(text)}.</p>'
                       for run in runs for text in run['notes']))
 

@@ -62,9 +62,9 @@ class Result:
 
     @cached_property
     def terms(self) -> Terms:
-        """The parts of the torque, v and V."""
+        """The parts of the torque, v and V; a simulation lacks samples that were not sent."""
         return self.computed or terms(
-            self.run, self.configs, model_of(self.configs[0][1], self.description))
+            self.run, self.configs, model_of(self.configs[0][1], self.description), unsent=True)
 
     @property
     def law(self) -> str:

@@ -43,8 +43,8 @@ class Terms:
 
 
 def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
-          model: Model | None = None, known: Mapping[float, Sequence[float]] | None = None
-          ) -> Terms:
+          model: Model | None = None, known: Mapping[float, Sequence[float]] | None = None,
+          unsent: bool = False) -> Terms:
     """
     Run the controller over the states and the reference of `run`.
 
@@ -63,6 +63,8 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     known : mapping of float to sequence of float, shape (n,), optional
         By times of samples [s], v as the controller published it [rad/s]: after missing samples
         it is taken from here.
+    unsent : bool
+        Missing samples were never sent: the controller has not stepped there.
 
     """
     due = sorted(configs, key=lambda item: item[0])
@@ -76,7 +78,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     lacking = [0, *missing(run.t, law.config.control_period).tolist()]
     doubtful = False
     for k, (t, q, dq, q_d, dq_d, ddq_d) in enumerate(samples):
-        if lacking[k]:
+        if lacking[k] and not unsent:
             _bridge(law, samples[k - 1], samples[k], lacking[k])
             doubtful = True
         while due and t >= due[0][0]:

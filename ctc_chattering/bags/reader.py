@@ -144,7 +144,8 @@ class _Topics:
         known = None
         if missing(times, history[0][1].control_period).any():
             known = self._filtered_error(names, start)
-        computed = terms(run, configs, model_of(history[0][1], description), known)
+        computed = terms(run, configs, model_of(history[0][1], description), known,
+                         any(plant.sample_loss for _, plant in plants))
         return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
                       description, self._path.resolve().name)
 

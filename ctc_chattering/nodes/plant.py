@@ -55,8 +55,7 @@ class PlantNode(BaseNode):
         self._plant: Robot | None = None
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
-        self._clock_every = max(
-            1, round(self._settings.clock_period * NANOSECONDS / self._period))
+        self._clock_every = max(1, round(self._settings.clock_period * NANOSECONDS / self._period))
         self._names, self._joints = config.joint_names, Joints(config.joint_names)
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
@@ -143,12 +142,10 @@ class PlantNode(BaseNode):
         plant = self._plant
         if plant is None:
             return Status(ERROR, self._description.problem, {})
-        values: dict[str, object] = {
-            'pacing': plant.config.pacing, 'time of the run [s]': plant.t}
+        values: dict[str, object] = {'pacing': plant.config.pacing, 'time of the run [s]': plant.t}
         level, message = (self._real_time_status(values) if self.in_real_time
                           else self._lockstep_status())
-        if self._limits is not None and (beyond := self._limits.excess(
-                [(plant.q, plant.dq, ())])):
+        if self._limits and (beyond := self._limits.excess([(plant.q, plant.dq, ())])):
             level, message = max(level, WARN), f'{message}; {beyond}'
         return Status(level, message, values)
 
@@ -189,25 +186,28 @@ class PlantNode(BaseNode):
         tau = self._torques(efforts)
         if not self._begun or self._held or not self._exchange.accept(tau):
             return
+        self._latest = tau
         self.statistics.answer(self._exchange.asked, now)
-        if self._at_end():
-            return
-        if self._step(tau):
+        if not self._at_end() and self._step():
             self.statistics.sample(now, time.monotonic_ns())
             self._publish_sample()
 
     def _publish_sample(self) -> None:
-        hold, k = self._settings.hold_at, self._robot.k
-        if hold and self._robot.t >= hold:
-            self._held = True
-            self._publish_clock()
-            return
-        self._exchange.asked = time.monotonic_ns()
-        self._publish_state()
-        if k % self._clock_every == 0 or k == self._last:
-            self._publish_clock()
-        if self._configs.changed:
-            self._configs.announce(k * self._period)
+        """Send the state, after those that are lost, unless time is held."""
+        robot, hold = self._robot, self._settings.hold_at
+        while not hold or robot.t < hold:
+            k, sent = robot.k, not robot.lost
+            if sent:
+                self._exchange.asked = time.monotonic_ns()
+                self._publish_state()
+            if k % self._clock_every == 0 or k == self._last:
+                self._publish_clock()
+            if sent and self._configs.changed:
+                self._configs.announce(k * self._period)
+            if sent or not self._step():
+                return
+        self._held = True
+        self._publish_clock()
 
     def _publish_clock(self) -> None:
         assert self._ticker is not None
@@ -242,13 +242,13 @@ class PlantNode(BaseNode):
                 if self._at_end():
                     return
                 self._watchdog.sample()
-                if not self._step(self._latest):
+                if not self._step():
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
                 self._anchor()
             if self._configs.changed:
                 self._configs.announce(self._start + plant.k * self._period)
-            if due < 1:
+            if due < 1 or plant.lost:
                 return
         self._publish_state()
         end = time.monotonic_ns()
@@ -261,12 +261,12 @@ class PlantNode(BaseNode):
         now, left = self.get_clock().now().nanoseconds, self._timer.time_until_next_call()
         self._start = self._timer_grid.anchor(now, left, self._robot.k)
 
-    def _step(self, tau: Vector) -> bool:
+    def _step(self) -> bool:
         """Go on by one period; return whether the robot still has a motion, and end if not."""
         if self.failure is not None:
             return False
         try:
-            self._robot.step(tau)
+            self._robot.step(self._latest)
         except CtcError as error:
             self.failure = str(error)
             if self.in_real_time and self._real_time_status({})[0] > OK:

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.error_monitor import joint_beyond
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
@@ -106,8 +107,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     """
     Run the closed loop from t = 0 to the plant's `duration`, both samples included.
 
-    At every sample the controller answers the state, and the plant holds that torque until the
-    next; that is the lockstep of the nodes.
+    At every sample the controller answers the state, and the plant takes that torque until the
+    next; that is the lockstep of the nodes. A sample whose state is lost is not in the result.
 
     Parameters
     ----------
@@ -156,26 +157,22 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     due = sorted(events, key=lambda event: event.time)
     record = Record(robot.n)
     every = max(1, last // 100)
+    tau: Vector = ()
     for k in range(last + 1):
         t = seconds(k * period)
         while due and t >= due[0].time:
             _apply(due.pop(0), robot, law)
         coming.append(at(k + delay))
-        q, dq = robot.measured
         desired = coming.popleft()
-        sample = law.try_step(q, dq, *desired, coming)
-        if sample is None:
-            raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
-        i = joint_beyond(sample.e, law.config.error_limit)
-        if i is not None:
-            raise CtcError(
-                f'the position error of {controller.joint_names[i]} at t = {t:g} s, '
-                f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')
-        if truth:
-            q, dq = robot.q, robot.dq
-        record.add(t, q, dq, *desired, sample.tau, sample.v)
+        if robot.lost:
+            robot.step(tau)
+            continue
+        sample = _answer(law, t, *robot.measured, desired, coming)
+        tau = sample.tau
+        q, dq = (robot.q, robot.dq) if truth else robot.measured
+        record.add(t, q, dq, *desired, tau, sample.v)
         if k < last:
-            robot.step(sample.tau)
+            robot.step(tau)
         if progress is not None and k % every == 0:
             progress(t)
     return record.run()
@@ -186,3 +183,18 @@ def _apply(event: Event, robot: Robot, law: Controller) -> None:
         robot.configure(robot.config.changed(event.values))
     else:
         law.configure(law.config.changed(event.values))
+
+
+def _answer(law: Controller, t: float, q: Vector, dq: Vector, desired: Point,
+            ahead: Sequence[Point]) -> Sample:
+    """Return the law's answer to a state at `t` [s]; raise `CtcError` where the nodes end."""
+    sample = law.try_step(q, dq, *desired, ahead)
+    if sample is None:
+        raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
+    config = law.config
+    i = joint_beyond(sample.e, config.error_limit)
+    if i is not None:
+        raise CtcError(
+            f'the position error of {config.joint_names[i]} at t = {t:g} s, '
+            f'{sample.e[i]:.4g} rad, exceeds error_limit, {config.error_limit[i]:g} rad')
+    return sample

@@ -105,15 +105,17 @@ class MujocoPlant(Robot):
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         super().configure(config)
-        self.mjmodel.dof_frictionloss[self._order] = config.coulomb_friction
+        self.mjmodel.dof_frictionloss[self._order] = self._coulomb_friction()
         self.mjmodel.dof_damping[self._order] = self._viscous_friction()
 
     def _move(self, t: float, tau: Vector) -> None:
         """Go on by one control period in as many steps as `integration_step` asks for."""
         order, h = self._order, self._h
-        if self._disturbed:
+        if self._loaded:
+            self.mjmodel.dof_frictionloss[order] = self._coulomb_friction()
+        if self._varying:
             for i in range(self._substeps):
-                self._push[order] = self._torque(t + (i + 0.5) * h, tau)
+                self._push[order] = self._mean_torque(t + (i + 0.5) * h, tau)
                 self._mj_step(self.mjmodel, self.mjdata)
         else:
             self._push[order] = tau
@@ -125,6 +127,15 @@ class MujocoPlant(Robot):
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s; MuJoCo: '
                            + ' '.join(text.split()))
         self.q, self.dq = self._qpos[order].tolist(), self._qvel[order].tolist()
+
+    def _mean_torque(self, t: float, tau: Vector) -> Vector:
+        """Return the torque for the step whose middle is at `t` [s], shape (n,) [N·m]."""
+        half = 0.5 * self._h
+        middle = self._torque(t, tau, half)
+        if self._drives.ideal:
+            return middle
+        return [(a + 4.0 * b + c) / 6.0 for a, b, c in zip(
+            self._torque(t - half, tau), middle, self._torque(t + half, tau))]
 
 
 def _compiled(mujoco: Any, names: Sequence[str], description: str, locked: Mapping[str, float]

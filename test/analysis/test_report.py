@@ -22,7 +22,8 @@ from ctc_chattering.trajectory.reference import ReferenceConfig
 
 VOID = {'meta', 'img', 'br'}
 LAWS = {law: ControllerConfig(law=law) for law in ('compensation', 'chattering')}
-PER_JOINT = ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s')
+PER_JOINT = ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'max_torque_step_nm',
+             'max_torque_rate_nm_per_s')
 
 
 class Page(HTMLParser):
