@@ -12,7 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ctc_chattering.control.computed_torque import ComputedTorque, State, Torque
+from ctc_chattering.control.control_step import ControlStep
+from ctc_chattering.control.feasible_reference import Desired
+from ctc_chattering.control.laws.base import State, Terms, Torque
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.trajectory.buffer import Point
@@ -20,29 +22,23 @@ from ctc_chattering.trajectory.buffer import Point
 
 class DelayPrediction:
     """
-    Takes the steps of a law whose torques are applied `delay` samples after they are sent.
+    Takes the steps of a controller whose torques are applied `delay` samples after they are sent.
 
     Parameters
     ----------
-    law : ComputedTorque
-        What computes the torque.
+    control : ControlStep
+        Whose torques they are.
     delay : int
         Samples; 0 for none.
     n : int
         Number of joints.
 
-    Attributes
-    ----------
-    period : float
-        h [s].
-
     """
 
-    period: float
-
-    def __init__(self, law: ComputedTorque, delay: int, n: int) -> None:
-        self._law = law
-        self._idle = [Torque(np.zeros(n), np.zeros(n), None, None)] * delay
+    def __init__(self, control: ControlStep, delay: int, n: int) -> None:
+        self._control = control
+        zero = np.zeros(n)
+        self._idle = [Torque(zero, Terms(zero, zero, zero), None, None)] * delay
         self.reset()
 
     def reset(self) -> None:
@@ -50,29 +46,33 @@ class DelayPrediction:
         self._in_transit = deque(self._idle)
 
     def step(self, q: Array, dq: Array, q_d: Array, dq_d: Array, ddq_d: Array,
-             ahead: Sequence[Point]) -> tuple[State, State, Torque]:
-        """Return this state, the one in which the torque sent now is applied, and the torque."""
-        law, observer = self._law, self._law.switching.observer
-        now = law.evaluate(q, dq, q_d, dq_d, ddq_d, law.filter.state)
-        if observer is not None:
-            observer.update(now.v)
-        arrival = self._predict(now, ahead)
-        sent = law.torque(arrival)
+             ahead: Sequence[Point]) -> tuple[State, Torque]:
+        """Return this state, and the torque for the one in which it is applied."""
+        control, law = self._control, self._control.law
+        q, dq = law.observe(q, dq, control.limiter.held)
+        now = control.evaluate(q, dq, q_d, dq_d, ddq_d, control.filter.state)
+        now = control.update(now)
+        if law.foresees:
+            points = [Desired(q_d, dq_d, ddq_d), *(Desired(*map(np.array, p)) for p in ahead)]
+            law.foresee(now, [torque.tau for torque in self._in_transit], points, control.model)
+            sent = control.torque(now)
+        else:
+            sent = control.torque(self._predict(now, ahead))
         self._in_transit.append(sent)
-        law.advance(now, self._in_transit.popleft())
-        return now, arrival, sent
+        control.advance(now, self._in_transit.popleft())
+        return now, sent
 
     def _predict(self, now: State, ahead: Sequence[Point]) -> State:
         """Return the state in which the torque of this step is applied; `now` without a delay."""
-        law, observer = self._law, self._law.switching.observer
-        at, xi = now, law.filter.state
+        control, at, xi = self._control, now, self._control.filter.state
+        law = control.law
+        estimate = law.estimate(now) if self._in_transit and law.predicts else None
         for torque, (q_d, dq_d, ddq_d) in zip(self._in_transit, ahead):
-            xi = law.filter.next_state(
-                xi, at.de, at.feedback_acceleration,
-                law.limiter.correction(at.mass, torque.saturation_error))
-            tau = torque.tau if observer is None else torque.tau - observer.estimate
-            q, dq = predict(law.model, at.q, at.dq, tau, self.period)
-            at = law.evaluate(q, dq, np.array(q_d), np.array(dq_d), np.array(ddq_d), xi)
+            xi = control.filter.next_state(
+                xi, at.de, at.u, control.limiter.correction(at.M, torque.excess))
+            tau = torque.tau if estimate is None else torque.tau - estimate
+            q, dq = predict(control.model, at.q, at.dq, tau, control.period)
+            at = control.evaluate(q, dq, np.array(q_d), np.array(dq_d), np.array(ddq_d), xi)
         return at
 
 

@@ -162,7 +162,7 @@ NODE_DESCRIPTIONS = {
 
 def parameter_help(node: str) -> str:
     """Return the parameters of an executable, one a line."""
-    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec)}): {spec.description}'
+    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec)}): {spec.meaning}'
                      for spec in parameters_of(node).values())
 
 
@@ -178,20 +178,19 @@ def parameter_table() -> str:
                 meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
             elif spec.minimum > -math.inf:
                 meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
+            if spec.laws:
+                meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
             lines.append(
                 f'| {node} | `{spec.name}` | {spec.kind}{shape} | `{_shown(spec)}` | '
-                f'{spec.unit.replace("*", "·").replace("^2", "²")} | '
+                f'{spec.unit.replace("*", "·").replace("^2", "²").replace("^3", "³")} | '
                 f'{"" if spec.read_only else "yes"} | {meaning} |')
     return '\n'.join(lines)
 
 
-def _shown(spec: Parameter) -> str:
+def _shown(value: object) -> str:
     """Return a default for the table; one number stands for every joint."""
-    if isinstance(spec.default, tuple):
-        return '[' + ', '.join(
-            f'{x:.6g}' if isinstance(x, float) else x or "''" for x in spec.default) + ']'
-    if isinstance(spec.default, float):
-        return f'{spec.default:g}'.replace('inf', '.inf')
-    if isinstance(spec.default, bool):
-        return str(spec.default).lower()
-    return str(spec.default) or "''"
+    if isinstance(value, tuple):
+        return f'[{", ".join(map(_shown, value))}]'
+    if isinstance(value, float):
+        return f'{value:g}'.replace('inf', '.inf')
+    return str(value).lower() if isinstance(value, bool) else str(value) or "''"

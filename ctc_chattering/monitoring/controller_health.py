@@ -8,6 +8,7 @@ from ctc_chattering.control.controller import ControllerConfig, Sample
 from ctc_chattering.monitoring.sample_rate import SampleRate
 from ctc_chattering.monitoring.term_saturation import TermSaturation
 from ctc_chattering.monitoring.watchdog import HealthMonitor
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 
 #: Part of the states rejected that is a warning, and an error.
@@ -31,6 +32,8 @@ class ControllerHealth:
     ----------
     taken, restarts, saturated : int
         States taken, restarts of the law, samples with a torque at its limit.
+    robust : sequence of float, shape (n,)
+        Robust term of the last sample [N·m]; empty before the first.
     rates : HealthMonitor
         Of restarts and rejected states.
     sample_rate : SampleRate
@@ -41,6 +44,7 @@ class ControllerHealth:
     def __init__(self, names: Sequence[str], period: int) -> None:
         self._names, self._period = names, period
         self.taken = self.restarts = self.saturated = 0
+        self.robust: Vector = ()
         self.rates = HealthMonitor('restarts', 'of the states refused', *_REJECTED, period)
         self.sample_rate = SampleRate(period)
         self._term_saturation = TermSaturation(len(names))
@@ -62,9 +66,10 @@ class ControllerHealth:
 
     def add(self, sample: Sample, config: ControllerConfig) -> None:
         """Count a sample of the law."""
+        self.robust = sample.robust
         self.saturated += sample.saturation_error is not None
         if config.law == 'chattering':
-            self._term_saturation.add(sample.chattering, config.ka, config.switching)
+            self._term_saturation.add(sample.robust, config.ka, config.switching)
 
     def report(self, now: int, rejected: Mapping[str, int], simulated: bool
                ) -> list[tuple[int, str]]:

@@ -41,7 +41,7 @@ class ControlTerms:
                         ('position', 'velocity')),
             StateWriter(names, ('velocity',)),
             StateWriter([
-                *(f'{j}/{x}' for x in ('inverse_dynamics', 'compensation', 'chattering')
+                *(f'{j}/{x}' for x in ('nominal', 'compensation', 'robust')
                   for j in names), 'V'], ('effort',)))
         self._count = 0
 
@@ -72,7 +72,7 @@ class ControlTerms:
 
         """
         rows = (((*point[0], *s.e), (*point[1], *s.de)), (s.v,), ((
-            *s.inverse_dynamics, *(-x for x in s.compensation), *(-x for x in s.chattering),
+            *s.nominal, *(-x for x in s.compensation), *(-x for x in s.robust),
             lyapunov),))
         for publisher, writer, row in zip(self.publishers, self._writers, rows):
             publisher.publish(writer.write(t, *row))

@@ -29,7 +29,8 @@ class Case:
     name, group : str
         What differs from the other cases of the group; the table that contains it.
     overrides : mapping
-        Values by node and parameter above those of the file, as `params.load` takes them.
+        Values by node and parameter above those of the file, as `parameter_file.load` takes
+        them.
     file : str
         Parameter file in `config/`, without its ending.
     x : float, optional

@@ -94,8 +94,8 @@ def test_simulated_is_the_core_s_simulation() -> None:
     terms = result.terms
     np.testing.assert_array_equal(terms.tau, result.run.tau)
     np.testing.assert_array_equal(terms.v, result.run.v)
-    assert np.abs(terms.chattering[:30]).max() == pytest.approx(10.0)
-    assert not terms.chattering[30:].any()
+    assert np.abs(terms.robust[:30]).max() == pytest.approx(10.0)
+    assert not terms.robust[30:].any()
     model = Controller(setup.controller).model
     v = terms.v[7]
     mass = np.array(model.mass_matrix(result.run.q[7].tolist()))

@@ -46,8 +46,8 @@ def test_bit_for_bit_through_events() -> None:
     assert (found.tau == run.tau).all()
     assert (found.v == run.v).all()
     off = (run.t >= 0.4) & (run.t < 0.7)
-    assert (found.chattering[off] == 0.0).all()
-    assert (found.chattering[~off] != 0.0).any(axis=1).all()
+    assert (found.robust[off] == 0.0).all()
+    assert (found.robust[~off] != 0.0).any(axis=1).all()
     assert not (terms(run, [(0.0, CONTROLLER)]).tau == run.tau).all()
 
 
@@ -59,13 +59,13 @@ def test_parts_are_the_equations() -> None:
         q, dq, v = run.q[k].tolist(), run.dq[k].tolist(), run.v[k]
         a = run.ddq_d[k] + 50 * (run.dq_d[k] - dq) + 100 * (run.q_d[k] - q)
         np.testing.assert_allclose(
-            found.inverse_dynamics[k], paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q),
+            found.nominal[k], paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q),
             rtol=1e-11, atol=1e-10)
         np.testing.assert_allclose(found.compensation[k], paper_c(q, dq) @ v, atol=1e-11)
-        np.testing.assert_allclose(found.chattering[k], 10.0 * np.sign(v))
+        np.testing.assert_allclose(found.robust[k], 10.0 * np.sign(v))
         assert found.lyapunov[k] == pytest.approx(0.5 * v @ paper_m(q) @ v)
     np.testing.assert_allclose(
-        found.tau, found.inverse_dynamics - found.compensation - found.chattering, atol=1e-9)
+        found.tau, found.nominal - found.compensation - found.robust, atol=1e-9)
 
 
 @pytest.mark.parametrize('few', [1, 3, 15])
@@ -79,7 +79,7 @@ def test_samples_that_are_missing(few: int) -> None:
     assert np.abs(found.v - run.v[kept]).max() < 0.01 * np.abs(run.v).max()
     whole = terms(run, [(0.0, config)])
     late = run.t[kept] > 0.5
-    difference = np.abs(found.chattering - whole.chattering[kept])[late]
+    difference = np.abs(found.robust - whole.robust[kept])[late]
     assert np.percentile(difference, 90.0) < (1.0 if few < 10 else 4.0)
 
 

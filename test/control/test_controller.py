@@ -10,17 +10,19 @@ from oracles import (
     Generic,
     inclusion_by_enumeration,
     Masses,
+    observer_of,
     paper_c,
     paper_g,
     paper_m,
 )
 import pytest
 
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS, Sample
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import ParameterError
 
+PAPER = ('compensation', 'chattering')
 Inputs = tuple[list[float], list[float], list[float], list[float], list[float]]
 FULL = {'kp': [90.0, 20.0, 20.0, 130.0], 'kv': [40.0, -8.0, -8.0, 55.0], 'ka': [10.0, 4.0],
         'lambda': 7.0, 'b': 1.3, 'control_period': 0.002}
@@ -63,7 +65,7 @@ class ByHand:
         return tau, v
 
 
-@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('law', PAPER)
 @pytest.mark.parametrize('gains', [
     {}, {'kp': [90.0, 130.0], 'kv': [40.0, 55.0]}, {'kp': [90.0, 130.0]},
     {'kp': [90.0, 0.0, 0.0, 130.0]}])
@@ -81,11 +83,11 @@ def test_law_by_hand(law: str, gains: dict[str, list[float]]) -> None:
 
 
 def _gap(sample: Sample) -> float:
-    parts = np.array(sample.inverse_dynamics) - sample.compensation - sample.chattering
+    parts = np.array(sample.nominal) - sample.compensation - sample.robust
     return float(np.abs(parts - sample.tau).max())
 
 
-@pytest.mark.parametrize('law', LAWS)
+@pytest.mark.parametrize('law', PAPER)
 def test_parts_add_up_to_the_torque(law: str) -> None:
     """Check tau and every part at random states."""
     rng = np.random.default_rng(0)
@@ -98,7 +100,7 @@ def test_parts_add_up_to_the_torque(law: str) -> None:
         assert sample.de == (np.array(dq_d) - dq).tolist()
         np.testing.assert_allclose(sample.compensation, paper_c(q, dq) @ sample.v, atol=1e-12)
         expected = np.array([10.0, 4.0]) * np.sign(sample.v) * (law == 'chattering')
-        assert list(sample.chattering) == expected.tolist()
+        assert list(sample.robust) == expected.tolist()
         assert controller.lyapunov(q, sample.v) == pytest.approx(
             0.5 * np.array(sample.v) @ paper_m(q) @ sample.v)
 
@@ -110,7 +112,7 @@ def test_on_the_reference_the_torque_is_the_feedforward() -> None:
     for _ in range(20):
         q, dq, _, _, a = _inputs(rng)
         sample = controller.step(q, dq, q, dq, a)
-        assert list(sample.v) == [0.0, 0.0] == list(sample.chattering)
+        assert list(sample.v) == [0.0, 0.0] == list(sample.robust)
         np.testing.assert_allclose(
             sample.tau, paper_m(q) @ a + paper_c(q, dq) @ dq + paper_g(q), atol=1e-11)
 
@@ -141,14 +143,14 @@ def test_effort_limit_bites_and_is_off_by_default() -> None:
     assert limited.tau == np.clip(free.tau, [-100.0, -30.0], [100.0, 30.0]).tolist()
     assert limited.tau[0] == 100.0
     assert abs(limited.tau[1]) == 30.0
-    assert limited.inverse_dynamics == free.inverse_dynamics
+    assert limited.nominal == free.nominal
     one = Controller(_config(effort_limit=[math.inf, 30.0])).step(q, dq, q_d, dq_d, a)
     assert list(one.tau) == [free.tau[0], limited.tau[1]]
     wide = Controller(_config(effort_limit=[1e9, 1e9])).step(q, dq, q_d, dq_d, a)
     assert wide.tau == free.tau
 
 
-def test_filter_lives_on_when_gains_change() -> None:
+def test_the_filter_state_is_preserved_when_gains_change() -> None:
     """Check that v has no step at a change, and that law (2) only loses the chattering term."""
     rng = np.random.default_rng(3)
     steady, changing = (Controller(_config(**FULL)) for _ in range(2))
@@ -159,10 +161,10 @@ def test_filter_lives_on_when_gains_change() -> None:
     changing.configure(changing.config.changed({'law': 'compensation'}))
     rows = _inputs(rng)
     a, b = steady.step(*rows), changing.step(*rows)
-    assert (a.v, a.inverse_dynamics, a.compensation) == (b.v, b.inverse_dynamics, b.compensation)
+    assert (a.v, a.nominal, a.compensation) == (b.v, b.nominal, b.compensation)
     assert any(a.v)
-    assert list(b.chattering) == [0.0, 0.0]
-    np.testing.assert_allclose(np.subtract(b.tau, a.tau), a.chattering, atol=1e-9)
+    assert list(b.robust) == [0.0, 0.0]
+    np.testing.assert_allclose(np.subtract(b.tau, a.tau), a.robust, atol=1e-9)
     changing.configure(changing.config.changed({'kp': [1.0, 2.0], 'kv': [3.0, 4.0]}))
     rows = _inputs(rng)
     after = changing.step(*rows)
@@ -170,7 +172,7 @@ def test_filter_lives_on_when_gains_change() -> None:
     q, dq, _, _, ddq_d = rows
     acceleration = ddq_d + np.array([3.0, 4.0]) * after.de + np.array([1.0, 2.0]) * after.e
     np.testing.assert_allclose(
-        after.inverse_dynamics, paper_m(q) @ acceleration + paper_c(q, dq) @ dq + paper_g(q),
+        after.nominal, paper_m(q) @ acceleration + paper_c(q, dq) @ dq + paper_g(q),
         rtol=1e-12)
 
 
@@ -224,13 +226,14 @@ def test_implicit_laws_by_hand(switching: str) -> None:
         mass, v = paper_m(rows[0]), np.array(s.v)
         free = decay * v + 1.3 * (0.002 - (1 - decay) / 7.0) * (kv @ s.de + kp @ s.e)
         wanted = (mass @ free / (1.3 * 0.002) - paper_c(rows[0], rows[1]) @ v
-                  - controller.observer.estimate)
+                  - observer_of(controller).estimate)
         z = inclusion_by_enumeration(mass, wanted, ka)
-        np.testing.assert_allclose(s.chattering, z, atol=1e-8)
+        np.testing.assert_allclose(s.robust, z, atol=1e-8)
         assert _gap(s) == 0.0
         rests += int((np.abs(z) < 0.999 * ka).sum())
         bounds += int((np.abs(z) > 0.999 * ka).sum())
-        assert any(controller.observer.estimate) == (switching == 'implicit_observer' and k > 0)
+        estimated = switching == 'implicit_observer' and k > 0
+        assert any(observer_of(controller).estimate) == estimated
     assert rests > 30
     assert bounds > 30
 
@@ -243,7 +246,7 @@ def test_boundary_layer_by_hand() -> None:
     for _ in range(100):
         s = controller.step(*_near(rng, 1e-2))
         share = np.clip(np.divide(s.v, 0.02), -1.0, 1.0)
-        assert s.chattering == pytest.approx((share * [10.0, 4.0]).tolist(), rel=1e-12)
+        assert s.robust == pytest.approx((share * [10.0, 4.0]).tolist(), rel=1e-12)
         inside += (np.abs(share) < 1.0).mean() / 100
     assert 0.1 < inside < 0.95
 
@@ -257,9 +260,9 @@ def test_the_term_is_within_the_gain(switching: str, size: float) -> None:
     worst = np.zeros(2)
     for _ in range(300):
         s = controller.step(*_near(rng, size))
-        both = np.abs(np.array([s.chattering, controller.observer.estimate]))
+        both = np.abs(np.array([s.robust, observer_of(controller).estimate]))
         assert (both <= [10.0, 4.0]).all()
-        added = np.abs(np.subtract(s.inverse_dynamics, s.compensation) - s.tau)
+        added = np.abs(np.subtract(s.nominal, s.compensation) - s.tau)
         assert (added <= [10.0 + 1e-9, 4.0 + 1e-9]).all()
         worst = np.maximum(worst, added)
     assert size < 1.0 or worst == pytest.approx([10.0, 4.0])
@@ -279,7 +282,7 @@ def test_zero_gain_is_compensation(switching: str, delay: int) -> None:
         ahead = [_near(rng)[2:] for _ in range(delay)]
         a, b, c = (law.step(*rows, ahead) for law in (plain, none, some))
         assert a.tau == b.tau
-        assert (a.v, a.inverse_dynamics) == (b.v, b.inverse_dynamics)
+        assert (a.v, a.nominal) == (b.v, b.nominal)
         assert c.tau != b.tau
 
 
@@ -301,8 +304,8 @@ def test_switching_is_bumpless(before: str, after: str) -> None:
         a, b = steady.step(*rows), changing.step(*rows)
         assert (changing.filter.state == steady.filter.state).all()
         assert changing.filter.state.any()
-        assert (a.v, a.inverse_dynamics) == (b.v, b.inverse_dynamics)
-        step = np.subtract(a.chattering, b.chattering)
+        assert (a.v, a.nominal) == (b.v, b.nominal)
+        step = np.subtract(a.robust, b.robust)
         np.testing.assert_allclose(np.subtract(b.tau, a.tau), step, atol=1e-9)
         differs += bool(np.abs(step).max() > 0.01)
     assert (differs > 5) == (before != after)
@@ -350,7 +353,7 @@ def test_effort_and_rate_limit_together(
     for k in range(100):
         rows = _near(rng, 1e-3) if k % 2 else _inputs(rng)
         s = law.step(*rows, [_near(rng)[2:] for _ in range(delay)])
-        wanted = np.array(s.inverse_dynamics) - s.compensation - s.chattering
+        wanted = np.array(s.nominal) - s.compensation - s.robust
         tau = np.clip(np.clip(wanted, last - step, last + step), -most, most)
         assert list(s.tau) == tau.tolist()
         assert (s.saturation_error is None) == (tau == wanted).all()
@@ -425,14 +428,14 @@ def _saturated(switching: str, delay: int, law: str, **values: Any) -> tuple[Arr
         if wanted_v is not None:
             misses.append(np.abs(s.v - wanted_v))
         u = 50.0 * np.array(s.de) + 100.0 * np.array(s.e)
-        excess = np.zeros(2) if s.saturation_error is None else np.array(s.saturation_error)
+        saturation = np.zeros(2) if s.saturation_error is None else np.array(s.saturation_error)
         cuts += s.saturation_error is not None
-        on_way.append((np.array(s.tau), excess))
-        tau, excess = on_way.pop(0)
-        lack = MASS @ (ddq_d + u) - tau - excess
+        on_way.append((np.array(s.tau), saturation))
+        tau, saturation = on_way.pop(0)
+        residual = MASS @ (ddq_d + u) - tau - saturation
         wanted_v = (decay * np.array(s.v) + b * (h - (1.0 - decay) / pole) * u
-                    - b * h * np.linalg.solve(MASS, lack))
-        effects.append(np.abs(b * h * np.linalg.solve(MASS, excess)))
+                    - b * h * np.linalg.solve(MASS, residual))
+        effects.append(np.abs(b * h * np.linalg.solve(MASS, saturation)))
         a = np.linalg.solve(MASS, tau)
         q, dq = q + h * dq + h * h / 2 * a, dq + h * a
         q_d, dq_d = q_d + h * dq_d, dq_d + h * ddq_d
@@ -494,8 +497,8 @@ def test_bumpless_reset_begins_with_the_inverse_dynamics(
         law.step(*_inputs(rng))
         law.reset(bumpless=True)
         s = law.step(*_inputs(rng))
-        assert list(s.v) == list(s.chattering) == [0.0, 0.0]
-        assert list(s.tau) == list(s.inverse_dynamics)
+        assert list(s.v) == list(s.robust) == [0.0, 0.0]
+        assert list(s.tau) == list(s.nominal)
         assert any(law.step(*_inputs(rng)).v)
         law.reset(bumpless=True)
         law.reset()
@@ -515,19 +518,19 @@ def test_bumpless_reset_of_the_implicit_laws_is_of_the_order_of_h(switching: str
         s = law.step(*rows)
         assert list(s.v) == [0.0, 0.0]
         np.testing.assert_allclose(
-            s.tau, np.subtract(s.inverse_dynamics, s.chattering), rtol=1e-12)
+            s.tau, np.subtract(s.nominal, s.robust), rtol=1e-12)
         kv, kp = (np.array(FULL[name]).reshape(2, 2) for name in ('kv', 'kp'))
         push = paper_m(rows[0]) @ (kv @ s.de + kp @ s.e)
-        sizes.append(np.array(s.chattering))
-        np.testing.assert_allclose(s.chattering, push * 7.0 * h / 2, rtol=0.01)
+        sizes.append(np.array(s.robust))
+        np.testing.assert_allclose(s.robust, push * 7.0 * h / 2, rtol=0.01)
         law.reset()
-        assert np.abs(law.step(*rows).chattering).min() > 10.0 * np.abs(s.chattering).max()
+        assert np.abs(law.step(*rows).robust).min() > 10.0 * np.abs(s.robust).max()
     assert sizes[0] / sizes[1] == pytest.approx([2.0, 2.0], rel=0.01)
     assert sizes[1] / sizes[2] == pytest.approx([2.0, 2.0], rel=0.01)
 
 
 def test_bumpless_reset_is_for_the_next_state_only() -> None:
-    """Check that the filter, settled once, lives on: v is its own from the second state on."""
+    """Check that the filter, initialized once, keeps its state: v follows (3) from then on."""
     rng = np.random.default_rng(18)
     law = Controller(_config(**FULL))
     law.reset(bumpless=True)
@@ -552,7 +555,7 @@ def test_limits_must_be_positive(name: str, value: list[float]) -> None:
 
 
 def test_the_law_itself_does_not_know_the_error_limit() -> None:
-    """Check that torques beyond it are bit-equal: who sends them judges."""
+    """Check that torques beyond it are the same to the last bit: the sender decides."""
     a, b = (Controller(_config(error_limit=x)).step(*STILL, *AWAY) for x in (
         [1e-3, 1e-3], [math.inf, math.inf]))
     assert a == b

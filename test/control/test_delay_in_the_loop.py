@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
-from oracles import Array, Masses
+from oracles import Array, Masses, observer_of
 import pytest
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -127,7 +127,7 @@ def test_torques_sent_by_another_law_have_no_cut(law: str, switching: str) -> No
             dq = dq + rng.normal(size=2) * 5e-3
         tau = made.step(q.tolist(), dq.tolist(), *rest, [rest]).tau
         if k % 20 == 18:
-            np.testing.assert_allclose(made.observer.estimate, force, atol=1e-7)
+            np.testing.assert_allclose(observer_of(made).estimate, force, atol=1e-7)
         q, dq = _move(q, dq, coming - force)
         coming = np.array(tau)
 

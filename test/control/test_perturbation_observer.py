@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from oracles import Array, box_by_enumeration, Masses, random_spd
+from oracles import Array, box_by_enumeration, Masses, observer_of, random_spd
 import pytest
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -134,7 +134,7 @@ def _loop(limit: float, bandwidth: float, anti_windup: bool = True
         s = law.step(q.tolist(), dq.tolist(), (a_d * t * t / 2).tolist(), (a_d * t).tolist(),
                      a_d.tolist())
         v.append(np.array(s.v))
-        estimate.append(np.array(law.observer.estimate))
+        estimate.append(np.array(observer_of(law).estimate))
         a = np.linalg.solve(mass, np.array(s.tau) - force)
         q, dq = q + H * dq + H * H / 2 * a, dq + H * a
     return v, estimate, force

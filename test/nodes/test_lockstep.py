@@ -28,9 +28,9 @@ def test_the_law_is_switched_at_its_time_as_in_the_simulation(tmp_path: Path) ->
     assert first.changes == [(1.5, 'chattering')]
     assert_equal(first, simulated(parameter_file.load(file, {'plant': {'duration': 1.8}})))
     at = int(np.flatnonzero(first.run.t == 1.5)[0])
-    assert not first.terms.chattering[:at].any()
-    assert np.abs(first.terms.chattering[at]).tolist() == [10.0, 10.0]
-    for values in (first.run.v, first.run.tau + first.terms.chattering):
+    assert not first.terms.robust[:at].any()
+    assert np.abs(first.terms.robust[at]).tolist() == [10.0, 10.0]
+    for values in (first.run.v, first.run.tau + first.terms.robust):
         steps = np.abs(np.diff(values, axis=0))
         assert (steps[at - 1] <= 2.0 * steps[at - 50:at - 1].max(axis=0)).all()
 

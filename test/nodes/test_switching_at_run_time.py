@@ -66,8 +66,8 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     for field in FIELDS:
         assert np.array_equal(getattr(result.run, field), getattr(expected.run, field)), field
     assert [config.switching for _, config in result.configs] == [first, *others]
-    assert (np.abs(result.terms.chattering) <= 12.0).all()
-    rest = result.run.tau + result.terms.chattering
+    assert (np.abs(result.terms.robust) <= 12.0).all()
+    rest = result.run.tau + result.terms.robust
     for i, event in enumerate(setup.events):
         k = int(np.flatnonzero(result.run.t >= event.time - 1e-12)[0])
         plant = dataclasses.replace(setup.plant, duration=event.time)
@@ -75,7 +75,7 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
         assert np.array_equal(result.run.v[k], without.v[k])
         assert np.array_equal(result.run.q[k], without.q[k])
         other = terms(without, [(0.0, setup.controller), *result.configs[1:i + 1]])
-        assert rest[k] == pytest.approx(other.tau[k] + other.chattering[k], rel=1e-12)
+        assert rest[k] == pytest.approx(other.tau[k] + other.robust[k], rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -44,5 +44,5 @@ def after_an_outage(q: Vector, dq: Vector, point: Point) -> list[float]:
     law.reset(bumpless=True)
     sample = law.step(q, dq, *point)
     assert not any(sample.v)
-    assert list(sample.tau) == list(sample.inverse_dynamics)
+    assert list(sample.tau) == list(sample.nominal)
     return list(sample.tau)

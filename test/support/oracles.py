@@ -8,6 +8,9 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.control.laws.chattering import Chattering
+from ctc_chattering.control.perturbation_observer import PerturbationObserver
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
@@ -144,6 +147,13 @@ def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:
             if value < least:
                 best, least = z, value
     return best
+
+
+def observer_of(controller: Controller) -> PerturbationObserver:
+    """Return the observer of law chattering."""
+    law = controller.laws['chattering']
+    assert isinstance(law, Chattering)
+    return law.observer
 
 
 def inclusion_by_enumeration(mass: Array, wanted: Array, gain: Array) -> Array:

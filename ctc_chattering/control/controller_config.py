@@ -1,0 +1,161 @@
+"""Parameters of the controller: law, gains, model and limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.dynamics.registry import check_model, locked_positions
+from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.parameters import Config, parameter
+
+#: Values of the parameter ``law``; each is a module of `control/laws`.
+LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
+        'slotine_li', 'friction_feedforward', 'pd_gravity', 'observer_feedback')
+_PAPER = ('compensation', 'chattering')
+
+
+@dataclasses.dataclass(frozen=True)
+class ControllerConfig(Config):
+    """Parameters of the laws, of the filter (3) and of the limits."""
+
+    title: ClassVar[str] = 'controller'
+
+    joint_names: tuple[str, ...] = parameter(
+        'joint_names', 'str[]', ('joint1', 'joint2'),
+        'Joints in the order of the model, of the gains and of the torques.', read_only=True)
+    model: str = parameter(
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
+    description: str = parameter(
+        'description', 'str', '',
+        "Model urdf: the robot's file, a path or package://NAME/PATH; empty for the topic "
+        'robot_description.', read_only=True)
+    locked: tuple[str, ...] = parameter(
+        'locked', 'str[]', ('',),
+        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
+        'left out.', shape='any', read_only=True)
+    gravity: float = parameter(
+        'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
+        read_only=True)
+    law: str = parameter(
+        'law', 'str', 'chattering',
+        'Control law: docs/laws.md.', choices=LAWS)
+    kp: tuple[float, ...] = parameter(
+        'kp', 'float[]', 100.0, 'Position gain Kp.', unit='1/s^2', minimum=0.0, exclusive=True,
+        shape='nn')
+    kv: tuple[float, ...] = parameter(
+        'kv', 'float[]', 50.0, 'Velocity gain Kv.', unit='1/s', minimum=0.0, exclusive=True,
+        shape='nn')
+    ka: tuple[float, ...] = parameter(
+        'ka', 'float[]', 10.0,
+        'Chattering gain Ka; must exceed friction plus disturbance. Under observer_feedback the '
+        'bound of what is estimated; must exceed the error of the model as well.',
+        unit='N*m', minimum=0.0, shape='n', laws=('chattering', 'observer_feedback'))
+    lambda_: float = parameter(
+        'lambda', 'float', 10.0, 'Pole of the filter (3).', unit='1/s', minimum=0.0,
+        exclusive=True, laws=(*_PAPER, 'super_twisting'))
+    b: float = parameter(
+        'b', 'float', 1.0, 'Gain of the filter (3); the paper has 1.', minimum=1e-3,
+        maximum=1e3, laws=(*_PAPER, 'super_twisting'))
+    switching: str = parameter(
+        'switching', 'str', 'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS,
+        laws=('chattering',))
+    boundary_layer: float = parameter(
+        'boundary_layer', 'float', 0.05, 'Switching boundary_layer: half its width.',
+        unit='rad/s', minimum=0.0, exclusive=True, laws=('chattering',))
+    observer_bandwidth: float = parameter(
+        'observer_bandwidth', 'float', 1200.0,
+        'Switching implicit_observer: how fast the estimate of the perturbation follows; .inf '
+        'for within one sample.', unit='rad/s', minimum=0.0, exclusive=True, infinite=True,
+        laws=('chattering',))
+    estimator_bandwidth: float = parameter(
+        'estimator_bandwidth', 'float', 100.0,
+        'How fast the observer of state and perturbation follows.', unit='rad/s', minimum=0.0,
+        exclusive=True, maximum=1e4, laws=('observer_feedback',))
+    actuator_lag: tuple[float, ...] = parameter(
+        'actuator_lag', 'float[]', 0.0, 'Time constant of the drives, as far as it is known.',
+        unit='s', minimum=0.0, maximum=1.0, shape='n', laws=('observer_feedback',))
+    torque_rate_limit: tuple[float, ...] = parameter(
+        'torque_rate_limit', 'float[]', float('inf'),
+        'Fastest change of the torque of the drives, as far as it is known.', unit='N*m/s',
+        minimum=0.0, exclusive=True, infinite=True, shape='n', laws=('observer_feedback',))
+    friction_learning: float = parameter(
+        'friction_learning', 'float', 20.0,
+        'How fast the level of friction is learned; 0 for not at all.', unit='1/s', minimum=0.0,
+        maximum=1e3, laws=('observer_feedback',))
+    ki: tuple[float, ...] = parameter(
+        'ki', 'float[]', 100.0,
+        'Integral gain Ki, less than Kv Kp; a triple pole at -p has kv 3 p, kp 3 p^2, ki p^3.',
+        unit='1/s^3', minimum=0.0, shape='n', laws=('integral',))
+    momentum_gain: float = parameter(
+        'momentum_gain', 'float', 200.0,
+        'How fast the estimate of the perturbation follows the momentum.', unit='1/s',
+        minimum=0.0, exclusive=True, laws=('momentum_observer',))
+    super_twisting_k1: tuple[float, ...] = parameter(
+        'super_twisting_k1', 'float[]', 60.0, 'Gain of the root of v.', unit='sqrt(rad/s^3)',
+        minimum=0.0, exclusive=True, shape='n', laws=('super_twisting',))
+    super_twisting_k2: tuple[float, ...] = parameter(
+        'super_twisting_k2', 'float[]', 2000.0,
+        'Gain of the integral of sgn(v); must exceed the rate of change of the acceleration that '
+        'the perturbation causes.', unit='rad/s^3', minimum=0.0, exclusive=True, shape='n',
+        laws=('super_twisting',))
+    adaptation_gain: tuple[float, ...] = parameter(
+        'adaptation_gain', 'float[]', 100.0,
+        'How fast the level of friction adapts; less than D Kv / h (docs/laws.md).',
+        unit='N*m/rad', minimum=0.0, shape='n', laws=('slotine_li',))
+    friction_level: tuple[float, ...] = parameter(
+        'friction_level', 'float[]', 0.0,
+        'Coulomb friction as it is known; slotine_li and observer_feedback adapt it from there.',
+        unit='N*m', minimum=0.0, shape='n',
+        laws=('slotine_li', 'friction_feedforward', 'observer_feedback'))
+    friction_velocity: float = parameter(
+        'friction_velocity', 'float', 0.05,
+        'Velocity over which the friction compensated for changes its sign.', unit='rad/s',
+        minimum=0.0, exclusive=True, laws=('slotine_li', 'friction_feedforward'))
+    input_delay: int = parameter(
+        'input_delay', 'int', 0,
+        'Known delay of the torque, in samples; the law predicts the state over it.', minimum=0,
+        maximum=100, read_only=True)
+    inertia_scale: float = parameter(
+        'inertia_scale', 'float', 1.0, 'Factor on M and C, to study model errors.', minimum=0.0,
+        exclusive=True, read_only=True)
+    gravity_scale: float = parameter(
+        'gravity_scale', 'float', 1.0, 'Factor on G, to study model errors.', minimum=0.0,
+        read_only=True)
+    effort_limit: tuple[float, ...] = parameter(
+        'effort_limit', 'float[]', float('inf'),
+        'Largest torque sent; .inf for what the description says, or unlimited.',
+        unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
+    effort_rate_limit: tuple[float, ...] = parameter(
+        'effort_rate_limit', 'float[]', float('inf'),
+        'Fastest change of the torque sent, from 0 at the start; .inf for unlimited.',
+        unit='N*m/s', minimum=0.0, exclusive=True, infinite=True, shape='n')
+    anti_windup: bool = parameter(
+        'anti_windup', 'bool', True,
+        'Keep what the effort limits cut off the torque out of the filter (3) and of integrals.',
+        laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li'))
+    error_limit: tuple[float, ...] = parameter(
+        'error_limit', 'float[]', float('inf'),
+        'Position error beyond which no torque is sent any more until ~/reset; .inf for never.',
+        unit='rad', minimum=0.0, exclusive=True, infinite=True, shape='n')
+    control_period: float = parameter(
+        'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
+        exclusive=True, maximum=10.0, read_only=True)
+
+    def validate(self) -> None:
+        """Check the model's number of joints and the period."""
+        check_model(self.model, self.joint_names)
+        locked_positions(self.locked)
+        period_ns(self.control_period)
+
+    def takes(self, name: str) -> bool:
+        """Return whether the law in force takes the parameter `name`."""
+        laws = self.parameters()[name].laws
+        return not laws or self.law in laws
+
+    @property
+    def described(self) -> bool:
+        """Whether a description of the robot is needed."""
+        return self.model == 'urdf'

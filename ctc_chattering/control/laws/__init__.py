@@ -1,0 +1,1 @@
+"""The control laws, one a module; `registry` finds them by name."""

@@ -1,0 +1,42 @@
+"""What holds of every law with its defaults."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from laws import error, run, variation
+import numpy as np
+from oracles import Array
+import pytest
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.experiment import parameter_file
+
+PANDA = Path(__file__).resolve().parents[3] / 'config' / 'panda.yaml'
+
+
+@cache
+def on_the_panda(law: str) -> Array:
+    """Return the torque variation of each joint over the second second [N·m/s]."""
+    return variation(simulated(parameter_file.load(PANDA, {
+        'controller': {'law': law}, 'plant': {'plant_backend': 'builtin', 'duration': 2.0}})).run)
+
+
+@pytest.mark.parametrize('law', [law for law in LAWS if law != 'chattering'])
+def test_none_rattles_on_an_arm_with_strongly_coupled_joints(law: str) -> None:
+    """Check the Panda, where diag(M)⁻¹ M has an eigenvalue of 0.017, against law (2)."""
+    assert (on_the_panda(law) < 3.0 * on_the_panda('compensation')).all()
+
+
+@pytest.mark.parametrize('law', LAWS)
+def test_a_known_delay_of_two_samples_costs_little(law: str) -> None:
+    """Check error and torque variation on the two-link arm, with friction."""
+    values: dict[str, Any] = {'switching': 'implicit_observer', 'ka': [12.0] * 2}
+    prompt = run(law, 2.0, **values)
+    late = run(law, 2.0, plant={'input_delay': 2}, input_delay=2, **values)
+    assert (variation(late) < 1.5 * variation(prompt)).all()
+    assert (error(late) < 1.5 * error(prompt) + 1e-3).all()
+    assert np.isfinite(late.tau).all()

@@ -1,0 +1,73 @@
+"""What law takes which parameters is declared; the torques agree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from laws import inputs
+import numpy as np
+from oracles import Array
+import pytest
+
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.parameters import Parameter
+
+PARAMETERS = ControllerConfig.parameters()
+#: Values with which every parameter of the law matters, the limits included.
+BASE: dict[str, Any] = {
+    'effort_limit': [400.0, 15.0], 'friction_level': [3.0, 2.0], 'boundary_layer': 0.5}
+#: Another value where the default times 1.3 is none, or would not matter.
+OTHER: dict[str, Any] = {
+    'switching': 'boundary_layer', 'anti_windup': False, 'effort_limit': [300.0, 10.0],
+    'effort_rate_limit': [2e3, 2e3], 'input_delay': 1}
+#: The switching that a parameter belongs to.
+SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
+#: Parameters without an effect on single torques: what is not the law's, and the period, which
+#: laws without memory do not have.
+OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit',
+           'control_period')
+
+
+def torques(law: str, values: dict[str, Any]) -> Array:
+    """Return the torques at states that are the same for all."""
+    rng = np.random.default_rng(3)
+    config = ControllerConfig.from_mapping({**BASE, 'law': law, **values})
+    controller = Controller(config)
+    rows = [inputs(rng, 0.1 if k % 2 else 1e-3) for k in range(31)]
+    return np.array([controller.step(*rows[k], [rows[k + 1][2:]] * config.input_delay).tau
+                     for k in range(30)])
+
+
+def another(spec: Parameter) -> Any:
+    """Return another value of a parameter."""
+    value = BASE.get(spec.name, spec.default_for(2))
+    if spec.name in OTHER:
+        return OTHER[spec.name]
+    return [1.3 * x for x in value] if isinstance(value, (list, tuple)) else 1.3 * value
+
+
+@pytest.mark.parametrize('name', [name for name in PARAMETERS if name not in OUTSIDE])
+def test_a_parameter_changes_the_torque_of_the_laws_that_take_it(name: str) -> None:
+    """And of these only."""
+    spec = PARAMETERS[name]
+    assert set(spec.laws) <= set(LAWS)
+    with_ = {'switching': SWITCHING.get(name, 'sign')}
+    for law in LAWS:
+        before, after = torques(law, with_), torques(law, {**with_, name: another(spec)})
+        gap = np.abs(before - after).max()
+        if not spec.laws or law in spec.laws:
+            assert gap > 1e-6, law
+        else:
+            assert gap == 0.0, law
+        assert ControllerConfig(law=law).takes(name) == (not spec.laws or law in spec.laws)
+
+
+def test_every_law_is_found_by_its_name() -> None:
+    """Check one module a law, and one law a module."""
+    classes = [law_class(name) for name in LAWS]
+    assert len(set(classes)) == len(LAWS)
+    assert [kind.__module__.rpartition('.')[2] for kind in classes] == list(LAWS)
+    for kind in classes:
+        assert ''.join(part.title() for part in kind.__module__.rpartition('.')[2].split(
+            '_')) == kind.__name__

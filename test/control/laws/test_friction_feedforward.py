@@ -1,0 +1,34 @@
+"""Computed torque plus the friction of the desired velocity."""
+
+from laws import check_by_hand, error, rattles, run, Terms
+import numpy as np
+from oracles import Array
+
+LEVEL, WIDTH = np.array([7.0, 3.0]), 0.4
+
+
+def test_by_hand() -> None:
+    """Check M (ddq_d + Kv de + Kp e) + C dq + G + f tanh(dq_d / ε)."""
+    def step(at: Terms) -> Array:
+        tau: Array = at.computed_torque + LEVEL * np.tanh(at.dq_d / WIDTH)
+        return tau
+
+    check_by_hand('friction_feedforward', step, friction_level=LEVEL.tolist(),
+                  friction_velocity=WIDTH)
+
+
+def test_the_error_shrinks_with_the_right_level() -> None:
+    """Check 0, half, all and twice the level: the error is that of what is left of friction."""
+    none, half, all_, twice = (
+        error(run('friction_feedforward', 6.0, friction_level=[f] * 2))
+        for f in (0.0, 4.95, 9.9, 19.8))
+    np.testing.assert_allclose(half, 0.5 * none, rtol=0.2)
+    np.testing.assert_allclose(twice, none, rtol=0.3)
+    assert (all_ < 0.2 * none).all()
+
+
+def test_too_large_a_gain_rattles() -> None:
+    """Check condition (2), c h Kv < 2, from both sides, with M̂ = c M."""
+    assert rattles('friction_feedforward', {'kv': [1900.0] * 2}, {'kv': [2100.0] * 2})
+    assert rattles('friction_feedforward', {'kv': [900.0] * 2, 'inertia_scale': 2.0},
+                   {'kv': [1100.0] * 2, 'inertia_scale': 2.0})

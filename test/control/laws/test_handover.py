@@ -1,0 +1,171 @@
+"""From any law to any other one while the arm moves, with friction."""
+
+from __future__ import annotations
+
+import copy
+from functools import cache
+import itertools
+import math
+
+from laws import error, run
+import numpy as np
+from oracles import Array
+import pytest
+
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.handover import FADE
+from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.simulation.closed_loop import Event
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+
+PAPER = ('compensation', 'chattering')
+PAIRS = [pair for pair in itertools.permutations(LAWS, 2) if pair[0] not in PAPER
+         or pair[1] not in PAPER]
+MOTION = Sinusoid(ReferenceConfig())
+#: What a step of the torque may be besides that of the law before, in 1 ms [N·m].
+MARGIN = 0.2
+
+
+class Loop:
+    """The arm under a law, from the reference on."""
+
+    def __init__(self, law: str, switching: str, delay: int) -> None:
+        self.plant = Plant(PlantConfig(
+            input_delay=delay, initial_position=(math.pi, math.pi / 2),
+            initial_velocity=(math.pi, math.pi)))
+        self.law = Controller(ControllerConfig(
+            law=law, switching=switching, input_delay=delay, ka=(12.0, 12.0)))
+        self._delay = delay
+        self.tau: list[Array] = []
+        self.parts: list[Array] = []
+        self.robust: list[Array] = []
+
+    def go(self, samples: int) -> None:
+        """Go on."""
+        for _ in range(samples):
+            k = self.plant.k
+            ahead = [MOTION.at((k + 1 + j) * 1e-3) for j in range(self._delay)]
+            sample = self.law.step(*self.plant.measured, *MOTION.at(k * 1e-3), ahead)
+            self.plant.step(sample.tau)
+            self.tau.append(np.array(sample.tau))
+            self.robust.append(np.array(sample.robust))
+            self.parts.append(np.array(sample.nominal) - sample.compensation - self.robust[-1])
+
+    def change(self, law: str) -> None:
+        """Name another law."""
+        self.law.configure(self.law.config.changed({'law': law}))
+
+
+@cache
+def under_way(law: str, switching: str, delay: int) -> Loop:
+    """Return the arm after 0.7 s, between two changes of sign of the friction."""
+    loop = Loop(law, switching, delay)
+    loop.go(700)
+    return loop
+
+
+def changed(before: str, after: str, switching: str, delay: int, samples: int) -> Loop:
+    loop = copy.deepcopy(under_way(before, switching, delay))
+    loop.change(after)
+    loop.go(samples)
+    return loop
+
+
+@pytest.mark.parametrize('delay', [0, 2])
+@pytest.mark.parametrize('switching', ['implicit_observer', 'sign'])
+def test_the_torque_does_not_jump(switching: str, delay: int) -> None:
+    """Check all ordered pairs against the usual step of the law before, with and without delay."""
+    for before, after in PAIRS:
+        loop = changed(before, after, switching, delay, 1)
+        steps = np.abs(np.diff(loop.tau[-200:], axis=0))
+        assert (steps[-1] <= steps[:-1].max(axis=0) + MARGIN).all(), (before, after)
+
+
+@pytest.mark.parametrize(('before', 'after'), PAIRS)
+def test_the_difference_fades(before: str, after: str) -> None:
+    """Check what is added to the new law: straight to 0 within FADE, and nothing from then on."""
+    loop, count = changed(before, after, 'implicit_observer', 0, 300), round(FADE / 1e-3)
+    added = np.array(loop.tau[700:]) - loop.parts[700:]
+    share = np.maximum(1.0 - np.arange(300) / count, 0.0)[:, np.newaxis]
+    np.testing.assert_allclose(added, share * added[0], atol=1e-9)
+    assert (added[count:] == 0.0).all()
+
+
+@pytest.mark.parametrize('before', PAPER)
+def test_between_the_laws_of_the_paper_nothing_fades(before: str) -> None:
+    """Check that the torque is that of the new law at once, v and ξ being those of the old."""
+    after = PAPER[1 - PAPER.index(before)]
+    loop = changed(before, after, 'sign', 0, 50)
+    assert (np.array(loop.tau[700:]) == loop.parts[700:]).all()
+    same = copy.deepcopy(under_way(before, 'sign', 0))
+    same.law.configure(same.law.config)
+    same.go(1)
+    step = loop.tau[700] - same.tau[700]
+    np.testing.assert_allclose(np.abs(step), [12.0, 12.0], atol=1e-9)
+
+
+@pytest.mark.parametrize('before', ['chattering', 'super_twisting', 'momentum_observer'])
+@pytest.mark.parametrize('after', ['integral', 'momentum_observer', 'slotine_li'])
+def test_the_estimate_goes_on(before: str, after: str) -> None:
+    """Check that a law which estimates begins with what the one before has found of friction."""
+    if before == after:
+        return
+    loop = changed(before, after, 'implicit_observer', 0, 1)
+    known, taken = loop.robust[-2:]
+    assert np.abs(known).min() > 8.0
+    np.testing.assert_allclose(taken, known, rtol=0.1)
+
+
+def test_v_is_0_where_a_law_begins_to_act_on_it() -> None:
+    """And it is preserved between two laws that act on it."""
+    for before, after in PAIRS:
+        loop = copy.deepcopy(under_way(before, 'implicit_observer', 0))
+        plain = copy.deepcopy(loop)
+        loop.change(after)
+        k = loop.plant.k
+        rows = (*loop.plant.measured, *MOTION.at(k * 1e-3))
+        v = loop.law.step(*rows).v
+        if law_class(after).acts_on_v and not law_class(before).acts_on_v:
+            assert list(v) == [0.0, 0.0]
+        else:
+            assert v == plain.law.step(*rows).v
+
+
+def test_laws_that_act_on_v_are_those_that_take_its_pole() -> None:
+    takes = ControllerConfig.parameters()['lambda'].laws
+    assert {law for law in LAWS if law_class(law).acts_on_v} == set(takes)
+
+
+def test_a_law_begins_as_new_after_a_reset() -> None:
+    """Check that nothing fades, and no estimate is left, whatever was in force before."""
+    for before, after in PAIRS:
+        loop = copy.deepcopy(under_way(before, 'implicit_observer', 0))
+        loop.change(after)
+        loop.law.reset()
+        new = Controller(loop.law.config)
+        for k in range(3):
+            rows = (*loop.plant.measured, *MOTION.at(k * 1e-3))
+            assert loop.law.step(*rows) == new.step(*rows)
+
+
+def test_back_and_forth_between_two_samples_changes_nothing() -> None:
+    for before, after in PAIRS:
+        loop = copy.deepcopy(under_way(before, 'sign', 0))
+        plain = copy.deepcopy(loop)
+        loop.change(after)
+        for each in (loop, plain):
+            each.change(before)
+            each.go(5)
+        assert (np.array(loop.tau) == plain.tau).all()
+
+
+def test_a_tour_of_all_laws_keeps_the_arm_on_its_way() -> None:
+    """Check a run with a change every 0.3 s, and that the last law ends as if alone."""
+    names = [*LAWS, 'integral', 'chattering']
+    found = run('chattering', 0.3 * len(names) + 1.5, events=[
+        Event(0.3 * k, 'controller', {'law': law}) for k, law in enumerate(names)],
+        ka=[12.0, 12.0], switching='implicit_observer')
+    assert np.abs(found.q_d - found.q).max() < 0.6
+    assert (error(found, 0.2) < 0.05).all()

@@ -1,0 +1,73 @@
+"""Super-twisting, discretised implicitly."""
+
+import math
+
+from laws import B, check_by_hand, error, FilterByHand, H, KP, KV, LAMBDA, rattles, run, Terms
+import numpy as np
+from oracles import Array
+import pytest
+from scipy.optimize import brentq  # type: ignore[import-untyped]
+
+K1, K2 = np.array([20.0, 35.0]), np.array([400.0, 900.0])
+
+
+@pytest.mark.parametrize('size', [1e-3, 0.3])
+def test_by_hand(size: float) -> None:
+    """
+    Check τ = N - M a, a = k1 √|v⁺| sgn(v⁺) + w⁺, w⁺ - w ∈ h k2 Sgn(v⁺), with a root finder.
+
+    v⁺ is the next v of (S) without a perturbation: y - b h a.
+    """
+    filter_, w, rests = FilterByHand(), np.zeros(2), 0
+
+    def step(at: Terms) -> Array:
+        nonlocal rests
+        v = filter_.output(at)
+        decay = math.exp(-LAMBDA * H)
+        y = decay * v + B * (H - (1.0 - decay) / LAMBDA) * (KV @ at.de + KP @ at.e)
+        a = np.zeros(2)
+        for i in range(2):
+            def gap(x: float, xi: float, i: int = i) -> float:
+                return float(x + B * H * (K1[i] * math.sqrt(abs(x)) * np.sign(x) + w[i]
+                                          + H * K2[i] * xi) - y[i])
+            if gap(0.0, -1.0) <= 0.0 <= gap(0.0, 1.0):
+                xi, ahead, rests = (y[i] / (B * H) - w[i]) / (H * K2[i]), 0.0, rests + 1
+            else:
+                xi = 1.0 if gap(0.0, 1.0) < 0.0 else -1.0
+                root = brentq(lambda s: gap(s * abs(s), xi), -1e3, 1e3, xtol=1e-15, rtol=1e-15)
+                ahead = root * abs(root)
+            w[i] = w[i] + H * K2[i] * xi
+            a[i] = K1[i] * math.sqrt(abs(ahead)) * np.sign(ahead) + w[i]
+        filter_.advance(at)
+        tau: Array = at.computed_torque - at.M @ a
+        return tau
+
+    check_by_hand('super_twisting', step, size, super_twisting_k1=K1.tolist(),
+                  super_twisting_k2=K2.tolist())
+    assert (rests > 20) == (size < 0.1)
+
+
+def test_the_error_shrinks_under_friction() -> None:
+    """Check against law (2), and that the torque does not chatter."""
+    plain, found = run('compensation', 6.0), run('super_twisting', 6.0)
+    assert (error(found) < 0.1 * error(plain)).all()
+    assert np.abs(np.diff(found.tau[-1000:], axis=0)).max() < 25.0
+
+
+def test_v_is_held_if_k2_exceeds_the_rate_of_the_perturbation() -> None:
+    """Check the band b h |M⁻¹ P| for k2 = 2 L, and that it is left for k2 = L / 10."""
+    d, w = 5.0, 20.0
+    inverse = 2.2 + 0.3  # Largest sum of a row of |M⁻¹|, near q2 = 0.
+    rate = inverse * d * w
+    held, left = (np.abs(run(
+        'super_twisting', 3.0, 0.0, plant={
+            'disturbance.amplitude': [d] * 2, 'disturbance.frequency': [w] * 2},
+        super_twisting_k1=[1.5 * math.sqrt(rate)] * 2, super_twisting_k2=[k2] * 2,
+    ).v[2000:]).max() for k2 in (2.0 * rate, 0.1 * rate))
+    assert held < 1e-3 * inverse * d
+    assert left > 10.0 * held
+
+
+def test_too_large_an_inertia_makes_it_rattle() -> None:
+    """Check M̂ < 2 M from both sides."""
+    assert rattles('super_twisting', {'inertia_scale': 1.8}, {'inertia_scale': 2.2})
