@@ -18,6 +18,9 @@ from ctc_chattering.experiment.parameter_file import Overrides
 #: Every law and, of the one that takes it, every switching; '' for the others.
 VARIANTS = tuple((law, name) for law in LAWS for name in (
     SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',)))
+#: Metrics of each joint, in the order of `Outcome`.
+_PER_JOINT = ('rms_error_rad', 'torque_variation_nm_per_s', 'max_torque_step_nm',
+              'max_torque_rate_nm_per_s')
 #: Runs a parameter file with some values overridden; returns what happened.
 Runner = Callable[[Path, Overrides], Result]
 
@@ -35,6 +38,8 @@ class Outcome:
         Names.
     rms : tuple of float, shape (n,)
         RMS of the position error [rad].
+    variation, step, rate : tuple of float, shape (n,)
+        Torque variation [N·m/s], and largest step [N·m] and rate [N·m/s] of the torque.
     peak : float
         Largest torque of any joint, at any time [N·m].
 
@@ -46,6 +51,9 @@ class Outcome:
     switching: str
     joints: tuple[str, ...]
     rms: tuple[float, ...]
+    variation: tuple[float, ...]
+    step: tuple[float, ...]
+    rate: tuple[float, ...]
     peak: float
 
 
@@ -69,11 +77,12 @@ def run_variants(path: Path, backend: str | None, run: Runner) -> Iterator[Outco
                 'plant': {} if backend is None else {'plant_backend': backend}}
         plant = parameter_file.load(path, over).plant
         result = run(path, over)
-        rms = result.metrics()['rms_error_rad']
-        if rms is None:
+        found = result.metrics()
+        if found['rms_error_rad'] is None:
             raise CtcError(f'{path}: the run ends before the evaluated interval, 5 s to 10 s')
         yield Outcome(plant.experiment, plant.plant_backend, law, switching, result.joint_names,
-                      tuple(rms), float(abs(result.run.tau).max()))
+                      *(tuple(found[key]) for key in _PER_JOINT),
+                      float(abs(result.run.tau).max()))
 
 
 def over_simulation(path: Path, overrides: Overrides) -> Result:
@@ -94,7 +103,11 @@ def over_ros(path: Path, overrides: Overrides) -> Result:
 
 
 def to_markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return a table for each robot and plant; `least` is the smallest ratio of all joints."""
+    """
+    Return two tables for each robot and plant: errors, and changes of the torque.
+
+    `least` is the smallest ratio of the errors of all joints.
+    """
     lines: list[str] = []
     for experiment, backend in dict.fromkeys((x.experiment, x.backend) for x in outcomes):
         mine = [x for x in outcomes if (x.experiment, x.backend) == (experiment, backend)]
@@ -105,7 +118,13 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
             ratio = '' if x is original else f'{least:.0f}×'
             rows.append([x.law, x.switching, *(f'{value:.2e}' for value in x.rms), ratio,
                          f'{x.peak:.0f}'])
-        heads = ['law', 'switching', *original.joints, 'least', 'peak torque [N·m]']
-        lines += [f'**{experiment}, plant {backend}**: RMS error [rad], 5 s ≤ t ≤ 10 s', '',
-                  *markdown_table(heads, rows), '']
+        heads = ['law', 'switching', *original.joints]
+        changes = [[x.law, x.switching, *(
+            f'{a:.0f} / {b:.2g} / {c:.0f}' for a, b, c in zip(x.variation, x.step, x.rate))]
+            for x in mine]
+        title = f'**{experiment}, plant {backend}**'
+        lines += [f'{title}: RMS error [rad], 5 s ≤ t ≤ 10 s', '',
+                  *markdown_table([*heads, 'least', 'peak torque [N·m]'], rows), '',
+                  f'{title}: torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]',
+                  '', *markdown_table(heads, changes), '']
     return '\n'.join(lines)

@@ -52,6 +52,9 @@ def compared(robot: str, backend: str) -> list[Outcome]:
         assert window.sum() == 5001
         assert outcome.rms == pytest.approx(np.sqrt((error ** 2).mean(axis=0)), rel=1e-9)
         assert outcome.peak == np.abs(result.run.tau).max()
+        steps = np.abs(np.diff(result.run.tau[window], axis=0))
+        assert outcome.step == pytest.approx(steps.max(axis=0))
+        assert outcome.variation == pytest.approx(steps.sum(axis=0) / 5.0)
         assert (np.abs(result.run.tau).max(axis=0) < LIMITS[robot]).all()  # Nothing is cut off.
     for outcome in proposed:
         least = min(a / b for a, b in zip(original.rms, outcome.rms))
@@ -79,16 +82,17 @@ def test_so_it_does_on_the_other_robot_and_in_the_other_plant(robot: str, backen
 
 
 def test_the_table_says_what_was_measured(outcomes: list[Outcome]) -> None:
-    """One table a robot, a row a run; the worst joint's gain is that of the row."""
+    """Two tables a robot, a row a run; the worst joint's gain is that of the row."""
     outcomes = [*outcomes, *(dataclasses.replace(x, experiment='other') for x in outcomes)]
     text = comparison.to_markdown(outcomes)
     tables = text.split('\n\n**')
-    assert len(tables) == 2
-    for robot, table in zip(('panda', 'other'), tables):
+    assert len(tables) == 4
+    for robot, table, changes in zip(('panda', 'other'), tables[::2], tables[1::2]):
         mine = [x for x in outcomes if x.experiment == robot]
         title, empty, head, line, *rows = table.strip().splitlines()
         assert title.strip('*').startswith(f'{robot}, plant mujoco')
         assert not empty
+        assert_changes(changes, mine)
         assert cells(head) == ['law', 'switching', *PANDA, 'least', 'peak torque [N·m]']
         assert cells(line) == ['---'] * (len(PANDA) + 4)
         assert len(rows) == len(mine)
@@ -102,6 +106,20 @@ def test_the_table_says_what_was_measured(outcomes: list[Outcome]) -> None:
             else:
                 gains = [a / b for a, b in zip(mine[0].rms, outcome.rms)]
                 assert float(least.rstrip('×')) == pytest.approx(min(gains), abs=0.5)
+
+
+def assert_changes(table: str, outcomes: list[Outcome]) -> None:
+    """Compare the table of torques with outcomes: variation, step and rate of each joint."""
+    _, empty, head, _, *rows = table.strip().splitlines()
+    assert (empty, cells(head)) == ('', ['law', 'switching', *PANDA])
+    for outcome, row in zip(outcomes, rows, strict=True):
+        law, switching, *joints = cells(row)
+        assert (law, switching) == (outcome.law, outcome.switching)
+        numbers = [[float(x) for x in cell.split(' / ')] for cell in joints]
+        for found, expected in zip(zip(*numbers), (
+                outcome.variation, outcome.step, outcome.rate), strict=True):
+            assert found == pytest.approx(expected, rel=0.06, abs=0.5)
+        assert outcome.rate == pytest.approx([1e3 * x for x in outcome.step])
 
 
 def test_the_page_says_what_was_measured(outcomes: list[Outcome]) -> None:
@@ -162,7 +180,7 @@ def test_the_command_prints_the_table_and_writes_it_once(tmp_path: Path) -> None
     assert text in result.stdout
     assert '**friction, plant builtin**' in text
     rows = [line.count('|') for line in text.splitlines() if '|' in line]
-    assert rows == [7] * (2 + len(VARIANTS))
+    assert rows == [7] * (2 + len(VARIANTS)) + [5] * (2 + len(VARIANTS))
     refused(ctc('compare', file, '--out', tmp_path / 'out'), 'compare.md', '--overwrite')
 
 
