@@ -16,7 +16,7 @@ def files(directory):
 
 
 class Develop(develop):
-    """What `colcon build --symlink-install` runs; it does not heed [build_scripts]."""
+    """What `colcon build --symlink-install` runs; it ignores [build_scripts]."""
 
     def write_script(self, script_name, contents, *mode):
         """Write a script that runs under the Python of the environment it is called in."""
@@ -29,6 +29,7 @@ setup(
     cmdclass={'develop': Develop},
     version='0.1.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed', 'analysis/page.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

@@ -171,9 +171,10 @@ def test_integers_and_arrays_become_floats() -> None:
 def test_full_matrices() -> None:
     """Check row-by-row matrices, negative off-diagonals, and rounding-level asymmetry."""
     kp = (2.0, -1.0, -1.0, 3.0)
-    assert matrix(ControllerConfig(kp=kp).kp, 2) == ((2.0, -1.0), (-1.0, 3.0))
-    assert matrix((5.0, 6.0, 7.0), 3) == ((5.0, 0.0, 0.0), (0.0, 6.0, 0.0), (0.0, 0.0, 7.0))
-    assert matrix((5.0,), 1) == ((5.0,),)
+    assert matrix(ControllerConfig(kp=kp).kp, 2).tolist() == [[2.0, -1.0], [-1.0, 3.0]]
+    assert matrix((5.0, 6.0, 7.0), 3).tolist() == [
+        [5.0, 0.0, 0.0], [0.0, 6.0, 0.0], [0.0, 0.0, 7.0]]
+    assert matrix((5.0,), 1).tolist() == [[5.0]]
     ControllerConfig(kp=(2.0, 0.1, 0.1 * (1 + 1e-15), 3.0))
     barely = (1.0, 1.0 - 1e-9, 1.0 - 1e-9, 1.0)
     assert ControllerConfig(kv=barely).kv == barely
@@ -220,7 +221,7 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
             continue
         assert all(type(x) is float for x in numbers)
         if name in ('effort_limit', 'effort_rate_limit', 'error_limit', 'torque_saturation',
-                    'observer_bandwidth'):
+                    'observer_bandwidth', 'torque_rate_limit', 'joint_stiffness'):
             assert all(x > 0.0 for x in numbers)
             continue
         assert all(math.isfinite(x) for x in numbers)
@@ -228,9 +229,15 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
             full = np.array(numbers).reshape(2, 2)
             assert np.linalg.eigvalsh(full)[0] > 0.0
         elif name in ('kp', 'kv', 'lambda', 'b', 'control_period', 'integration_step',
-                      'boundary_layer', 'stribeck_velocity', 'inertia_scale'):
+                      'boundary_layer', 'stribeck_velocity', 'inertia_scale',
+                      'velocity_cutoff'):
             assert min(numbers) > 0.0
         elif name in ('ka', 'coulomb_friction', 'gravity', 'duration', 'frequency',
                       'viscous_friction', 'stribeck_friction', 'gravity_scale',
-                      'position_noise', 'velocity_noise', 'encoder_resolution', 'fault_damping'):
+                      'position_noise', 'velocity_noise', 'encoder_resolution', 'fault_damping',
+                      'actuator_lag', 'torque_resolution', 'motor_inertia', 'joint_damping'):
             assert min(numbers) >= 0.0
+        elif name in ('load_friction', 'sample_loss', 'late_samples'):
+            assert min(numbers) >= 0.0 and max(numbers) <= 1.0
+        elif name == 'friction_asymmetry':
+            assert max(map(abs, numbers)) <= 1.0

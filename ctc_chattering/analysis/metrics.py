@@ -10,10 +10,12 @@ import numpy.typing as npt
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array, Run
 
-#: Part of a run over which errors and torques are judged [s].
+#: Part of a run over which errors and torques are evaluated [s].
 WINDOW = (5.0, 10.0)
 #: Band of |v_i| that counts as reached [rad/s].
 BAND = 0.15
+#: How much the torque of each joint changes.
+_CHANGES = ('torque_variation_nm_per_s', 'max_torque_step_nm', 'max_torque_rate_nm_per_s')
 
 
 def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
@@ -26,17 +28,18 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
     run : Run
         Any length. Torques that are not known are not finite.
     window : (float, float)
-        First and last instant of the samples judged [s].
+        First and last instant of the samples evaluated [s].
     band : float
         Band of |v_i| for the reaching time [rad/s].
     period : float, optional
-        Sample period [s]. The torque variation is then that of the samples with none missing
-        in between; without it, neighbours are neighbours whatever their times.
+        Sample period [s]. Variation, steps and rates of the torque are then those of the
+        samples with none missing in between; without it, of all neighbours.
 
     Returns
     -------
     dict
-        ``rms_error_rad``, ``rms_torque_nm`` and ``torque_variation_nm_per_s`` per joint,
+        ``rms_error_rad``, ``rms_torque_nm``, ``torque_variation_nm_per_s``,
+        ``max_torque_step_nm`` and ``max_torque_rate_nm_per_s`` per joint,
         ``max_error_norm1_rad``, ``window_s``, ``reaching_time_s`` and ``missing_samples``, the
         number of samples missing in the window; None where the run has no sample in the window,
         nan for the torque of a joint where none is known.
@@ -45,18 +48,18 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
     inside = within(run.t, window)
     result: dict[str, Any] = {
         'window_s': list(window), 'rms_error_rad': None, 'max_error_norm1_rad': None,
-        'rms_torque_nm': None, 'torque_variation_nm_per_s': None,
+        'rms_torque_nm': None, **dict.fromkeys(_CHANGES),
         'reaching_time_s': reaching_time(run.t, run.v, band), 'missing_samples': None}
     if inside.sum() > 1:
         e, tau, t = (run.q_d - run.q)[inside], run.tau[inside], run.t[inside]
-        lacking = missing(t, period) if period else np.zeros(len(t) - 1, np.int64)
+        gaps = missing(t, period) if period else np.zeros(len(t) - 1, np.int64)
         result.update(
             rms_error_rad=rms(e).tolist(),
             max_error_norm1_rad=float(np.abs(e).sum(axis=1).max()),
             rms_torque_nm=[float(rms(x[np.isfinite(x)])) if np.isfinite(x).any() else np.nan
                            for x in tau.T],
-            torque_variation_nm_per_s=_variation(t, tau, lacking == 0).tolist(),
-            missing_samples=int(lacking.sum()))
+            **{key: x.tolist() for key, x in zip(_CHANGES, _changes(t, tau, gaps == 0))},
+            missing_samples=int(gaps.sum()))
     return result
 
 
@@ -65,13 +68,20 @@ def within(t: Array, window: tuple[float, float]) -> npt.NDArray[np.bool_]:
     return (t >= window[0] - 1e-9) & (t <= window[1] + 1e-9)
 
 
-def _variation(t: Array, tau: Array, neighbours: npt.NDArray[np.bool_]) -> Array:
-    """Return Σ|Δτ| over Σ Δt of the known torques of neighbours, shape (n,); nan without any."""
-    step = np.abs(np.diff(tau, axis=0))
+def _changes(t: Array, tau: Array, neighbours: npt.NDArray[np.bool_]) -> Array:
+    """
+    Return what `_CHANGES` names of the known torques of neighbours, shape (3, n).
+
+    These are Σ|Δτ| over Σ Δt, and the largest |Δτ| and |Δτ| / Δt; nan without any.
+    """
+    step, dt = np.abs(np.diff(tau, axis=0)), np.diff(t)[:, np.newaxis]
     known = np.isfinite(step) & neighbours[:, np.newaxis]
-    time = np.where(known, np.diff(t)[:, np.newaxis], 0.0).sum(axis=0)
-    way: Array = np.where(known, step, 0.0).sum(axis=0)
-    return way / np.where(time > 0.0, time, np.nan)
+    step = np.where(known, step, 0.0)
+    time = np.where(known, dt, 0.0).sum(axis=0)
+    variation = step.sum(axis=0) / np.where(time > 0.0, time, np.nan)
+    found: Array = np.array([variation, step.max(axis=0), (step / dt).max(axis=0)])
+    found[:, ~known.any(axis=0)] = np.nan
+    return found
 
 
 def rms(x: Array) -> Array:

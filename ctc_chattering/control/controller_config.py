@@ -12,7 +12,7 @@ from ctc_chattering.parameters import Config, parameter
 
 #: Values of the parameter ``law``; each is a module of `control/laws`.
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
-        'slotine_li', 'friction_feedforward', 'pd_gravity')
+        'slotine_li', 'friction_feedforward', 'pd_gravity', 'observer_feedback')
 _PAPER = ('compensation', 'chattering')
 
 
@@ -49,8 +49,10 @@ class ControllerConfig(Config):
         'kv', 'float[]', 50.0, 'Velocity gain Kv.', unit='1/s', minimum=0.0, exclusive=True,
         shape='nn')
     ka: tuple[float, ...] = parameter(
-        'ka', 'float[]', 10.0, 'Chattering gain Ka; must exceed friction plus disturbance.',
-        unit='N*m', minimum=0.0, shape='n', laws=('chattering',))
+        'ka', 'float[]', 10.0,
+        'Chattering gain Ka; must exceed friction plus disturbance. Under observer_feedback the '
+        'bound of what is estimated; must exceed the error of the model as well.',
+        unit='N*m', minimum=0.0, shape='n', laws=('chattering', 'observer_feedback'))
     lambda_: float = parameter(
         'lambda', 'float', 10.0, 'Pole of the filter (3).', unit='1/s', minimum=0.0,
         exclusive=True, laws=(*_PAPER, 'super_twisting'))
@@ -68,6 +70,21 @@ class ControllerConfig(Config):
         'Switching implicit_observer: how fast the estimate of the perturbation follows; .inf '
         'for within one sample.', unit='rad/s', minimum=0.0, exclusive=True, infinite=True,
         laws=('chattering',))
+    estimator_bandwidth: float = parameter(
+        'estimator_bandwidth', 'float', 100.0,
+        'How fast the observer of state and perturbation follows.', unit='rad/s', minimum=0.0,
+        exclusive=True, maximum=1e4, laws=('observer_feedback',))
+    actuator_lag: tuple[float, ...] = parameter(
+        'actuator_lag', 'float[]', 0.0, 'Time constant of the drives, as far as it is known.',
+        unit='s', minimum=0.0, maximum=1.0, shape='n', laws=('observer_feedback',))
+    torque_rate_limit: tuple[float, ...] = parameter(
+        'torque_rate_limit', 'float[]', float('inf'),
+        'Fastest change of the torque of the drives, as far as it is known.', unit='N*m/s',
+        minimum=0.0, exclusive=True, infinite=True, shape='n', laws=('observer_feedback',))
+    friction_learning: float = parameter(
+        'friction_learning', 'float', 20.0,
+        'How fast the level of friction is learned; 0 for not at all.', unit='1/s', minimum=0.0,
+        maximum=1e3, laws=('observer_feedback',))
     ki: tuple[float, ...] = parameter(
         'ki', 'float[]', 100.0,
         'Integral gain Ki, less than Kv Kp; a triple pole at -p has kv 3 p, kp 3 p^2, ki p^3.',
@@ -90,8 +107,9 @@ class ControllerConfig(Config):
         unit='N*m/rad', minimum=0.0, shape='n', laws=('slotine_li',))
     friction_level: tuple[float, ...] = parameter(
         'friction_level', 'float[]', 0.0,
-        'Coulomb friction as it is known; slotine_li adapts it from there.', unit='N*m',
-        minimum=0.0, shape='n', laws=('slotine_li', 'friction_feedforward'))
+        'Coulomb friction as it is known; slotine_li and observer_feedback adapt it from there.',
+        unit='N*m', minimum=0.0, shape='n',
+        laws=('slotine_li', 'friction_feedforward', 'observer_feedback'))
     friction_velocity: float = parameter(
         'friction_velocity', 'float', 0.05,
         'Velocity over which the friction compensated for changes its sign.', unit='rad/s',

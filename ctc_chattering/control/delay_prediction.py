@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ctc_chattering.control.control_step import ControlStep
+from ctc_chattering.control.feasible_reference import Desired
 from ctc_chattering.control.laws.base import State, Terms, Torque
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
@@ -47,10 +48,16 @@ class DelayPrediction:
     def step(self, q: Array, dq: Array, q_d: Array, dq_d: Array, ddq_d: Array,
              ahead: Sequence[Point]) -> tuple[State, Torque]:
         """Return this state, and the torque for the one in which it is applied."""
-        control = self._control
+        control, law = self._control, self._control.law
+        q, dq = law.observe(q, dq, control.limiter.held)
         now = control.evaluate(q, dq, q_d, dq_d, ddq_d, control.filter.state)
         now = control.update(now)
-        sent = control.torque(self._predict(now, ahead))
+        if law.foresees:
+            points = [Desired(q_d, dq_d, ddq_d), *(Desired(*map(np.array, p)) for p in ahead)]
+            law.foresee(now, [torque.tau for torque in self._in_transit], points, control.model)
+            sent = control.torque(now)
+        else:
+            sent = control.torque(self._predict(now, ahead))
         self._in_transit.append(sent)
         control.advance(now, self._in_transit.popleft())
         return now, sent

@@ -24,10 +24,15 @@ class Limiter:
     n : int
         Number of joints.
 
+    Attributes
+    ----------
+    held : array, shape (n,)
+        Torque sent last [N·m].
+
     """
 
     def __init__(self, n: int) -> None:
-        self._previous: Array = np.zeros(n)
+        self.held: Array = np.zeros(n)
 
     def configure(self, effort: Array, change: Array, anti_windup: float) -> None:
         """
@@ -48,18 +53,18 @@ class Limiter:
 
     def reset(self, held: Array) -> None:
         """Go on from the torque `held`, shape (n,) [N·m]."""
-        self._previous = held
+        self.held = held
 
     def limit(self, unsaturated: Array) -> tuple[Array, Array | None]:
         """Return the torque to send and the saturation error, (n,) [N·m]; None where it is 0."""
         tau, saturation_error = unsaturated, None
         if self._active:
-            low, high = self._previous - self._change, self._previous + self._change
+            low, high = self.held - self._change, self.held + self._change
             tau = np.minimum(np.maximum(unsaturated, low), high)
             tau = np.minimum(np.maximum(tau, -self._effort), self._effort)
             if (tau != unsaturated).any():
                 saturation_error = unsaturated - tau
-        self._previous = tau
+        self.held = tau
         return tau, saturation_error
 
     def correction(self, mass: Array, saturation_error: Array | None) -> Array | None:

@@ -4,6 +4,9 @@ The simulated robot: equation (1) with set-valued Coulomb friction, under a held
 Between changes of stick and slide the motion is smooth and a Runge-Kutta step of fourth order
 follows it. Where a sliding joint comes to rest, or a stuck one is overloaded, the instant is
 located within the step, the modes are determined again there, and the rest of the step goes on.
+
+The coordinates are the positions of the joints or, with elastic joints, of links and motors
+(`dynamics/elastic_model.py`); drives and friction act on the motors, the disturbance on the links.
 """
 
 from __future__ import annotations
@@ -11,17 +14,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import exp, inf
 
+from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.numerics.event_location import first_negative
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.runge_kutta import Dynamics, step, step_two
+from ctc_chattering.numerics.runge_kutta import Dynamics, step
 from ctc_chattering.simulation.friction import bit_mask, excess, modes
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.simulated_robot import Robot
+from ctc_chattering.simulation.simulated_robot import plus, Robot
 
 #: Changes of mode that one step may hold; beyond it the step ends in the mode it is in.
 _MAX_EVENTS = 50
+#: Largest step of the integrator times the fastest eigenvalue of an elastic joint.
+_STEP_RATE = 0.2
 
 
 class Plant(Robot):
@@ -33,42 +39,77 @@ class Plant(Robot):
     config : PlantConfig
         Physics and start.
     model : Model, optional
-        In place of the one that the configuration names.
+        Of the links, in place of the one that the configuration names.
 
     Attributes
     ----------
-    modes : tuple of int, shape (n,)
-        +1 and -1 for a joint that slides, 0 for one that sticks or has no friction.
+    modes : tuple of int
+        For each coordinate +1 or -1 if it slides, 0 if it sticks or has no friction.
 
     """
 
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
-        super().__init__(config)
-        self.model = model or model_of(config)
-        self.modes: tuple[int, ...] = (0,) * self.n
-        self._step = step_two if self.n == 2 else step
+        self.model = self._coupled = model or model_of(config)
+        motors: Sequence[int] = range(self.model.n)
+        longest = inf
+        #: Positions and velocities of links and motors; None for rigid joints.
+        self._coordinates: tuple[Vector, Vector] | None = None
+        if config.elastic:
+            elastic = self._coupled = Elastic(
+                self.model, config.joint_stiffness, config.joint_damping, config.motor_inertia)
+            motors, start = elastic.motors, config.initial_position
+            self._coordinates = elastic.start(start, config.initial_velocity)
+            longest = _STEP_RATE / elastic.rate(start)
+        self._encoders = motors if config.encoder_side == 'motor' else range(self.model.n)
+        super().__init__(config, motors, longest)
+        self.modes: tuple[int, ...] = (0,) * self._coupled.n
         self.configure(config)
 
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         super().configure(config)
-        self._breakaway = [
-            a + b for a, b in zip(config.coulomb_friction, config.stribeck_friction)]
         self._velocity_friction = None
         viscous = self._viscous_friction()
         if any(viscous) or any(config.stribeck_friction):
-            self._velocity_friction = list(zip(
-                viscous, config.stribeck_friction, config.stribeck_velocity))
+            self._velocity_friction = list(zip(*map(self._on_motors, (
+                viscous, config.stribeck_friction, config.stribeck_velocity))))
+        self._set_breakaway()
+
+    def _set_breakaway(self) -> None:
+        """Set the friction at rest, and have the modes decided again."""
+        self._breakaway = self._on_motors([
+            a + b for a, b in zip(self._coulomb_friction(), self.config.stribeck_friction)])
         self._rubbing = [i for i, x in enumerate(self._breakaway) if x > 0.0]
         self._decided = False
 
+    def _on_motors(self, values: Vector) -> Vector:
+        """Return values of the joints as those of the coordinates; 0 for links with a motor."""
+        if self._coordinates is None:
+            return values
+        return plus([0.0] * self._coupled.n, self._motors, values)
+
+    def _seen(self) -> tuple[Vector, Vector]:
+        """Return what the encoders see: motors or links."""
+        if self._coordinates is None:
+            return self.q, self.dq
+        q, dq = self._coordinates
+        return [q[i] for i in self._encoders], [dq[i] for i in self._encoders]
+
     def _move(self, t: float, tau: Vector) -> None:
         """Go on by one control period in as many steps as `integration_step` asks for."""
+        if self._loaded:
+            self._set_breakaway()
+        if self._coordinates is not None:
+            self.q, self.dq = self._coordinates
+            tau = self._on_motors(tau)
         if not self._decided or self._stuck or 0.0 in self.dq:
             self._decide(t, tau)
         h = self._h
         for i in range(self._substeps):
             self._advance(t + i * h, h, tau)
+        if self._coordinates is not None:
+            self._coordinates = self.q, self.dq
+            self.q, self.dq = self.q[:self.n], self.dq[:self.n]
 
     def _decide(self, t: float, tau: Vector) -> None:
         """Set the modes from the state and the load at time `t`."""
@@ -76,7 +117,7 @@ class Plant(Robot):
         if self._velocity_friction:
             signs = [(x > 0.0) - (x < 0.0) for x in self.dq]
             load = self._minus_velocity_friction(self.dq, load, signs)
-        self.modes = modes(self.model, self.q, self.dq, load, self._breakaway)
+        self.modes = modes(self._coupled, self.q, self.dq, load, self._breakaway)
         mode = self.modes
         self._stuck = [i for i in self._rubbing if not mode[i]]
         self._sliding = [i for i in self._rubbing if mode[i]]
@@ -114,7 +155,7 @@ class Plant(Robot):
             u = self._torque(t, load)
             if self._velocity_friction:
                 u = self._minus_velocity_friction(dq, u, mode)
-            beyond = max(excess(self.model, q, dq, u, self._breakaway, self._stuck))
+            beyond = max(excess(self._coupled, q, dq, u, self._breakaway, self._stuck))
             if -beyond < margin:
                 margin = -beyond
         return margin
@@ -142,7 +183,7 @@ class Plant(Robot):
     def _sliding_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int) -> Vector:
         """Return ddq where friction depends on the velocity; `u` has its value near rest off."""
         u = self._minus_velocity_friction(dq, u, self.modes)
-        return self.model.forward_dynamics(q, dq, u, fixed_joints)
+        return self._coupled.forward_dynamics(q, dq, u, fixed_joints)
 
     def _minus_velocity_friction(self, dq: Vector, u: Vector, mode: Sequence[int]) -> Vector:
         """Return `u` less what friction at the velocity `dq` exceeds its value near rest by."""
@@ -153,11 +194,11 @@ class Plant(Robot):
 
     def _runge_kutta(self, t: float, h: float, load: Vector) -> tuple[Vector, Vector]:
         """Return q and dq after one step of fourth order in the present modes."""
-        dynamics: Dynamics = self.model.forward_dynamics
+        dynamics: Dynamics = self._coupled.forward_dynamics
         if self._velocity_friction:
             dynamics = self._sliding_dynamics
         loads = (load, load, load)
-        if self._disturbed:
-            loads = (self._torque(t, load), self._torque(t + 0.5 * h, load),
+        if self._varying:
+            loads = (self._torque(t, load), self._torque(t + 0.5 * h, load, 0.5 * h),
                      self._torque(t + h, load))
-        return self._step(dynamics, self.q, self.dq, loads, self._fixed_joints, h)
+        return step(dynamics, self.q, self.dq, loads, self._fixed_joints, h)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from math import inf
 from typing import ClassVar
 
 from ctc_chattering.dynamics.registry import check_model, locked_positions
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples
 from ctc_chattering.parameters import Config, parameter
+from ctc_chattering.simulation.sensor import VELOCITY_SENSORS
 
 #: Values of the parameter ``pacing``.
 PACINGS = ('real_time', 'lockstep')
@@ -56,6 +58,25 @@ class PlantConfig(Config):
     stribeck_velocity: tuple[float, ...] = parameter(
         'stribeck_velocity', 'float[]', 0.05, 'Velocity at which it has fallen to 1/e.',
         unit='rad/s', minimum=0.0, exclusive=True, shape='n')
+    load_friction: tuple[float, ...] = parameter(
+        'load_friction', 'float[]', 0.0,
+        'Part of the magnitude of the torque, in the mean of a period, that adds to Kf.',
+        minimum=0.0, maximum=0.9, shape='n')
+    friction_asymmetry: tuple[float, ...] = parameter(
+        'friction_asymmetry', 'float[]', 0.0,
+        'Coulomb friction forwards is 1 + this, backwards 1 - this times the given one.',
+        minimum=-1.0, maximum=1.0, shape='n')
+    joint_stiffness: tuple[float, ...] = parameter(
+        'joint_stiffness', 'float[]', float('inf'),
+        'Stiffness between motor and link, backend builtin; .inf for a rigid joint.',
+        unit='N*m/rad', minimum=0.0, exclusive=True, infinite=True, shape='n', read_only=True)
+    joint_damping: tuple[float, ...] = parameter(
+        'joint_damping', 'float[]', 0.0, 'Viscous damping between motor and link.',
+        unit='N*m*s/rad', minimum=0.0, shape='n', read_only=True)
+    motor_inertia: tuple[float, ...] = parameter(
+        'motor_inertia', 'float[]', 0.0,
+        'Inertia of the motor of an elastic joint, reflected to the joint.', unit='kg*m^2',
+        minimum=0.0, shape='n', read_only=True)
     disturbance_amplitude: tuple[float, ...] = parameter(
         'disturbance.amplitude', 'float[]', 0.0, 'Amplitude of the disturbance d(t).', unit='N*m',
         shape='n')
@@ -77,8 +98,29 @@ class PlantConfig(Config):
     encoder_resolution: tuple[float, ...] = parameter(
         'encoder_resolution', 'float[]', 0.0, 'Step of the measured position; 0 for none.',
         unit='rad', minimum=0.0, shape='n', read_only=True)
+    encoder_side: str = parameter(
+        'encoder_side', 'str', 'motor',
+        'Elastic joints: the side on which position and velocity are measured.',
+        choices=('motor', 'link'), read_only=True)
+    velocity_sensor: str = parameter(
+        'velocity_sensor', 'str', 'exact',
+        'Measured velocity: exact; the difference of two measured positions over one period; or '
+        'that behind a low-pass of first order. velocity_noise comes before the low-pass.',
+        choices=VELOCITY_SENSORS, read_only=True)
+    velocity_cutoff: float = parameter(
+        'velocity_cutoff', 'float', 500.0, 'Velocity sensor filtered: cut-off of the low-pass.',
+        unit='rad/s', minimum=0.0, exclusive=True, read_only=True)
+    sample_loss: float = parameter(
+        'sample_loss', 'float', 0.0,
+        'Probability that a state is not sent; the drives then hold the last torque. At most two '
+        'in a row are lost, and never the first or the last.', minimum=0.0, maximum=0.5)
+    late_samples: float = parameter(
+        'late_samples', 'float', 0.0,
+        'Probability that a torque comes one period late; the drives then hold the one before.',
+        minimum=0.0, maximum=1.0)
     noise_seed: int = parameter(
-        'noise_seed', 'int', 0, 'Seed of the noise: the same seed, the same noise.', minimum=0,
+        'noise_seed', 'int', 0,
+        'Seed of noise, lost and late samples: the same seed, the same run.', minimum=0,
         maximum=2 ** 62, read_only=True)
     input_delay: int = parameter(
         'input_delay', 'int', 0, 'Delay between a torque received and applied, in samples.',
@@ -87,6 +129,17 @@ class PlantConfig(Config):
         'torque_saturation', 'float[]', float('inf'),
         'Largest torque the drives give; .inf for unlimited.', unit='N*m', minimum=0.0,
         exclusive=True, infinite=True, shape='n', read_only=True)
+    torque_resolution: tuple[float, ...] = parameter(
+        'torque_resolution', 'float[]', 0.0, 'Step of the torque commanded to the drives; 0 for '
+        'none.', unit='N*m', minimum=0.0, shape='n', read_only=True)
+    torque_rate_limit: tuple[float, ...] = parameter(
+        'torque_rate_limit', 'float[]', float('inf'),
+        'Fastest change of the torque of the drives; .inf for unlimited.', unit='N*m/s',
+        minimum=0.0, exclusive=True, infinite=True, shape='n', read_only=True)
+    actuator_lag: tuple[float, ...] = parameter(
+        'actuator_lag', 'float[]', 0.0,
+        'Time constant of the drives, whose torque follows the command; 0 for none.', unit='s',
+        minimum=0.0, shape='n', read_only=True)
     fault_damping: tuple[float, ...] = parameter(
         'fault_damping', 'float[]', 20.0,
         'Viscous friction of the brakes, which hold while no torque comes.', unit='N*m*s/rad',
@@ -118,8 +171,27 @@ class PlantConfig(Config):
         elif any(self.stribeck_friction):
             raise ParameterError('stribeck_friction', self.stribeck_friction,
                                  f'0 with plant_backend {self.plant_backend}')
+        self._check_elasticity()
         locked_positions(self.locked)
         samples(self.duration, period_ns(self.control_period))
+
+    def _check_elasticity(self) -> None:
+        """Check that elastic joints, and no others, have a motor, and the backend has them."""
+        if self.elastic and self.plant_backend != 'builtin':
+            raise ParameterError('joint_stiffness', self.joint_stiffness,
+                                 f'inf with plant_backend {self.plant_backend}')
+        motors = tuple(zip(self.joint_stiffness, self.motor_inertia, self.joint_damping))
+        if any((k < inf) != (m > 0.0) for k, m, _ in motors):
+            raise ParameterError('motor_inertia', self.motor_inertia,
+                                 'above 0 where joint_stiffness is finite, and 0 elsewhere')
+        if any(k == inf and d for k, _, d in motors):
+            raise ParameterError('joint_damping', self.joint_damping,
+                                 '0 where joint_stiffness is inf')
+
+    @property
+    def elastic(self) -> bool:
+        """Whether there is an elastic joint."""
+        return min(self.joint_stiffness) < inf
 
     @property
     def described(self) -> bool:

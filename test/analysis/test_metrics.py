@@ -38,6 +38,8 @@ def test_by_hand() -> None:
     assert found['max_error_norm1_rad'] == pytest.approx(4.0)
     assert found['rms_torque_nm'] == pytest.approx([np.sqrt(52 / 4), np.sqrt(76 / 4)])
     assert found['torque_variation_nm_per_s'] == pytest.approx([8 / 5, 10 / 5])
+    assert found['max_torque_step_nm'] == [6.0, 10.0]
+    assert found['max_torque_rate_nm_per_s'] == pytest.approx([6.0, 10 / 3])
     assert found['reaching_time_s'] == 6.0
 
 
@@ -59,6 +61,10 @@ def test_gaps_and_torques_that_are_not_known() -> None:
     found = metrics(run, window=(5.0, 10.0), period=1.0)
     assert found['missing_samples'] == 2
     assert found['torque_variation_nm_per_s'] == pytest.approx([3 / 2.2, nan], nan_ok=True)
+    assert found['max_torque_step_nm'] == pytest.approx([2.0, nan], nan_ok=True)
+    assert found['max_torque_rate_nm_per_s'] == pytest.approx([2.0, nan], nan_ok=True)
+    assert metrics(run, window=(5.0, 10.0))['max_torque_rate_nm_per_s'] == pytest.approx(
+        [95 / 2.8, 2 / 2.8])
     assert found['rms_torque_nm'] == pytest.approx([
         np.sqrt((1 + 9 + 16 + 99 ** 2) / 4), np.sqrt((4 + 36 + 64) / 3)])
     assert found['rms_error_rad'] == pytest.approx([1.5, 2.0])

@@ -15,9 +15,9 @@ from ctc_chattering.simulation.closed_loop import simulate
 
 #: As in metrics.json, by contract.
 KEYS = ['experiment', 'law', 'switching', 'control_period_s', 'window_s', 'rms_error_rad',
-        'max_error_norm1_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'reaching_time_s',
-        'bag', 'joint_names', 'position_units', 'torque_units', 'gains', 'missing_samples',
-        'term_at_bound', 'notes']
+        'max_error_norm1_rad', 'rms_torque_nm', 'torque_variation_nm_per_s',
+        'max_torque_step_nm', 'max_torque_rate_nm_per_s', 'reaching_time_s', 'bag', 'joint_names',
+        'position_units', 'torque_units', 'gains', 'missing_samples', 'term_at_bound', 'notes']
 
 
 def result_of(duration: float, *events: str, **controller: object) -> Result:
@@ -33,12 +33,12 @@ def test_keys_are_the_contract_s(duration: float) -> None:
     assert sorted(m) == sorted(KEYS)
     assert (m['experiment'], m['law'], m['control_period_s']) == ('trial', 'compensation', 0.002)
     assert (m['switching'], m['window_s']) == ('sign', [5.0, 10.0])
-    per_joint = [m[key] for key in KEYS if key.startswith(('rms', 'torque_v'))]
+    per_joint = [m[key] for key in KEYS if key.startswith(('rms', 'torque_v', 'max_t'))]
     if duration > 5.0:
         assert all(len(x) == 2 and all(y > 0.0 for y in x) for x in per_joint)
         assert m['max_error_norm1_rad'] > 0.0
     else:
-        assert per_joint == [None] * 3
+        assert per_joint == [None] * 5
         assert m['max_error_norm1_rad'] is None
 
 
@@ -53,6 +53,9 @@ def test_numbers_by_hand() -> None:
     assert m['rms_torque_nm'] == pytest.approx(np.sqrt((tau ** 2).mean(axis=0)).tolist())
     assert m['torque_variation_nm_per_s'] == pytest.approx(
         np.abs(np.diff(tau, axis=0)).sum(axis=0).tolist())
+    largest = np.abs(np.diff(tau, axis=0)).max(axis=0)
+    assert m['max_torque_step_nm'] == pytest.approx(largest.tolist())
+    assert m['max_torque_rate_nm_per_s'] == pytest.approx((largest / 0.002).tolist())
 
 
 def test_label_slug_and_changes() -> None:

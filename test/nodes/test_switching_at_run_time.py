@@ -88,14 +88,24 @@ plant:
   ros__parameters: {{pacing: lockstep, duration: 0.4, velocity_noise: [0.005, 0.004],
     position_noise: [1.0e-5, 0.0], encoder_resolution: [0.0, 1.0e-4], noise_seed: 7,
     input_delay: 2, torque_saturation: [900.0, 150.0], viscous_friction: [0.5, 0.2],
-    stribeck_friction: [1.0, 0.5]}}
+    stribeck_friction: [1.0, 0.5], load_friction: [0.02, 0.01],
+    friction_asymmetry: [0.1, -0.2], actuator_lag: [0.002, 0.001],
+    torque_rate_limit: [.inf, 100000.0], torque_resolution: [0.0, 0.01],
+    joint_stiffness: [.inf, 5000.0], motor_inertia: [0.0, 0.1], joint_damping: [0.0, 5.0],
+    velocity_sensor: filtered, velocity_cutoff: 900.0, sample_loss: 0.1, late_samples: 0.1}}
 controller:
   ros__parameters: {{ka: [12.0, 12.0], switching: {switching}, input_delay: 2,
     inertia_scale: 0.95, gravity_scale: 1.05}}
+bringup:
+  ros__parameters:
+    events: ['0.2 controller ka [13.0, 13.0]', '0.25 plant sample_loss 0.4',
+             '0.3 plant friction_asymmetry [0.0, 0.1]']
 """)
     status, output = run_bringup('--params-file', str(file), '--record', str(tmp_path / 'bag'))
     assert status == 0, output
     result, expected = read_bag(tmp_path / 'bag'), simulated(parameter_file.load(file))
+    assert 300 < len(result.run.t) < 380
+    assert result.metrics() == {**expected.metrics(), 'bag': 'bag'}
     for field in FIELDS:
         assert np.array_equal(getattr(result.run, field), getattr(expected.run, field)), field
 

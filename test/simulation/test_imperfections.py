@@ -233,15 +233,22 @@ def test_stuck_beside_a_joint_that_slides_at_its_final_speed() -> None:
 
 @pytest.mark.parametrize(('name', 'value'), [
     ('viscous_friction', 1e-3), ('stribeck_friction', 1e-3), ('torque_saturation', 20.0),
-    ('input_delay', 1)])
+    ('input_delay', 1), ('load_friction', 0.1), ('friction_asymmetry', 0.1),
+    ('actuator_lag', 1e-3), ('torque_rate_limit', 1e4), ('torque_resolution', 0.1),
+    ('late_samples', 0.2)])
 def test_defaults_change_nothing(name: str, value: float) -> None:
     """Check that all imperfections at their off values are bit-equal to none, and each bites."""
     off: dict[str, Any] = {
         'viscous_friction': [0.0, 0.0], 'stribeck_friction': [0.0, 0.0], 'input_delay': 0,
         'stribeck_velocity': [9.0, 1e-3], 'torque_saturation': [float('inf'), 1e9],
         'position_noise': [0.0, 0.0], 'velocity_noise': [0.0, 0.0],
-        'encoder_resolution': [0.0, 0.0], 'noise_seed': 5}
-    on = {**off, name: value if name == 'input_delay' else [value, value]}
+        'encoder_resolution': [0.0, 0.0], 'noise_seed': 5, 'load_friction': [0.0, 0.0],
+        'friction_asymmetry': [0.0, 0.0], 'actuator_lag': [0.0, 0.0],
+        'torque_rate_limit': [float('inf')] * 2, 'torque_resolution': [0.0, 0.0],
+        'joint_stiffness': [float('inf')] * 2, 'joint_damping': [0.0, 0.0],
+        'motor_inertia': [0.0, 0.0], 'encoder_side': 'link', 'velocity_sensor': 'exact',
+        'velocity_cutoff': 1.0, 'sample_loss': 0.0, 'late_samples': 0.0}
+    on = {**off, name: value if name in ('input_delay', 'late_samples') else [value, value]}
     plants = [_plant(), _plant(**off), _plant(**on)]
     for tau in _torques(80, 2):
         for plant in plants:
@@ -251,7 +258,112 @@ def test_defaults_change_nothing(name: str, value: float) -> None:
     assert _state(plants[2]) != _state(plants[0])
 
 
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_break_away_depends_on_the_direction(sign: float) -> None:
+    """Check rest, bit-exact, up to Kf (1 + a) forwards and Kf (1 - a) backwards, and the slide."""
+    kf, a, mass = 2.0, 0.3, 2.0
+    level = kf * (1.0 + sign * a)
+    plant = _plant(SLIDERS, coulomb_friction=[kf, 1.0], friction_asymmetry=[a, -0.5])
+    for share in (0.5, 0.99, 1.0 - 1e-12):
+        for _ in range(20):
+            plant.step([sign * share * level, 0.0])
+            assert _state(plant) == [0.0] * 4
+    plant.step([sign * 1.001 * level, 0.0])
+    assert plant.dq[0] * sign > 0.0
+    plant.step([sign * (level + 1.0), 0.0])
+    speed = plant.dq[0]
+    plant.step([sign * (level + 1.0), 0.0])
+    assert plant.dq[0] - speed == pytest.approx(sign * 1e-3 / mass, rel=1e-9)
+    plant.step([0.0, sign * (1.0 - sign * 0.5) + sign * 0.01])
+    assert plant.dq[1] * sign > 0.0
+
+
+def test_heat_of_a_friction_that_depends_on_the_direction() -> None:
+    """Check the energy of the arm against (1 ± a) Kf times the ways forwards and backwards."""
+    kf, a, tau = np.array([3.0, 2.0]), np.array([0.4, -0.2]), np.array([15.0, -4.0])
+    plant = _plant(initial_position=[2.0, 1.0], coulomb_friction=kf.tolist(),
+                   friction_asymmetry=a.tolist())
+    heat, start, first = 0.0, _energy(plant), plant.q
+    for _ in range(3000):
+        before = plant.q
+        plant.step(tau.tolist())
+        way = np.subtract(plant.q, before)
+        heat += float(np.abs(way) @ (kf * (1.0 + a * np.sign(way))))
+    gain = _energy(plant) - start - float(np.subtract(plant.q, first) @ tau)
+    assert heat > 30.0
+    assert gain == pytest.approx(-heat, rel=1e-4)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_load_dependent_friction(sign: float) -> None:
+    """Check break-away at Kf / (1 - μ), and (|τ| (1 - μ) - Kf) / m beyond."""
+    kf, share, mass = 2.0, 0.2, 2.0
+    plant = _plant(SLIDERS, coulomb_friction=[kf, 0.0], load_friction=[share, 0.0])
+    level = kf / (1.0 - share)
+    for load in (0.5, 0.99, 1.0 - 1e-12):
+        for _ in range(20):
+            plant.step([sign * load * level, 0.0])
+            assert _state(plant) == [0.0] * 4
+    speed = 0.0
+    for torque in (1.01 * level, 8.0, 3.0, 5.0):
+        plant.step([sign * torque, 0.0])
+        speed += sign * 1e-3 * (torque * (1.0 - share) - kf) / mass
+        assert plant.dq[0] == pytest.approx(speed, rel=1e-9)
+
+
+def test_load_dependent_friction_has_the_mean_torque_of_the_period() -> None:
+    """Check a drive with lag from the second period on: at first the joint sticks for a while."""
+    lag, c, share, mass = 2e-3, 6.0, 0.25, 2.0
+    plant = _plant(SLIDERS, **FREE, load_friction=[share, 0.0], actuator_lag=[lag, lag])
+    plant.step([c, 0.0])
+    first, start = plant.dq[0], 1e-3 + lag * np.exp(-1e-3 / lag)
+    for k in range(2, 20):
+        plant.step([c, 0.0])
+        impulse = c * (1e-3 * k + lag * np.exp(-1e-3 * k / lag) - start)
+        assert plant.dq[0] - first == pytest.approx((1.0 - share) * impulse / mass, rel=1e-9)
+    assert first > 0.0
+
+
+EVERYTHING: dict[str, Any] = {
+    **STRIBECK, 'load_friction': [0.05, 0.02], 'friction_asymmetry': [0.1, -0.2],
+    'actuator_lag': [2e-3, 1e-3], 'torque_rate_limit': [5e4, 1e4], 'torque_resolution': [0.1, 0.1],
+    'torque_saturation': [90.0, 30.0], 'input_delay': 1, 'late_samples': 0.1, 'sample_loss': 0.1,
+    'velocity_sensor': 'filtered', 'encoder_resolution': [1e-5, 1e-5],
+    'velocity_noise': [1e-3, 1e-3], 'disturbance.amplitude': [1.0, 1.0],
+    'disturbance.frequency': [3.0, 4.0]}
+ELASTIC: dict[str, Any] = {'joint_stiffness': [2e3, 1e3], 'motor_inertia': [1.0, 0.2]}
+
+
+@pytest.mark.parametrize('values', [
+    {}, STRIBECK, EVERYTHING, {**EVERYTHING, **ELASTIC}, *({name: value} for name, value in {
+        **EVERYTHING, **ELASTIC}.items() if name not in ELASTIC)])
+def test_a_torque_may_be_an_array(values: dict[str, Any]) -> None:
+    """Check arrays of floats, integers and single precision against lists, bit for bit."""
+    lists, arrays = _plant(**values), _plant(**values)
+    for torque in _torques(100, 5):
+        for kind in (float, int, np.float32):
+            tau: Array = np.array(torque).astype(kind)
+            lists.step([float(x) for x in tau])
+            arrays.step(tau)
+            assert _state(lists) == _state(arrays)
+            assert lists.measured == arrays.measured
+    assert {type(x) for x in (*arrays.q, *arrays.dq, *arrays.applied)} == {float}
+
+
+def test_every_imperfection_at_once_hardly_depends_on_the_step() -> None:
+    """Check 0.3 s of the arm, steps of 1 ms against 0.02 ms."""
+    values = {**EVERYTHING, 'load_friction': [0.05, 0.02]}
+    coarse, fine = _plant(**values), _plant(**values, integration_step=2e-5)
+    for torque in _torques(300, 6):
+        coarse.step(torque)
+        fine.step(torque)
+    assert np.abs(np.subtract(_state(coarse), _state(fine))).max() < 1e-5
+
+
 @pytest.mark.parametrize(('name', 'value'), [
+    ('load_friction', [-0.1, 0.0]), ('load_friction', [1.0, 0.0]),
+    ('friction_asymmetry', [1.1, 0.0]), ('sample_loss', 0.6), ('late_samples', 1.1),
+    ('velocity_sensor', 'none'), ('velocity_cutoff', 0.0),
     ('input_delay', -1), ('input_delay', 101), ('input_delay', 1.0),
     ('torque_saturation', [0.0, 1.0]), ('viscous_friction', [-1.0, 0.0]),
     ('stribeck_velocity', [0.0, 1.0]), ('velocity_noise', [-1e-3, 0.0]), ('noise_seed', -1)])

@@ -1,8 +1,9 @@
 """What the sensors make of a state: resolution, statistics, seeds."""
 
 import numpy as np
-from oracles import Array
+from oracles import Array, Masses
 import pytest
+from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -37,7 +38,7 @@ def test_seeds() -> None:
     a, b, c = (_series(Sensor(*noise, seed), 200) for seed in (3, 3, 4))
     assert (a == b).all()
     assert (a[:, [0, 2, 3]] != c[:, [0, 2, 3]]).mean() > 0.99
-    assert (a[1:, [0, 2, 3]] != a[:-1, [0, 2, 3]]).all()  # every sample anew
+    assert (a[1:, [0, 2, 3]] != a[:-1, [0, 2, 3]]).all()  # different in every sample
 
 
 def test_statistics() -> None:
@@ -110,3 +111,67 @@ def test_a_finest_resolution_is_no_resolution() -> None:
     """Check that a step so small that it overflows the count of steps does no harm."""
     q, _ = Sensor((1e-320, 5e-324), ZERO, ZERO, 0).measure([0.4, -3.0], [0.0, 0.0])
     assert list(q) == pytest.approx([0.4, -3.0])
+
+
+def _walk(count: int, seed: int = 4) -> Array:
+    """Return positions that wander, shape (count, 2)."""
+    rows: Array = np.random.default_rng(seed).normal(size=(count, 2)).cumsum(axis=0) * 1e-3
+    return rows
+
+
+def test_the_difference_of_positions() -> None:
+    """Check (q[k] - q[k-1]) / h of what the encoders show, and that before the start q0 - h v0."""
+    h, step, start = 2e-3, 1e-4, np.array([0.7, -0.3])
+    sensor = Sensor((step, 0.0), ZERO, ZERO, 0, 'difference', 1.0, h)
+    q = _walk(100)
+    made = [sensor.measure(x.tolist(), start.tolist()) for x in q]
+    shown = np.array([position for position, _ in made])
+    assert shown == pytest.approx(np.stack([step * np.rint(q[:, 0] / step), q[:, 1]], axis=1))
+    before = q[0] - h * start
+    before[0] = step * np.rint(before[0] / step)
+    assert [speed for _, speed in made] == pytest.approx(
+        np.diff(np.vstack([before, shown]), axis=0) / h, abs=1e-9)
+
+
+def test_noise_of_differences() -> None:
+    """
+    Check the deviation of a differenced velocity: that of two rounding errors, or of two noises.
+
+    A rounding error is uniform, of deviation r / √12, that of the difference √2 / h times it.
+    """
+    count, h, r = 40_000, 1e-3, 1e-5
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (count, 2))
+    rounded, noisy = (Sensor(step, noise, ZERO, 0, 'difference', 1.0, h) for step, noise in (
+        ((r, r), ZERO), (ZERO, (r, r))))
+    for sensor, sigma in ((rounded, r / np.sqrt(12.0)), (noisy, r)):
+        speed = np.array([sensor.measure(x.tolist(), ZERO)[1] for x in q])[1:]
+        error = speed - np.diff(q, axis=0) / h
+        assert error.std(axis=0) == pytest.approx(np.sqrt(2.0) * sigma / h, rel=0.03)
+
+
+def test_the_filter_against_scipy() -> None:
+    """Check y + (1 - exp(-ω h)) (x - y) of the differences, that begins where they begin."""
+    h, cutoff = 1e-3, 300.0
+    gain = 1.0 - np.exp(-cutoff * h)
+    plain, filtered = (Sensor((1e-4, 1e-4), ZERO, (0.1, 0.1), 3, kind, cutoff, h)
+                       for kind in ('difference', 'filtered'))
+    q = _walk(300)
+    x, y = (np.array([sensor.measure(row.tolist(), (0.5, 0.0))[1] for row in q])
+            for sensor in (plain, filtered))
+    start = [(1.0 - gain) * x[0]]
+    expected, _ = lfilter([gain], [1.0, gain - 1.0], x, axis=0, zi=np.array(start))
+    assert y == pytest.approx(expected, abs=1e-12)
+    assert y.std() < 0.7 * x.std()
+
+
+def test_a_differenced_velocity_lags_half_a_sample() -> None:
+    """Check that under a constant acceleration a the difference is the velocity less a h / 2."""
+    values = {'coulomb_friction': [0.0, 0.0], 'initial_velocity': [0.3, 0.0]}
+    plant, exact = (Plant(PlantConfig.from_mapping({**values, 'velocity_sensor': sensor}),
+                          Masses([[2.0, 0.0], [0.0, 0.5]])) for sensor in ('difference', 'exact'))
+    assert plant.measured[1] == pytest.approx([0.3, 0.0])
+    for _ in range(50):
+        plant.step([4.0, -1.0])
+        exact.step([4.0, -1.0])
+        assert exact.measured[1] == exact.dq == plant.dq
+        assert np.subtract(plant.dq, plant.measured[1]) == pytest.approx([1e-3, -1e-3], abs=1e-11)

@@ -9,12 +9,15 @@ measured state and the torque that is applied in it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
+from ctc_chattering.control.feasible_reference import Desired
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
 
 
@@ -85,6 +88,8 @@ class Law(ABC):
     acts_on_v: ClassVar[bool] = False
     #: Whether the delay prediction takes its estimate for what acts until the torque arrives.
     predicts: ClassVar[bool] = True
+    #: Whether it predicts the state in which a torque arrives by itself, in `foresee`.
+    foresees: ClassVar[bool] = False
 
     def __init__(self, filter_: ErrorFilter) -> None:
         self.filter = filter_
@@ -110,6 +115,40 @@ class Law(ABC):
             Perturbation as the other law estimates it [N·m].
 
         """
+
+    def observe(self, q: Array, dq: Array, held: Array) -> tuple[Array, Array]:
+        """
+        Return position and velocity as the law takes them, before all else of a sample.
+
+        Parameters
+        ----------
+        q, dq : array, shape (n,)
+            Measured [rad, rad/s].
+        held : array, shape (n,)
+            Torque that was sent last [N·m].
+
+        """
+        del held
+        return q, dq
+
+    def foresee(self, now: State, coming: Sequence[Array], points: Sequence[Desired],
+                model: Model) -> None:
+        """
+        Predict the state in which the torque of this sample arrives, if the law does so itself.
+
+        Parameters
+        ----------
+        now : State
+            As observed.
+        coming : sequence of array, shape (n,)
+            Torques in transit, the next one first [N·m].
+        points : sequence of Desired
+            The reference now and when each of the torques after the first one arrives.
+        model : Model
+            M, C and G.
+
+        """
+        raise NotImplementedError
 
     def update(self, now: State) -> None:  # noqa: B027
         """Improve the estimate by what the measured state has become."""

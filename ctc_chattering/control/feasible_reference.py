@@ -1,0 +1,133 @@
+"""
+A reference that drives with a limited rate can follow, where friction changes its sign.
+
+At a reversal the torque of a joint has to change by 2 K̂, for which a drive with the rate limit R
+takes 2 T, T = K̂ / R. The feedforward of friction F is a ramp that begins before the reversal::
+
+    F = K̂ φ((dq_d + 0.67 T ddq_d) / (|ddq_d| T))                                            (1)
+    φ(s) = s for |s| <= 1 + β, from there back to sgn s at |s| = 1 + 2 β                     (2)
+
+dq_d / |ddq_d| is the time to the reversal, so no point of the reference ahead is needed. With the
+overshoot β = 0.35 the first moment of φ - sgn is 0::
+
+    (1 + β)³ / 3 - (1 + β)² / 2 + β² / 2 + 2 β³ / 3 = 0
+
+so that the ramp leaves no position error behind. During the ramp the joint cannot be on the
+reference q_d. A feedback that insists on it makes the joint stick until the torque has changed by
+2 K̂. So the feedback gets q_d + x; x is what the ramp does to the joint, and returns to 0::
+
+    ddx = (F - f) / M_ii - 2 w dx - w² x,     f ∈ K̂ Sgn(dq_d + dx)⁺, implicit                (3)
+    w = min(0.6 √Kp_ii, 0.55 / T, (J / |x|)^⅓, (J / |dx|)^½),     J = ½ R / M_ii             (4)
+
+J is half of the jerk that the drive can give the joint. x begins at the distance of the robot from
+q_d: the start is smooth from anywhere. Where the drives give less than what is asked for by more
+than 4 ms R, the rest is taken from dx, which keeps the loop from winding up::
+
+    dx -= M⁻¹ (rest) / Kv_ii                                                                 (5)
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ctc_chattering.numerics.linear_algebra import Array
+
+#: β of (2); the lead of (1), in T; the two factors of w in (4), and the part of the jerk.
+OVERSHOOT, _LEAD = 0.35, 0.67
+_RETURN, _RAMP_RETURN, _PART = 0.6, 0.55, 0.5
+#: How far the drives may be behind before (5) acts [s].
+_BEHIND = 4e-3
+#: The shortest ramp [s], and what keeps a quotient finite.
+_LEAST, _TINY = 1e-6, 1e-12
+
+
+class Desired(NamedTuple):
+    """A point of the reference; arrays of shape (n,) [rad, rad/s, rad/s²]."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+class Deviation(NamedTuple):
+    """x and dx of the module; arrays of shape (n,) [rad, rad/s]."""
+
+    x: Array
+    dx: Array
+
+
+class FeasibleReference:
+    """
+    Adds to a reference the deviation that the drives need.
+
+    Parameters
+    ----------
+    kp, kv : array, shape (n,)
+        Diagonals of Kp [1/s²] and Kv [1/s].
+    rate : array, shape (n,)
+        R [N·m/s]; inf for none.
+    period : float
+        h [s].
+
+    """
+
+    def __init__(self, kp: Array, kv: Array, rate: Array, period: float) -> None:
+        self._fastest, self._kv, self._rate, self._period = _RETURN * np.sqrt(kp), kv, rate, period
+
+    def friction(self, at: Desired, level: Array, ahead: float = 0.0) -> Array:
+        """Return F of (1), shape (n,) [N·m], at `ahead` [s] after the point `at`."""
+        T = np.maximum(level / self._rate, _LEAST)
+        dq = at.dq + (_LEAD * T + ahead) * at.ddq
+        return level * ramp(dq / np.maximum(np.abs(at.ddq) * T, _TINY))
+
+    def shifted(self, at: Desired, by: Deviation, inertia: Array, level: Array) -> Desired:
+        """Return `at` with the deviation; the ramp's part of the acceleration is left out."""
+        return Desired(at.q + by.x, at.dq + by.dx, at.ddq + self._return(by, inertia, level))
+
+    def following(self, at: Desired, by: Deviation, inertia: Array, level: Array) -> Deviation:
+        """
+        Return the deviation a period after the point `at`, by (3).
+
+        Parameters
+        ----------
+        at, by : Desired, Deviation
+            The point, and its deviation.
+        inertia : array, shape (n,)
+            M_ii [kg·m²].
+        level : array, shape (n,)
+            K̂ [N·m].
+
+        """
+        h, back = self._period, self._return(by, inertia, level)
+        F = self.friction(at, level, 0.5 * h)
+        holding = inertia * ((at.dq + by.dx) / h + at.ddq + back) + F
+        f = np.minimum(np.maximum(holding, -level), level)
+        ddx = (F - f) / inertia + back
+        return Deviation(by.x + h * by.dx + 0.5 * h * h * ddx, by.dx + h * ddx)
+
+    def relieved(self, by: Deviation, missing: Array, mass: Array) -> Deviation:
+        """Return the deviation after (5), for a torque that falls short by `missing` [N·m]."""
+        slack = _BEHIND * self._rate
+        rest = missing - np.minimum(np.maximum(missing, -slack), slack)
+        if not rest.any():
+            return by
+        return Deviation(by.x, by.dx - np.linalg.solve(mass, rest) / self._kv)
+
+    def _return(self, by: Deviation, inertia: Array, level: Array) -> Array:
+        """Return -2 w dx - w² x of (3), shape (n,) [rad/s²]."""
+        jerk = _PART * self._rate / inertia
+        w = np.minimum.reduce((
+            self._fastest, _RAMP_RETURN * self._rate / np.maximum(level, _TINY),
+            np.cbrt(jerk / np.maximum(np.abs(by.x), _TINY)),
+            np.sqrt(jerk / np.maximum(np.abs(by.dx), _TINY))))
+        back: Array = -w * (2.0 * by.dx + w * by.x)
+        return back
+
+
+def ramp(s: Array) -> Array:
+    """Return φ of (2)."""
+    size, top = np.abs(s), 1.0 + OVERSHOOT
+    phi: Array = np.sign(s) * np.where(size <= top, size, np.maximum(2.0 * top - size, 1.0))
+    return phi

@@ -1,0 +1,200 @@
+"""Lag, rate limit and resolution of the drives against closed forms and scipy's integrator."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import exp, inf, log
+from typing import Any
+
+import numpy as np
+from oracles import Array, Masses
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.simulation.drive import response
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import BACKENDS, PlantConfig
+from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.simulated_robot import Robot
+
+H = 1e-3
+MASSES = np.array([2.0, 0.5])
+#: The same two masses, as wheels.
+WHEELS = """
+<mujoco><worldbody>
+  <body><joint name="joint1" axis="1 0 0"/>
+    <inertial pos="0 0 0" mass="1" diaginertia="2 2 2"/></body>
+  <body pos="0 3 0"><joint name="joint2" axis="0 0 1"/>
+    <inertial pos="0 0 0" mass="1" diaginertia="0.5 0.5 0.5"/></body>
+</worldbody></mujoco>"""
+
+
+def robot(backend: str, **values: Any) -> Robot:
+    """Return two masses that know nothing of each other."""
+    config = PlantConfig.from_mapping({
+        'plant_backend': backend, 'coulomb_friction': [0.0, 0.0], **values})
+    if backend == 'mujoco':
+        pytest.importorskip('mujoco')
+        return make_plant(config, WHEELS)
+    return Plant(config, Masses(np.diag(MASSES).tolist()))
+
+
+def commands(count: int, seed: int = 0) -> list[list[float]]:
+    """Return torques that jump at each sample."""
+    rows: list[list[float]] = (
+        np.random.default_rng(seed).normal(size=(count, 2)) * [8.0, 3.0]).tolist()
+    return rows
+
+
+@pytest.mark.parametrize('backend', BACKENDS)
+@pytest.mark.parametrize('lag', [5e-3, 2e-3, 1e-3, 1e-4, 1e-6])
+def test_a_step_of_the_command(lag: float, backend: str) -> None:
+    """
+    Check τ = c (1 - exp(-t/T)) and the velocity c (t - T + T exp(-t/T)) / m, whatever the lag.
+
+    The position is second order in the step, as it is where a torque is held.
+    """
+    c = np.array([3.0, -1.0])
+    plant = robot(backend, actuator_lag=[lag, lag])
+    for k in range(1, 31):
+        plant.step(c.tolist())
+        t, fade = k * H, exp(-k * H / lag)
+        assert plant.applied == pytest.approx(c * (1.0 - fade), abs=1e-13)
+        assert plant.dq == pytest.approx(c / MASSES * (t - lag * (1.0 - fade)), abs=1e-13)
+        way = c / MASSES * (0.5 * t * t - lag * t + lag ** 2 * (1.0 - fade))
+        bound = H * H * (2e-3 if backend == 'builtin' and lag >= H else 0.09)
+        assert (np.abs(plant.q - way) < bound * np.abs(c / MASSES)).all()
+
+
+@pytest.mark.parametrize('backend', BACKENDS)
+def test_the_discretisation_is_exact(backend: str) -> None:
+    """Check τ[k+1] = c + (τ[k] - c) exp(-h/T), each joint with its own lag, also none."""
+    plant, torque, fade = robot(backend, actuator_lag=[2e-3, 0.0]), np.zeros(2), exp(-H / 2e-3)
+    for c in commands(200):
+        plant.step(c)
+        torque = np.array([c[0] + (torque[0] - c[0]) * fade, c[1]])
+        assert plant.applied == pytest.approx(torque, rel=1e-12)
+
+
+@pytest.mark.parametrize('backend', BACKENDS)
+def test_a_limited_rate_is_a_ramp(backend: str) -> None:
+    """Check R t up to the command, which is reached within a period; the impulse is exact."""
+    rate, c = np.array([1100.0, 700.0]), np.array([3.0, -1.0])
+    plant = robot(backend, torque_rate_limit=rate.tolist())
+    reached = np.abs(c) / rate
+    for k in range(1, 10):
+        plant.step(c.tolist())
+        t = k * H
+        assert plant.applied == pytest.approx(np.sign(c) * np.minimum(rate * t, np.abs(c)))
+        ramp = np.minimum(t, reached)
+        impulse = np.sign(c) * (0.5 * rate * ramp ** 2) + c * (t - ramp)
+        assert plant.dq == pytest.approx(impulse / MASSES, abs=1e-14)
+    assert (reached % H > 1e-4).all()
+
+
+@pytest.mark.parametrize(('lag', 'rate'), [
+    (2e-3, 2000.0), (5e-3, 800.0), (1e-3, 1e4), (2e-3, inf)])
+def test_lag_and_limit_together_against_scipy(lag: float, rate: float) -> None:
+    """Check dτ/dt = (c - τ) / T, within ±R, under a command that jumps at each sample."""
+    plant = robot('builtin', actuator_lag=[lag, lag], torque_rate_limit=[rate, rate])
+    x = np.zeros(6)
+    limited = 0
+
+    def field(t: float, x: Array, c: Array) -> Array:
+        del t
+        return np.concatenate([np.clip((c - x[:2]) / lag, -rate, rate), x[:2] / MASSES, x[2:4]])
+
+    for c in commands(60, 1):
+        plant.step(c)
+        limited += np.abs(np.array(c) - x[0]).max() > rate * lag
+        x = solve_ivp(field, (0, H), x, args=(np.array(c),), rtol=1e-9, atol=1e-12,
+                      max_step=H / 50).y[:, -1]
+        assert plant.applied == pytest.approx(x[:2], abs=1e-6)
+        assert plant.dq == pytest.approx(x[2:4], abs=1e-8)
+        assert plant.q == pytest.approx(x[4:], abs=3e-8)
+    assert (limited > 10) == (rate < inf)
+
+
+@pytest.mark.parametrize('gap', [3.0, -3.0])
+def test_response_in_numbers(gap: float) -> None:
+    """Check the integral of the response against the trapezoidal rule, and its end."""
+    for lag, rate in ((2e-3, inf), (2e-3, 500.0), (0.0, 500.0), (0.0, inf)):
+        s = np.linspace(0.0, 0.02, 200_001)
+        error = np.array([response(gap, lag, rate, x)[0] for x in s])
+        area = response(gap, lag, rate, 0.02)[1]
+        assert area == pytest.approx(np.trapezoid(error, s), abs=1e-6)
+        assert abs(error[-1]) <= 3.0 * exp(-0.014 / 2e-3)
+        rates = np.abs(np.diff(error)) / np.diff(s)
+        assert rates[1:].max() <= min(rate, 3.0 / lag if lag else inf) * (1.0 + 1e-6)
+
+
+def test_the_arm_hardly_depends_on_the_step() -> None:
+    """
+    Check the arm under jumps of 150 and 40 N·m, steps of 1 ms against 0.02 ms.
+
+    The torque of the drives varies within a step; with the mean torque of each step in its place
+    the error would be a hundred times as large.
+    """
+    ends = []
+    for step in (1e-3, 2e-5):
+        plant = Plant(PlantConfig.from_mapping({
+            'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [2e4, 5e3],
+            'integration_step': step, 'initial_position': [0.4, -0.7]}))
+        for c in commands(500, 2):
+            plant.step([20.0 * c[0], 12.0 * c[1]])
+        ends.append([*plant.q, *plant.dq])
+    assert np.abs(np.subtract(ends[0], ends[1])).max() < 1e-6
+    assert np.abs(ends[0]).max() > 0.5
+
+
+def test_break_away_as_the_torque_rises() -> None:
+    """Check rest until c (1 - exp(-t/T)) = Kf, within a period, and the velocity afterwards."""
+    lag, c, kf, mass = 4e-3, 5.0, 3.1, MASSES[0]
+    go = -lag * log(1.0 - kf / c)
+    plant = robot('builtin', actuator_lag=[lag, lag], coulomb_friction=[kf, 9.9])
+    for k in range(1, 21):
+        plant.step([c, 5.0])
+        t = k * H
+        if t < go:
+            assert list(plant.q) == list(plant.dq) == [0.0, 0.0]
+        else:
+            v = ((c - kf) * (t - go) + c * lag * (exp(-t / lag) - exp(-go / lag))) / mass
+            assert plant.dq[0] == pytest.approx(v, abs=1e-7)
+    assert 0.2 < go / H % 1.0 < 0.9
+    assert plant.dq[0] > 5e-3
+    assert plant.q[1] == 0.0
+
+
+@pytest.mark.parametrize('backend', BACKENDS)
+def test_resolution_of_the_torque(backend: str) -> None:
+    """Check the nearest multiple, joint by joint; the limit comes after, the delay before."""
+    plant = robot(backend, torque_resolution=[0.25, 0.0], torque_saturation=[4.1, inf],
+                  input_delay=1)
+    other = robot(backend)
+    for sent, c in pairwise(commands(100, 3)):
+        plant.step(c)
+        if plant.k == 1:
+            continue
+        expected = [float(np.clip(0.25 * np.round(sent[0] / 0.25), -4.1, 4.1)), sent[1]]
+        assert list(plant.applied) == expected
+        other.step(expected)
+        assert list(plant.dq) == list(other.dq)
+
+
+def test_the_rate_of_the_torque_never_exceeds_the_limit() -> None:
+    plant, torques = robot('builtin', torque_rate_limit=[500.0, inf]), [[0.0, 0.0]]
+    for c in commands(200, 4):
+        plant.step(c)
+        torques.append(list(plant.applied))
+    steps = np.abs(np.diff(torques, axis=0)).max(axis=0)
+    assert steps[0] == pytest.approx(0.5)
+    assert steps[1] > 5.0
+
+
+@pytest.mark.parametrize('values', [
+    {'actuator_lag': [-1e-3, 0.0]}, {'torque_rate_limit': [0.0, 1.0]},
+    {'torque_resolution': [-0.1, 0.0]}, {'actuator_lag': [inf, 0.0]}])
+def test_refusals(values: dict[str, Any]) -> None:
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        PlantConfig.from_mapping(values)

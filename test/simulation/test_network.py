@@ -1,0 +1,127 @@
+"""Samples that are lost and torques that come late: statistics, seeds, and the law beside them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from oracles import Masses
+import pytest
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+
+LAW = ControllerConfig(ka=(12.0, 12.0), switching='implicit_observer')
+
+
+def run_of(duration: float = 1.0, events: tuple[Event, ...] = (), **plant: Any) -> Run:
+    return simulate(PlantConfig(duration=duration, **plant), LAW, ReferenceConfig(), events)
+
+
+def same(one: Run, other: Run) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(vars(one).values(), vars(other).values()))
+
+
+@pytest.mark.parametrize('probability', [0.02, 0.2, 0.5])
+def test_how_many_samples_are_lost(probability: float) -> None:
+    """
+    Check the share within 5 sigma, that of no more than two in a row: first and last are there.
+
+    From one that is sent to the next, 0, 1 or 2 are lost with 1 - p, p (1 - p) and p².
+    """
+    count = 20_000
+    plant = Plant(PlantConfig(duration=1e-3 * count, sample_loss=probability, noise_seed=3,
+                              coulomb_friction=(0.0, 0.0)), Masses([[1.0, 0.0], [0.0, 1.0]]))
+    sent = [0]
+    for k in range(1, count + 1):
+        plant.step([0.0, 0.0])
+        if not plant.lost:
+            sent.append(k)
+    gaps = np.diff(sent) - 1
+    assert sent[-1] == count
+    for lost, expected in ((0, 1.0 - probability), (1, probability * (1.0 - probability)),
+                           (2, probability ** 2)):
+        sigma = np.sqrt(expected * (1.0 - expected) / len(gaps))
+        assert (gaps == lost).mean() == pytest.approx(expected, abs=5.0 * sigma)
+    assert gaps.max() == 2
+
+
+def test_a_lost_sample_holds_the_torque_and_the_law() -> None:
+    """Check a run against a loop by hand that steps the law at the samples of the run only."""
+    run = run_of(sample_loss=0.2, noise_seed=1)
+    assert 700 < len(run.t) < 900
+    sent = set(np.rint(run.t * 1e3).astype(int).tolist())
+    plant, law, motion = Plant(PlantConfig()), Controller(LAW), make_motion(ReferenceConfig())
+    states, taus = [], []
+    for k in range(1001):
+        if k in sent:
+            tau = law.step(plant.q, plant.dq, *motion.at(k * 1_000_000)).tau
+            states.append([*plant.q, *plant.dq])
+            taus.append(tau)
+        plant.step(tau)
+    assert np.array_equal(np.hstack([run.q, run.dq]), states)
+    assert np.array_equal(run.tau, taus)
+
+
+def test_the_terms_of_a_run_are_those_of_the_law_that_did_not_step() -> None:
+    result = simulated(parameter_file.load(None, {
+        'plant': {'duration': 0.5, 'sample_loss': 0.3}, 'controller': {'ka': [12.0, 12.0]}}))
+    assert len(result.run.t) < 450
+    assert np.array_equal(result.terms.tau, result.run.tau)
+    assert np.array_equal(result.terms.v, result.run.v)
+
+
+def test_every_torque_late_is_a_delay_of_one_sample() -> None:
+    """Check bit for bit; and that some late torques are neither that nor none."""
+    late, delayed, some, none = (run_of(**values) for values in (
+        {'late_samples': 1.0}, {'input_delay': 1}, {'late_samples': 0.5}, {}))
+    assert same(late, delayed)
+    assert not same(some, late)
+    assert not same(some, none)
+
+
+def test_how_many_torques_are_late() -> None:
+    """Check the share within 5 sigma: what is applied is the last torque or the one before."""
+    count, probability = 20_000, 0.1
+    plant = Plant(PlantConfig(late_samples=probability, coulomb_friction=(0.0, 0.0)),
+                  Masses([[1.0, 0.0], [0.0, 1.0]]))
+    late = 0
+    for k in range(1, count + 1):
+        plant.step([float(k), -float(k)])
+        assert plant.applied[0] == -plant.applied[1]
+        late += plant.applied[0] == k - 1
+        assert plant.applied[0] in (k - 1, k)
+    sigma = np.sqrt(probability * (1.0 - probability) / count)
+    assert late / count == pytest.approx(probability, abs=5.0 * sigma)
+
+
+def test_seeds_and_that_nothing_else_is_drawn() -> None:
+    """Check that the same seed gives the same run, another another; and the noise stays."""
+    lossy: dict[str, Any] = {'sample_loss': 0.1, 'late_samples': 0.1}
+    assert same(run_of(**lossy), run_of(**lossy))
+    assert len(run_of(**lossy).t) != len(run_of(noise_seed=1, **lossy).t)
+    plants = [Plant(PlantConfig(velocity_noise=(1e-3, 1e-3), **values))
+              for values in ({}, lossy)]
+    for _ in range(50):
+        for plant in plants:
+            plant.step([0.0, 0.0])
+        assert plants[0].measured == plants[1].measured
+
+
+def test_events_reach_a_lost_sample_and_the_loss_is_one_itself() -> None:
+    """Check that a change acts on the plant at its time, whether or not the state is sent."""
+    lost = run_of(0.3, sample_loss=0.5)
+    missing = sorted(set(range(301)) - set(np.rint(lost.t * 1e3).astype(int).tolist()))
+    at = 1e-3 * missing[20]
+    changed = run_of(0.3, (Event(at, 'plant', {'coulomb_friction': [2.0, 2.0]}),), sample_loss=0.5)
+    k = int(np.searchsorted(lost.t, at))
+    assert np.array_equal(lost.q[:k], changed.q[:k])
+    assert (lost.dq[k] != changed.dq[k]).all()
+    ended = run_of(0.3, (Event(0.1, 'plant', {'sample_loss': 0.0}),), sample_loss=0.5)
+    assert len(ended.t[ended.t >= 0.1]) >= 200
+    assert len(ended.t[ended.t < 0.1]) < 80
