@@ -20,7 +20,7 @@ def test_by_hand() -> None:
 def test_the_error_shrinks_with_the_right_level() -> None:
     """Check 0, half, all and twice the level: the error is that of what is left of friction."""
     none, half, all_, twice = (
-        error(run('friction_feedforward', 6.0, friction_level=[f] * 2))
+        error(run('friction_feedforward', 4.0, friction_level=[f] * 2))
         for f in (0.0, 4.95, 9.9, 19.8))
     np.testing.assert_allclose(half, 0.5 * none, rtol=0.2)
     np.testing.assert_allclose(twice, none, rtol=0.3)

@@ -23,6 +23,7 @@ from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 PAPER = ('compensation', 'chattering')
 PAIRS = [pair for pair in itertools.permutations(LAWS, 2) if pair[0] not in PAPER
          or pair[1] not in PAPER]
+MS = 1_000_000
 MOTION = Sinusoid(ReferenceConfig())
 #: What a step of the torque may be besides that of the law before, in 1 ms [N·m].
 MARGIN = 0.2
@@ -46,8 +47,8 @@ class Loop:
         """Go on."""
         for _ in range(samples):
             k = self.plant.k
-            ahead = [MOTION.at((k + 1 + j) * 1e-3) for j in range(self._delay)]
-            sample = self.law.step(*self.plant.measured, *MOTION.at(k * 1e-3), ahead)
+            ahead = [MOTION.at((k + 1 + j) * MS) for j in range(self._delay)]
+            sample = self.law.step(*self.plant.measured, *MOTION.at(k * MS), ahead)
             self.plant.step(sample.tau)
             self.tau.append(np.array(sample.tau))
             self.robust.append(np.array(sample.robust))
@@ -125,7 +126,7 @@ def test_v_is_0_where_a_law_begins_to_act_on_it() -> None:
         plain = copy.deepcopy(loop)
         loop.change(after)
         k = loop.plant.k
-        rows = (*loop.plant.measured, *MOTION.at(k * 1e-3))
+        rows = (*loop.plant.measured, *MOTION.at(k * MS))
         v = loop.law.step(*rows).v
         if law_class(after).acts_on_v and not law_class(before).acts_on_v:
             assert list(v) == [0.0, 0.0]
@@ -146,7 +147,7 @@ def test_a_law_begins_as_new_after_a_reset() -> None:
         loop.law.reset()
         new = Controller(loop.law.config)
         for k in range(3):
-            rows = (*loop.plant.measured, *MOTION.at(k * 1e-3))
+            rows = (*loop.plant.measured, *MOTION.at(k * MS))
             assert loop.law.step(*rows) == new.step(*rows)
 
 

@@ -56,9 +56,9 @@ def test_limits_do_not_wind_it_up() -> None:
 
 def test_the_error_shrinks_under_friction() -> None:
     """Check against law (2), and that a faster observer is better."""
-    plain = error(run('compensation', 6.0))
+    plain = error(run('compensation', 4.0))
     slow, fast = (
-        error(run('momentum_observer', 6.0, momentum_gain=gain)) for gain in (50.0, 300.0))
+        error(run('momentum_observer', 4.0, momentum_gain=gain)) for gain in (50.0, 300.0))
     assert (slow < 0.5 * plain).all()
     assert (fast < 0.5 * slow).all()
 

@@ -49,7 +49,7 @@ def test_by_hand(size: float) -> None:
 
 def test_the_error_shrinks_under_friction() -> None:
     """Check against law (2), and that the torque does not chatter."""
-    plain, found = run('compensation', 6.0), run('super_twisting', 6.0)
+    plain, found = run('compensation', 4.0), run('super_twisting', 4.0)
     assert (error(found) < 0.1 * error(plain)).all()
     assert np.abs(np.diff(found.tau[-1000:], axis=0)).max() < 25.0
 
