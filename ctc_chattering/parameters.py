@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
+from contextlib import suppress
 import dataclasses
 import math
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from ctc_chattering.errors import ParameterError
 
-Matrix = tuple[tuple[float, ...], ...]
 C = TypeVar('C', bound='Config')
 
 #: Least magnitude of a number that must not be 0, and largest of any that is not infinite: what is
@@ -26,6 +27,10 @@ LEAST, LARGEST = 1e-9, 1e9
 _TYPE_NAMES = {
     'bool': 'a boolean', 'int': 'an integer', 'float': 'a number', 'str': 'a string',
     'float[]': 'a list of numbers', 'str[]': 'a list of strings'}
+#: How a scalar of each kind is made, and of what; a boolean is no number.
+_SCALARS: dict[str, tuple[Any, Any]] = {
+    'bool': (bool, bool), 'int': (int, (int, np.integer)),
+    'float': (float, (int, float, np.integer, np.floating)), 'str': (str, str)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,13 +135,12 @@ class Parameter:
             If the type does not fit.
 
         """
-        scalar = self.kind.removesuffix('[]')
-        if self.kind.endswith('[]'):
-            if not (isinstance(value, (list, tuple, array))
-                    or (isinstance(value, np.ndarray) and value.ndim == 1)):
-                raise ParameterError(self.name, value, self._allowed_for(value, n))
-            return tuple(self._scalar(scalar, item, value) for item in value)
-        return self._scalar(scalar, value, value)
+        if not self.kind.endswith('[]'):
+            return self._scalar(value, value)
+        if isinstance(value, (list, tuple, array)) or (
+                isinstance(value, np.ndarray) and value.ndim == 1):
+            return tuple(self._scalar(item, value) for item in value)
+        raise ParameterError(self.name, value, self._allowed_for(value, n))
 
     def _allowed_for(self, value: object, n: int) -> str:
         """Return what is allowed in place of `value`, which is no list."""
@@ -147,53 +151,40 @@ class Parameter:
             text += f'; for the same on every joint: [{", ".join([repr(value)] * n)}]'
         return f'{text})'
 
-    def _scalar(self, kind: str, item: object, whole: object) -> Any:
-        number = (isinstance(item, (int, float, np.integer, np.floating))
-                  and not isinstance(item, bool))
-        if kind == 'float' and number:
-            try:
-                return float(item)  # type: ignore[arg-type]
-            except OverflowError:
-                raise ParameterError(self.name, whole, self.allowed) from None
-        if ((kind == 'int' and number and not isinstance(item, (float, np.floating)))
-                or (kind == 'bool' and isinstance(item, bool))
-                or (kind == 'str' and isinstance(item, str))):
-            return int(item) if kind == 'int' else item  # type: ignore[call-overload]
+    def _scalar(self, item: object, whole: object) -> Any:
+        make, accepted = _SCALARS[self.kind.removesuffix('[]')]
+        if isinstance(item, accepted) and (make is bool or not isinstance(item, bool)):
+            with suppress(OverflowError):
+                return make(item)
         raise ParameterError(self.name, whole, self.allowed)
 
     def check(self, value: Any, n: int) -> None:
         """Raise `ParameterError` unless `value` is allowed for a robot of `n` joints."""
         items = value if isinstance(value, tuple) else (value,)
-        if (self.shape == 'n' and len(items) != n) or (self.shape == 'nn' and len(items) not in (
-                n, n * n)):
+        sizes = {'n': (n,), 'nn': (n, n * n)}.get(self.shape, (len(items),))
+        if len(items) not in sizes:
             raise ParameterError(
                 self.name, value, f'{self.allowed} (n = {n}, got {len(items)} values)')
-        if self.choices and any(item not in self.choices for item in items):
-            raise ParameterError(self.name, value, self.allowed)
-        if self.kind in ('float', 'float[]', 'int'):
-            matrix = self.shape == 'nn' and len(items) != n
+        fits = True
+        if self.choices:
+            fits = all(item in self.choices for item in items)
+        elif self.kind in ('float', 'float[]', 'int'):
+            full = self.shape == 'nn' and len(items) != n
             low, high = self.bounds
-            if matrix:
-                low = -high
-            for item in items:
-                if not (low <= item <= high or (self.infinite and item == math.inf)):
-                    raise ParameterError(self.name, value, self.allowed)
-            if matrix and not _positive_definite(items, n):
-                raise ParameterError(self.name, value, self.allowed)
+            fits = all((-high if full else low) <= item <= high
+                       or (self.infinite and item == math.inf) for item in items) and (
+                not full or _positive_definite(matrix(items, n)))
+        if not fits:
+            raise ParameterError(self.name, value, self.allowed)
 
 
-def _positive_definite(items: tuple[float, ...], n: int) -> bool:
-    a = np.array(items).reshape(n, n)
-    if not np.allclose(a, a.T, rtol=1e-12, atol=0.0):
-        return False
-    return bool(np.linalg.eigvalsh(a).min() > 0.0)
+def _positive_definite(a: npt.NDArray[np.float64]) -> bool:
+    return np.allclose(a, a.T, rtol=1e-12, atol=0.0) and bool(np.linalg.eigvalsh(a).min() > 0.0)
 
 
-def matrix(values: tuple[float, ...], n: int) -> Matrix:
+def matrix(values: tuple[float, ...], n: int) -> npt.NDArray[np.float64]:
     """Return `values` as `n` rows: n of them are a diagonal, n·n stand row by row."""
-    if len(values) == n * n:
-        return tuple(tuple(values[i * n:i * n + n]) for i in range(n))
-    return tuple(tuple(values[i] if i == j else 0.0 for j in range(n)) for i in range(n))
+    return np.reshape(values, (n, n)) if len(values) == n * n else np.diag(values)
 
 
 def parameter(name: str, kind: str, default: Any, description: str, **more: Any) -> Any:
@@ -207,6 +198,8 @@ class Config:
     """
     Base of the configurations: fields left out take their defaults, all are checked.
 
+    `joint_names`, where there is such a parameter, comes first: it gives the number of joints.
+
     Raises
     ------
     ParameterError
@@ -219,18 +212,15 @@ class Config:
 
     def __post_init__(self) -> None:
         """Fill in defaults, coerce types and check every value."""
-        names = getattr(self, 'joint_names', ())
-        if names is None:
-            names = self.parameters()['joint_names'].default
-        joints = self.parameters().get('joint_names')
-        n = len(joints.coerce(names)) if joints else 0
+        n = 0
         for spec in self.parameters().values():
             value = getattr(self, spec.field)
             value = spec.default_for(n) if value is None else spec.coerce(value, n)
             object.__setattr__(self, spec.field, value)
             spec.check(value, n)
-        if 'joint_names' in self.parameters():
-            check_joint_names(names)
+            if spec.name == 'joint_names':
+                check_joint_names(value)
+                n = len(value)
         self.validate()
 
     def validate(self) -> None:
@@ -257,6 +247,8 @@ class Config:
         for name, value in values.items():
             if name not in known:
                 raise ParameterError(name, value, 'one of ' + ', '.join(known))
+            if value is None:
+                raise ParameterError(name, value, known[name].allowed)
         return cls(**{known[name].field: value for name, value in values.items()})
 
     def as_mapping(self) -> dict[str, Any]:

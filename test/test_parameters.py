@@ -171,9 +171,10 @@ def test_integers_and_arrays_become_floats() -> None:
 def test_full_matrices() -> None:
     """Check row-by-row matrices, negative off-diagonals, and rounding-level asymmetry."""
     kp = (2.0, -1.0, -1.0, 3.0)
-    assert matrix(ControllerConfig(kp=kp).kp, 2) == ((2.0, -1.0), (-1.0, 3.0))
-    assert matrix((5.0, 6.0, 7.0), 3) == ((5.0, 0.0, 0.0), (0.0, 6.0, 0.0), (0.0, 0.0, 7.0))
-    assert matrix((5.0,), 1) == ((5.0,),)
+    assert matrix(ControllerConfig(kp=kp).kp, 2).tolist() == [[2.0, -1.0], [-1.0, 3.0]]
+    assert matrix((5.0, 6.0, 7.0), 3).tolist() == [
+        [5.0, 0.0, 0.0], [0.0, 6.0, 0.0], [0.0, 0.0, 7.0]]
+    assert matrix((5.0,), 1).tolist() == [[5.0]]
     ControllerConfig(kp=(2.0, 0.1, 0.1 * (1 + 1e-15), 3.0))
     barely = (1.0, 1.0 - 1e-9, 1.0 - 1e-9, 1.0)
     assert ControllerConfig(kv=barely).kv == barely
@@ -237,6 +238,6 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
                       'actuator_lag', 'torque_resolution', 'motor_inertia', 'joint_damping'):
             assert min(numbers) >= 0.0
         elif name in ('load_friction', 'sample_loss', 'late_samples'):
-            assert 0.0 <= min(numbers) and max(numbers) <= 1.0
+            assert min(numbers) >= 0.0 and max(numbers) <= 1.0
         elif name == 'friction_asymmetry':
             assert max(map(abs, numbers)) <= 1.0

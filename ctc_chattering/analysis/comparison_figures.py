@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from ctc_chattering.analysis.figure_style import (
-    drawing,
-    fit_titles,
-    line,
-    log_axis,
-    mark,
-    panel,
-    shade_gaps,
-)
+from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colours, names
 from ctc_chattering.simulation.closed_loop import Array
@@ -46,54 +37,47 @@ def error_comparison(results: Sequence[Result]) -> Figure:
             groups.setdefault((result.experiment, unit), []).append((i, name, error))
     columns = min(3, len(groups))
     most = max(len(group) for group in groups.values())
-    figure, grid = drawing('Position error of the runs compared', -(-len(groups) // columns),
-                           (1.0,) * columns, 2.9 + 0.17 * max(0, most - 2))
+    figure, grid = drawing.sheet('Position error of the runs compared', -(-len(groups) // columns),
+                                 (1.0,) * columns, 2.9 + 0.17 * max(0, most - 2))
     every = np.concatenate([error for group in groups.values() for _, _, error in group])
     called, painted = names(results), colours(results)
     for k, ((experiment, unit), group) in enumerate(groups.items()):
-        runs = [results[i] for i, _, _ in group]
-        ax = panel(figure, grid[k // columns, k % columns], experiment,
-                   f'{group[0][1]} [{unit}]', *(r.run.t for r in runs))
+        ax = drawing.panel(figure, grid[k // columns, k % columns], experiment,
+                           f'{group[0][1]} [{unit}]', *(results[i].run.t for i, _, _ in group))
         for i, _, error in group:
-            result, largest = results[i], results[i].metrics()['max_error_norm1_rad']
-            text = called[i].removeprefix(f'{experiment}: ')
-            line(ax, result.run.t, error, result.missing, color=painted[i], linewidth=1.0,
-                 label=text if largest is None else f'{text}: ≤ {largest:.2g} {unit}')
+            result, score = results[i], results[i].metrics()
+            t, period = result.run.t, result.config.control_period
+            text, largest = called[i].removeprefix(f'{experiment}: '), score['max_error_norm1_rad']
+            drawing.line(ax, t, error, period, color=painted[i], linewidth=1.0,
+                         label=text if largest is None else f'{text}: ≤ {largest:.2g} {unit}')
             for time, change in result.marks:
-                mark(ax, time, change)
-            shade_gaps(ax, result.run.t, result.missing)
-            _shade_window(ax, result)
+                drawing.mark(ax, time, change)
+            drawing.shade_gaps(ax, t, period)
+            if score['rms_error_rad'] is not None:
+                low, high = score['window_s']
+                ax.axvspan(low, min(high, t[-1]), color='#eeeeee', lw=0, zorder=-1)
         ax.legend(fontsize=8.5, loc='upper right', borderaxespad=0.1, framealpha=0.9,
                   edgecolor='none', handlelength=1.6)
-        log_axis(ax, every, room=12.0 * 4.0 ** max(0, most - 2))
-    fit_titles(figure)
-    return figure
-
-
-def _shade_window(ax: Axes, result: Result) -> None:
-    low, high = result.metrics()['window_s']
-    if result.metrics()['rms_error_rad'] is not None:
-        ax.axvspan(low, min(high, result.run.t[-1]), color='#eeeeee', lw=0, zorder=-1)
+        drawing.log_axis(ax, every, room=12.0 * 4.0 ** max(0, most - 2))
+    return drawing.fit_titles(figure)
 
 
 def score_comparison(results: Sequence[Result]) -> Figure:
     """Draw RMS errors and torque variations of all runs, a numbered dot per joint."""
     scores = [result.metrics() for result in results]
+    low, high = scores[0]['window_s']
     called, painted = names(results), colours(results)
     left = min(4.6, 0.5 + 0.078 * max(map(len, called)))
-    figure, grid = drawing('Tracking error and torque variation', 1, (1.0, 1.0),
-                           0.42 * len(results) + 0.3, left=left)
-    units = [sorted({unit for r in results for unit in r.position_units}),
-             sorted({unit for r in results for unit in r.torque_units})]
-    for column, (key, quantity, suffix) in enumerate((
-            ('rms_error_rad', 'RMS error', ''),
-            ('torque_variation_nm_per_s', 'torque variation', '/s'))):
-        low, high = scores[0]['window_s']
+    figure, grid = drawing.sheet('Tracking error and torque variation', 1, (1.0, 1.0),
+                                 0.42 * len(results) + 0.3, left=left)
+    for column, (key, quantity, units, suffix) in enumerate((
+            ('rms_error_rad', 'RMS error', 'position_units', ''),
+            ('torque_variation_nm_per_s', 'torque variation', 'torque_units', '/s'))):
         evaluated = any(score[key] for score in scores)
-        ax = panel(figure, grid[0, column],
-                   f'{quantity}{f", {low:g} s to {high:g} s" if evaluated else ""} '
-                   '(number: joint)', '')
-        unit = ' or '.join(unit + suffix for unit in units[column])
+        ax = drawing.panel(figure, grid[0, column],
+                           f'{quantity}{f", {low:g} s to {high:g} s" if evaluated else ""} '
+                           '(number: joint)', '')
+        unit = ' or '.join(sorted({unit + suffix for score in scores for unit in score[units]}))
         ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(results) - 0.4, -0.6))
         every = [x for score in scores for x in score[key] or () if 0.0 < x < np.inf]
         if every:  # whole decades
@@ -112,5 +96,4 @@ def score_comparison(results: Sequence[Result]) -> Figure:
                         color='#444444')
         ax.set_yticks(range(len(results)), [''] * len(called) if column else called,
                       parse_math=False)
-    fit_titles(figure)
-    return figure
+    return drawing.fit_titles(figure)

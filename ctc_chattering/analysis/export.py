@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from ctc_chattering.analysis.output import writing
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.errors import CtcError
 
 #: Arrays per joint with the suffix of the joint's position unit; None for the torque unit.
 _ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}
@@ -29,16 +28,11 @@ def write_npz(result: Result, path: Path) -> None:
         If the file cannot be written.
 
     """
-    config = result.configs[-1][1]
-    arrays: dict[str, Any] = {
-        't': result.run.t, **{name: getattr(result.run, name) for name in _ARRAYS},
-        'joint_names': result.joint_names, 'position_units': result.position_units,
-        'torque_units': result.torque_units, 'control_period': config.control_period,
-        'law': result.law, 'switching': result.switching, **result.gains}
-    try:
-        np.savez(path, **arrays)
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
+    with writing(path):
+        np.savez(path, **vars(result.run), joint_names=result.joint_names,
+                 position_units=result.position_units, torque_units=result.torque_units,
+                 control_period=result.config.control_period, law=result.law,
+                 switching=result.config.switching, **result.gains)
 
 
 def write_csv(result: Result, path: Path) -> None:
@@ -56,15 +50,11 @@ def write_csv(result: Result, path: Path) -> None:
     """
     heads, columns = ['t [s]'], [result.run.t]
     for name, suffix in _ARRAYS.items():
-        for i, joint in enumerate(result.joint_names):
-            unit = (result.torque_units[i] if suffix is None
-                    else result.position_units[i] + suffix)
-            heads.append(f'{name}_{joint} [{unit}]')
-            columns.append(getattr(result.run, name)[:, i])
-    try:
-        with path.open('w', newline='', encoding='utf-8') as file:
-            rows = csv.writer(file)
-            rows.writerow(heads)
-            rows.writerows(np.column_stack(columns).tolist())
-    except OSError as error:
-        raise CtcError(f'{path}: {error.strerror or error}') from None
+        units = (result.torque_units if suffix is None
+                 else [unit + suffix for unit in result.position_units])
+        heads += [f'{name}_{joint} [{unit}]' for joint, unit in zip(result.joint_names, units)]
+        columns.extend(getattr(result.run, name).T)
+    with writing(path), path.open('w', newline='', encoding='utf-8') as file:
+        rows = csv.writer(file)
+        rows.writerow(heads)
+        rows.writerows(np.column_stack(columns).tolist())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-import dataclasses
 from pathlib import Path
 import re
 from typing import Any
@@ -12,27 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 import numpy as np
-import numpy.typing as npt
 
+from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.comparison_figures import (
     error_comparison,
     error_sums,
     score_comparison,
-)
-from ctc_chattering.analysis.figure_style import (
-    DOTS,
-    drawing,
-    fit_titles,
-    label,
-    line,
-    log_axis,
-    mark,
-    note,
-    panel,
-    REFERENCE,
-    shade_gaps,
-    steady_axis,
-    STEPS,
 )
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, name, names
@@ -49,20 +33,8 @@ SLICE, SHORT_SLICE = 1.0, 0.2
 #: The chattering term z of each switching.
 _TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
           'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
-#: Metadata key of the time of writing; it is left out, so that equal runs give equal files.
-_DATES = {'svg': 'Date', 'pdf': 'CreationDate'}
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
 _WHOLE = slice(None)
-_PLAIN = 'compensation'
-
-
-@dataclasses.dataclass(frozen=True)
-class FigureFile:
-    """A figure on disk: the SVG, its title and its caption."""
-
-    path: Path
-    title: str
-    caption: str
 
 
 def tracking(result: Result, run_name: str = '') -> Figure:
@@ -73,35 +45,33 @@ def tracking(result: Result, run_name: str = '') -> Figure:
                    n + len(sums), (3.0, 1.35), 1.45, SLICE)
     for column, part in enumerate((_WHOLE, sheet.window)):
         for i, (joint, unit) in enumerate(zip(result.joint_names, result.position_units)):
-            ax = sheet.panel((i, column), joint, f'q, q_d [{unit}]', part)
-            sheet.line(ax, run.q[:, i], part, label='q')
-            sheet.line(ax, run.q_d[:, i], part, label='q_d', color=REFERENCE, linewidth=1.1,
-                       linestyle=(0, (4, 2.5)))
+            ax = sheet.panel((i, column), joint, f'q, q_d [{unit}]', run.q[:, i], part, label='q')
+            sheet.line(ax, run.q_d[:, i], part, label='q_d', color=drawing.REFERENCE,
+                       linewidth=1.1, linestyle=(0, (4, 2.5)))
         for i, (text, unit, error) in enumerate(sums, n):
-            ax = sheet.panel((i, column), f'position error {text}', f'{text} [{unit}]', part)
-            sheet.line(ax, error, part)
+            ax = sheet.panel(
+                (i, column), f'position error {text}', f'{text} [{unit}]', error, part)
             if column:
                 ax.set_ylim(bottom=0.0)
             else:
-                log_axis(ax, error)
+                drawing.log_axis(ax, error)
     sheet.figure.axes[0].legend(loc='lower right', bbox_to_anchor=(1.0, 0.97), ncol=2,
                                 frameon=False, fontsize=9.5)
-    return sheet.finished()
+    return drawing.fit_titles(sheet.figure)
 
 
 def torques(result: Result, run_name: str = '') -> Figure:
     """Draw the torque of each joint over the whole run and over a slice."""
-    tau, n = result.run.tau, _joints(result)
+    n = _joints(result)
     sheet = _Sheet(result, f'Torques – {run_name or name(result)}{_paper(result, 1)}', n,
                    (3.0, 1.35), 2.1 if n < 4 else 1.5, SHORT_SLICE)
-    for i, (joint, unit) in enumerate(zip(result.joint_names, result.torque_units)):
+    for i, (joint, unit, tau) in enumerate(zip(
+            result.joint_names, result.torque_units, result.run.tau.T)):
         ylabel = f'{"τ" if unit == "N·m" else "force"} [{unit}]'
-        ax = sheet.panel((i, 0), joint, ylabel, _WHOLE)
-        sheet.line(ax, tau[:, i], _WHOLE, **_THIN)
-        steady_axis(ax, result.run.t, tau[:, i])
-        ax = sheet.panel((i, 1), joint, ylabel, sheet.window)
-        sheet.line(ax, tau[:, i], sheet.window, **STEPS)
-    return sheet.finished()
+        ax = sheet.panel((i, 0), joint, ylabel, tau, **_THIN)
+        drawing.steady_axis(ax, result.run.t, tau)
+        sheet.panel((i, 1), joint, ylabel, tau, sheet.window, **drawing.STEPS)
+    return drawing.fit_titles(sheet.figure)
 
 
 def internals(result: Result, run_name: str = '') -> Figure:
@@ -110,25 +80,26 @@ def internals(result: Result, run_name: str = '') -> Figure:
     noun, kind = _robust_term(result)
     sheet = _Sheet(result, f'V, filtered error and {noun} – {run_name or name(result)}',
                    n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
-    ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', _WHOLE)
-    sheet.line(ax, terms.lyapunov, _WHOLE, linewidth=0.9)
-    log_axis(ax, terms.lyapunov)
-    for i, (joint, position, torque) in enumerate(zip(
-            result.joint_names, result.position_units, result.torque_units)):
-        ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', _WHOLE)
-        sheet.line(ax, terms.v[:, i], _WHOLE, **_THIN)
-        steady_axis(ax, result.run.t, terms.v[:, i])
-        term = terms.robust[:, i]
+    ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', terms.lyapunov,
+                     linewidth=0.9)
+    drawing.log_axis(ax, terms.lyapunov)
+    for i, (joint, position, torque, v, term) in enumerate(zip(
+            result.joint_names, result.position_units, result.torque_units, terms.v.T,
+            terms.robust.T)):
+        ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', v, **_THIN)
+        drawing.steady_axis(ax, result.run.t, v)
         reach = 1.25 * float(np.abs(term).max()) or 1.0
-        for column, part in ((1, _WHOLE), (2, sheet.window)):
-            ax = sheet.panel((i + 1, column), f'{joint}: {kind or noun}', f'z [{torque}]', part)
-            sheet.line(ax, term, part, **(STEPS if column == 2 else {**_THIN, 'linewidth': 0.35}))
+        for column, part, style in ((1, _WHOLE, {**_THIN, 'linewidth': 0.35}),
+                                    (2, sheet.window, drawing.STEPS)):
+            ax = sheet.panel((i + 1, column), f'{joint}: {kind or noun}', f'z [{torque}]', term,
+                             part, **style)
             ax.set_ylim(-reach, reach)
             if not term.any():
-                label(ax, 0.5, 0.62, 'zero' if kind else 'zero: not part of this law', ha='center')
+                drawing.label(ax, 0.5, 0.62, 'zero' if kind else 'zero: not part of this law',
+                              ha='center')
             elif column == 1 and result.saturation and result.saturation[i].cause:
-                note(ax, result.saturation[i].cause)
-    return sheet.finished()
+                drawing.note(ax, result.saturation[i].cause)
+    return drawing.fit_titles(sheet.figure)
 
 
 def _robust_term(result: Result) -> tuple[str, str]:
@@ -142,7 +113,7 @@ def _robust_term(result: Result) -> tuple[str, str]:
 
 
 def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
-                 ) -> list[FigureFile]:
+                 ) -> list[drawing.FigureFile]:
     """
     Write every figure of `results` as SVG and return them in the order in which to show them.
 
@@ -161,17 +132,7 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
     """
     for result in results:
         _joints(result)
-    files = []
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for stem, figure, caption in _figures(results):
-            for kind in dict.fromkeys(('svg', extra)):
-                figure.savefig(directory / f'{stem}.{kind}', dpi=DOTS,
-                               metadata={} if kind == 'png' else {_DATES[kind]: None})
-            files.append(FigureFile(directory / f'{stem}.svg', figure.get_suptitle(), caption))
-    except OSError as error:
-        raise CtcError(f'cannot write figures to {directory}: {error.strerror}') from None
-    return files
+    return drawing.save(_figures(results), directory, ('svg', extra))
 
 
 def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
@@ -209,40 +170,34 @@ class _Sheet:
     def __init__(self, result: Result, title: str, rows: int, widths: Sequence[float],
                  height: float, length: float) -> None:
         self.result, t = result, result.run.t
-        self.figure, self._grid = drawing(title, rows, widths, height)
+        self.figure, self._grid = drawing.sheet(title, rows, widths, height)
         length = min(length * (2.5 if result.marks else 1.0), float(t[-1] - t[0]) / 3.0)
         change = result.marks[-1][0] if result.marks else np.inf
         start = min(t[-1] - length, change - 0.2 * length)
         first, last = np.searchsorted(t, (start - 1e-9, start + length + 1e-9))
         self.window = slice(int(first), max(int(last), int(first) + 1))
 
-    def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str, part: slice) -> Axes:
-        """Add axes over the samples `part`, with marks and gaps."""
+    def panel(self, cell: tuple[int, int | slice], title: str, ylabel: str, y: Array,
+              part: slice = _WHOLE, **style: Any) -> Axes:
+        """Draw the samples `part` of `y` in axes of their own, with marks and gaps."""
         t, window = self.result.run.t[part], self.result.run.t[self.window]
         if part == _WHOLE:
-            ax = panel(self.figure, self._grid[cell], title, ylabel, t)
+            ax = drawing.panel(self.figure, self._grid[cell], title, ylabel, t)
             ax.axvspan(window[0], window[-1], color='#eeeeee', lw=0, zorder=0)
         else:
             title = f'enlarged: {t[0]:.4g} s to {t[-1]:.4g} s'
-            ax = panel(self.figure, self._grid[cell], title, ylabel, t)
+            ax = drawing.panel(self.figure, self._grid[cell], title, ylabel, t)
             ax.xaxis.set_major_locator(MaxNLocator(4))
         for time, change in self.result.marks:
-            mark(ax, time, change if part == _WHOLE and not cell[0] else '')
-        shade_gaps(ax, t, self._missing(part))
+            drawing.mark(ax, time, change if part == _WHOLE and not cell[0] else '')
+        drawing.shade_gaps(ax, t, self.result.config.control_period)
+        self.line(ax, y, part, **style)
         return ax
 
     def line(self, ax: Axes, y: Array, part: slice, **style: Any) -> None:
         """Draw the samples `part` of `y`."""
-        line(ax, self.result.run.t[part], y[part], self._missing(part),
-             **{'color': colour(self.result), **style})
-
-    def finished(self) -> Figure:
-        """Return the figure, with titles that fit."""
-        fit_titles(self.figure)
-        return self.figure
-
-    def _missing(self, part: slice) -> npt.NDArray[np.int64]:
-        return np.append(self.result.missing, 0)[part][:-1]
+        drawing.line(ax, self.result.run.t[part], y[part], self.result.config.control_period,
+                     **{'color': colour(self.result), **style})
 
 
 def _joints(result: Result) -> int:
@@ -254,7 +209,7 @@ def _joints(result: Result) -> int:
 def _paper(result: Result, which: int) -> str:
     """Return the suffix of a title with the number of the paper's figure."""
     numbers = PAPER_FIGURES.get((result.experiment, result.law))
-    config = result.configs[-1][1]
+    config = result.config
     same = (not result.marks and config.model == 'two_link' and set(config.ka) == {10.0}
-            and (config.switching == 'sign' or config.law == _PLAIN))
+            and (config.switching == 'sign' or config.law == 'compensation'))
     return f' (figure {numbers[which]} of the paper)' if numbers and same else ''

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array, Run
 
-#: Part of a run over which errors and torques are judged [s].
+#: Part of a run over which errors and torques are evaluated [s].
 WINDOW = (5.0, 10.0)
 #: Band of |v_i| that counts as reached [rad/s].
 BAND = 0.15
@@ -28,7 +28,7 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
     run : Run
         Any length. Torques that are not known are not finite.
     window : (float, float)
-        First and last instant of the samples judged [s].
+        First and last instant of the samples evaluated [s].
     band : float
         Band of |v_i| for the reaching time [rad/s].
     period : float, optional
@@ -52,14 +52,14 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
         'reaching_time_s': reaching_time(run.t, run.v, band), 'missing_samples': None}
     if inside.sum() > 1:
         e, tau, t = (run.q_d - run.q)[inside], run.tau[inside], run.t[inside]
-        lacking = missing(t, period) if period else np.zeros(len(t) - 1, np.int64)
+        gaps = missing(t, period) if period else np.zeros(len(t) - 1, np.int64)
         result.update(
             rms_error_rad=rms(e).tolist(),
             max_error_norm1_rad=float(np.abs(e).sum(axis=1).max()),
             rms_torque_nm=[float(rms(x[np.isfinite(x)])) if np.isfinite(x).any() else np.nan
                            for x in tau.T],
-            **{key: x.tolist() for key, x in zip(_CHANGES, _changes(t, tau, lacking == 0))},
-            missing_samples=int(lacking.sum()))
+            **{key: x.tolist() for key, x in zip(_CHANGES, _changes(t, tau, gaps == 0))},
+            missing_samples=int(gaps.sum()))
     return result
 
 

@@ -1,8 +1,9 @@
-"""Output directories of commands; nothing is overwritten without a request."""
+"""Files of commands: nothing is overwritten without a request, and errors are one line."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 import shutil
 
@@ -33,18 +34,34 @@ def prepare(directory: Path, names: Sequence[str], overwrite: bool = False) -> P
         If any of them exists and `overwrite` is not set, or the directory cannot be created.
 
     """
-    try:
+    with writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            path = directory / name
-            if not path.exists():
-                continue
+        for path in filter(Path.exists, (directory / name for name in names)):
             if not overwrite:
                 raise CtcError(f'{path}: exists already; choose another --out, or --overwrite')
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
                 path.unlink()
-    except OSError as error:
-        raise CtcError(f'{directory}: {error.strerror or error}') from None
     return directory
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an error of the file system into a `CtcError` that names `path`."""
+    try:
+        yield
+    except OSError as error:
+        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file, making its directory; raise `CtcError` if that cannot be done."""
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding='utf-8')
+
+
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table in Markdown."""
+    return [f'| {" | ".join(cells)} |' for cells in (heads, ['---'] * len(heads), *rows)]

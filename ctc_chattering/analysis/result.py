@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 from functools import cached_property
+from itertools import pairwise
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
+from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.terms import Terms, terms
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
 from ctc_chattering.numerics.gaps import missing
@@ -64,34 +64,34 @@ class Result:
     def terms(self) -> Terms:
         """The parts of the torque, v and V; a simulation lacks samples that were not sent."""
         return self.computed or terms(
-            self.run, self.configs, model_of(self.configs[0][1], self.description), unsent=True)
+            self.run, self.configs, model_of(self.config, self.description), unsent=True)
+
+    @property
+    def config(self) -> ControllerConfig:
+        """The configuration at the end; model, joints and sample period are so from the start."""
+        return self.configs[-1][1]
 
     @property
     def law(self) -> str:
         """The law at the end."""
-        return self.configs[-1][1].law
-
-    @property
-    def switching(self) -> str:
-        """The switching at the end."""
-        return self.configs[-1][1].switching
+        return self.config.law
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, in the order of the arrays' columns."""
-        return self.configs[0][1].joint_names
+        return self.config.joint_names
 
     @property
     def changes(self) -> list[tuple[float, str]]:
         """Times [s] at which the law changed during the run, with the new law."""
-        return [(t, new.law) for (_, old), (t, new) in zip(self.configs, self.configs[1:])
+        return [(t, new.law) for (_, old), (t, new) in pairwise(self.configs)
                 if new.law != old.law]
 
     @property
     def marks(self) -> list[tuple[float, str]]:
         """Times [s] at which law or switching changed during the run, with the new one."""
         return [(t, new.law if new.law != old.law else new.switching)
-                for (_, old), (t, new) in zip(self.configs, self.configs[1:])
+                for (_, old), (t, new) in pairwise(self.configs)
                 if (new.law, new.switching) != (old.law, old.switching)]
 
     @property
@@ -121,7 +121,7 @@ class Result:
     @property
     def gains(self) -> dict[str, Any]:
         """The gains of the law at the end, by parameter name."""
-        config = self.configs[-1][1]
+        config = self.config
         values = config.as_mapping()
         names = ['kp', 'kv', *(
             name for name, spec in config.parameters().items()
@@ -132,7 +132,7 @@ class Result:
     @cached_property
     def missing(self) -> npt.NDArray[np.int64]:
         """Number of samples missing after each sample but the last, shape (N - 1,)."""
-        return missing(self.run.t, self.configs[0][1].control_period)
+        return missing(self.run.t, self.config.control_period)
 
     @cached_property
     def saturation(self) -> list[Saturation] | None:
@@ -146,8 +146,7 @@ class Result:
         t = self.run.t
         inside = within(t, WINDOW)
         gaps = np.append(0, self.missing) > 0
-        ends = [*(end for end, _ in self.configs[1:]), np.inf]
-        for (begin, config), end in zip(self.configs, ends):
+        for (begin, config), (end, _) in pairwise([*self.configs, (np.inf, self.config)]):
             if config.law == 'chattering':
                 for k in np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end)):
                     if gaps[k]:
@@ -157,14 +156,13 @@ class Result:
 
     def metrics(self) -> dict[str, Any]:
         """Return this run's entry of ``metrics.json``."""
-        config = self.configs[-1][1]
-        numbers = metrics(self.run, period=config.control_period)
+        numbers = metrics(self.run, period=self.config.control_period)
         mixed = len(set(self.position_units)) > 1
         if mixed:
             numbers['max_error_norm1_rad'] = None
         return {
             'experiment': self.experiment, 'bag': self.source or None, 'law': self.law,
-            'switching': self.switching, 'control_period_s': config.control_period,
+            'switching': self.config.switching, 'control_period_s': self.config.control_period,
             'joint_names': list(self.joint_names),
             'position_units': list(self.position_units),
             'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
@@ -195,7 +193,7 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> 
     Parameters
     ----------
     setup : Setup
-        As `params.load` returns it.
+        As `parameter_file.load` returns it.
     progress : callable, optional
         Called at intervals with the simulated time [s].
 
@@ -225,23 +223,9 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
 
     """
     runs = [finite(result.metrics()) for result in results]
-    text = json.dumps({'runs': runs}, indent=2, allow_nan=False, ensure_ascii=False)
-    write_text(path, text + '\n')
+    write_text(path, json.dumps({'runs': runs}, indent=2, ensure_ascii=False) + '\n')
 
 
 def finite(value: Any) -> Any:
-    """Return `value` with None in place of every number that is not finite."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file, making its directory; raise `CtcError` if that cannot be done."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise CtcError(f'cannot write {path}: {error.strerror}') from None
+    """Return `value`, as JSON has it, with None in place of every number that is not finite."""
+    return json.loads(json.dumps(value), parse_constant=lambda _: None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-import itertools
+from itertools import cycle, groupby
 from typing import Any
 
 from ctc_chattering.analysis.result import Result
@@ -13,7 +13,7 @@ from ctc_chattering.control.controller import LAWS
 #: Further colours, for runs of one experiment under the same law.
 _FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7')
 #: Colour of each law, and of a run under several (after Okabe and Ito).
-LAW_COLOURS = dict(zip(LAWS, itertools.cycle(('#D55E00', '#0072B2', *_FURTHER))))
+LAW_COLOURS = dict(zip(LAWS, cycle(('#D55E00', '#0072B2', *_FURTHER))))
 MIXED = '#007A5A'
 #: Parameters that are added to names which would be equal, and their symbols.
 _SIGNS = {'ka': 'Ka', 'kp': 'Kp', 'kv': 'Kv', 'lambda': 'λ', 'b': 'b', 'control_period': 'h',
@@ -26,8 +26,8 @@ _SIGNS = {'ka': 'Ka', 'kp': 'Kp', 'kv': 'Kv', 'lambda': 'λ', 'b': 'b', 'control
 
 def name(result: Result) -> str:
     """Return experiment, laws, and the switching where it is not the paper's."""
-    kinds = [config.switching for _, config in result.configs if config.law == 'chattering']
-    kinds = [kind for k, kind in enumerate(kinds) if not k or kind != kinds[k - 1]]
+    kinds = [kind for kind, _ in groupby(
+        config.switching for _, config in result.configs if config.law == 'chattering')]
     if not kinds or kinds == ['sign']:
         return result.label
     return f'{result.label} ({" → ".join(kinds) if len(kinds) < 3 else "several switchings"})'
@@ -43,12 +43,11 @@ def names(results: Sequence[Result]) -> list[str]:
     found = [name(result) for result in results]
     for clash in [text for text, count in Counter(found).items() if count > 1]:
         mine = [i for i, text in enumerate(found) if text == clash]
-        values = [results[i].configs[-1][1].as_mapping() for i in mine]
+        values = [results[i].config.as_mapping() for i in mine]
         differ = [key for key in _SIGNS if len({str(v[key]) for v in values}) > 1]
         for i, value in zip(mine, values):
-            if differ:
-                found[i] += ', ' + ', '.join(
-                    f'{_SIGNS[key]} {number_text(value[key])}' for key in differ[:3])
+            found[i] = ', '.join([found[i], *(
+                f'{_SIGNS[key]} {number_text(value[key])}' for key in differ[:3])])
     for i in _repeated(found):
         if results[i].source:
             found[i] += f', bag {results[i].source}'
@@ -79,7 +78,7 @@ def gains(result: Result) -> str:
     """Return the gains in force at the end, and the sample period, on one line."""
     values = [f'{_SIGNS.get(key, key)} {number_text(value)}'
               for key, value in result.gains.items()]
-    return ', '.join([*values, f'h {1e3 * result.configs[-1][1].control_period:g} ms'])
+    return ', '.join([*values, f'h {1e3 * result.config.control_period:g} ms'])
 
 
 def number_text(value: Any) -> str:

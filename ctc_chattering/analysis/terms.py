@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Mapping, Sequence
 import dataclasses
 from typing import Any
@@ -69,40 +68,37 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     """
     due = sorted(configs, key=lambda item: item[0])
     law = Controller(due[0][1], model)
-    n = len(law.config.joint_names)
-    columns = [array('d') for _ in range(5)]
-    lyapunov = array('d')
-    samples = list(zip(run.t.tolist(), *(
-        x.tolist() for x in (run.q, run.dq, run.q_d, run.dq_d, run.ddq_d))))
     delay = law.config.input_delay
-    lacking = [0, *missing(run.t, law.config.control_period).tolist()]
+    rows = np.stack((run.q, run.dq, run.q_d, run.dq_d, run.ddq_d), axis=1)
+    points: Any = np.concatenate((rows, rows[-1:].repeat(delay, axis=0)))[:, 2:]
+    gaps = [0, *missing(run.t, law.config.control_period)]
+    columns = {name: np.zeros_like(run.q) for name in (
+        'tau', 'nominal', 'compensation', 'robust', 'v')}
+    lyapunov = np.zeros_like(run.t)
     doubtful = False
-    for k, (t, q, dq, q_d, dq_d, ddq_d) in enumerate(samples):
-        if lacking[k] and not unsent:
-            _bridge(law, samples[k - 1], samples[k], lacking[k])
+    for k, t in enumerate(run.t.tolist()):
+        if gaps[k] and not unsent:
+            _bridge(law, rows[k - 1], rows[k], gaps[k])
             doubtful = True
         while due and t >= due[0][0]:
             law.configure(due.pop(0)[1])
+        q, dq, q_d, dq_d, ddq_d = rows[k]
         if doubtful and known and t in known:
-            law.filter.state = np.array(known[t]) + law.config.b * np.subtract(dq_d, dq)
+            law.filter.state = np.array(known[t]) + law.config.b * (dq_d - dq)
             doubtful = False
-        ahead = [samples[min(k + j, len(samples) - 1)][3:] for j in range(1, delay + 1)]
-        s = law.step(q, dq, q_d, dq_d, ddq_d, ahead)
-        for column, row in zip(
-                columns, (s.tau, s.nominal, s.compensation, s.robust, s.v)):
-            column.extend(row)
-        lyapunov.append(law.lyapunov(q, s.v))
-    tau, nominal, compensation, robust, v = (np.array(c).reshape(-1, n) for c in columns)
-    return Terms(tau, nominal, compensation, robust, v, np.array(lyapunov))
+        sample = law.step(q, dq, q_d, dq_d, ddq_d, points[k + 1:k + 1 + delay])
+        for name, column in columns.items():
+            column[k] = getattr(sample, name)
+        lyapunov[k] = law.lyapunov(q.tolist(), sample.v)
+    return Terms(**columns, lyapunov=lyapunov)
 
 
-def _bridge(law: Controller, before: Any, after: Any, count: int) -> None:
-    """Take `law` over `count` missing samples between two (t, q, dq, q_d, dq_d, ddq_d)."""
+def _bridge(law: Controller, before: Array, after: Array, count: int) -> None:
+    """Take `law` over `count` missing samples between two rows (q, dq, q_d, dq_d, ddq_d)."""
     if count > BRIDGED:
         law.reset(bumpless=True)
         return
-    for j in range(1, count + 1):
-        share = j / (count + 1)
-        q, dq, q_d, dq_d, ddq_d = (
-            [a + share * (b - a) for a, b in zip(x, y)] for x, y in zip(before[1:], after[1:]))
-        law.step(q, dq, q_d, dq_d, ddq_d, [after[3:]] * law.config.input_delay)
+    ahead: Any = [after[2:]] * law.config.input_delay
+    for share in np.arange(1, count + 1) / (count + 1):
+        q, dq, q_d, dq_d, ddq_d = before + share * (after - before)
+        law.step(q, dq, q_d, dq_d, ddq_d, ahead)

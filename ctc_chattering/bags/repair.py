@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import closing
 import dataclasses
 from pathlib import Path
@@ -26,7 +26,7 @@ from rosbags.typesys import get_typestore, Stores
 import yaml
 
 from ctc_chattering.bags.index_checksum import check_index
-from ctc_chattering.bags.writer import Recording, TopicType
+from ctc_chattering.bags.writer import Recording, Span, TopicType
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import seconds
 
@@ -44,25 +44,21 @@ class Recovery:
 
     Attributes
     ----------
-    messages : int
-        Number of messages recovered.
-    begin, end : int
-        Log times of the first and the last of them [ns].
+    span : Span
+        Of the messages recovered.
     lost : int
         Bytes that could not be read: damaged chunks, the ends of truncated files, and messages
         without a type or a valid time.
 
     """
 
-    messages: int = 0
-    begin: int = 0
-    end: int = 0
+    span: Span = dataclasses.field(default_factory=Span)
     lost: int = 0
 
     def __str__(self) -> str:
         """Return a summary on one line."""
-        span = seconds(self.end - self.begin)
-        return (f'{self.messages} messages over {span:.3f} s recovered, '
+        duration = seconds(self.span.end - self.span.begin)
+        return (f'{self.span.count} messages over {duration:.3f} s recovered, '
                 f'{self.lost} bytes unreadable')
 
 
@@ -71,9 +67,9 @@ def is_damaged(bag: Path) -> bool:
     return bag.is_dir() and not (bag / 'metadata.yaml').exists() and any(bag.glob('*.mcap'))
 
 
-class BagReader:
+class BagReader(Reader):
     """
-    An open bag; close it after use.
+    The reader of rosbags, with errors that name the bag and what to do; close it after use.
 
     Parameters
     ----------
@@ -82,40 +78,24 @@ class BagReader:
     place : Path
         Directory or file to read.
 
-    Attributes
-    ----------
-    connections : list of Connection
-        Topics with type, number of messages and QoS.
-    start_time, end_time : int
-        Log time of the first message, and the first after the last one [ns].
-    message_count : int
-
     """
 
     def __init__(self, path: Path, place: Path) -> None:
-        self._path = path
-        self._reader = Reader(place)
-        self._reader.open()
+        super().__init__(place)
+        self._bag = path
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
-        self.connections = self._reader.connections
-        self.start_time, self.end_time = self._reader.start_time, self._reader.end_time
-        self.message_count = self._reader.message_count
 
-    def messages(self, connections: Collection[Connection] = ()
-                 ) -> Iterator[tuple[Connection, int, bytes]]:
+    def messages(self, connections: Collection[Connection] = (), start: int | None = None,
+                 stop: int | None = None) -> Generator[tuple[Connection, int, bytes], None, None]:
         """Yield connection, log time [ns] and data; raise `CtcError` where the bag is damaged."""
         try:
-            yield from self._reader.messages(connections)
+            yield from super().messages(connections, start, stop)
         except Exception as error:  # Damaged chunks may raise any exception.
-            raise _damaged(self._path, error) from None
+            raise _damaged(self._bag, error) from None
 
     def deserialize(self, data: bytes, kind: str) -> Any:
         """Return a message of one of the types that ROS 2 Jazzy brings along."""
         return self._typestore.deserialize_cdr(data, kind)
-
-    def close(self) -> None:
-        """Close the files."""
-        self._reader.close()
 
 
 def open_bag(path: Path) -> BagReader:
@@ -140,6 +120,7 @@ def open_bag(path: Path) -> BagReader:
         for file in place.glob('*.mcap'):
             check_index(file)
         reader = BagReader(path, place)
+        reader.open()
     except Exception as error:  # Damaged YAML or MCAP may raise any exception.
         if any(place.glob('*.mcap')):
             raise _damaged(path, error) from None
@@ -188,20 +169,14 @@ def recover(bag: Path, target: Path) -> Recovery:
     try:
         for file in sorted(bag.glob('*.mcap'), key=lambda x: (len(x.name), x.name)):
             for topic, kind, message in _messages(file, found):
-                if message.log_time > _LATEST:
-                    found.lost += len(message.data)
-                    continue
                 if topic not in recording.counts:
                     recording.add_topic(topic, kind)
                 recording.add_message(topic, message.log_time, message.data)
-                found.begin = min(found.begin, message.log_time) if found.messages else (
-                    message.log_time)
-                found.end = max(found.end, message.log_time)
-                found.messages += 1
         recording.close()
     except OSError as error:
         raise CtcError(f'{target}: {error.strerror or error}') from None
-    if not found.messages:
+    found.span = recording.span
+    if not found.span.count:
         raise CtcError(f'{bag}: no message in it can be recovered')
     return found
 
@@ -252,7 +227,7 @@ def _messages(file: Path, found: Recovery) -> Iterator[tuple[str, TopicType, Mes
                 schema.name, schema.encoding, schema.data,
                 {**record.metadata, 'offered_qos_profiles': profiles})
         elif isinstance(record, Message):
-            if record.channel_id in topics:
+            if record.channel_id in topics and record.log_time <= _LATEST:
                 yield *topics[record.channel_id], record
             else:
                 found.lost += len(record.data)
@@ -260,28 +235,25 @@ def _messages(file: Path, found: Recovery) -> Iterator[tuple[str, TopicType, Mes
 
 def _records(file: Path, found: Recovery) -> Iterator[McapRecord]:
     """Yield the records of one file, in chunks or outside."""
-    size = file.stat().st_size
+    size, whole = file.stat().st_size, 0
     with file.open('rb') as stream:
-        records = StreamReader(stream, emit_chunks=True, record_size_limit=size).records
-        whole = 0
-        while True:
-            try:
-                record = next(records)
+        try:
+            for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
                 whole = stream.tell()
-            except StopIteration:
-                return
-            except Exception:  # A damaged record may raise any exception.
-                found.lost += size - whole
-                return
-            if not isinstance(record, Chunk):
-                yield record
-                continue
-            try:
-                inside = breakup_chunk(record, validate_crc=True)
-            except Exception:  # A damaged chunk may raise any exception.
-                found.lost += len(record.data)
-                continue
-            yield from inside
+                yield from _unpacked(record, found)
+        except Exception:  # A damaged record may raise any exception.
+            found.lost += size - whole
+
+
+def _unpacked(record: McapRecord, found: Recovery) -> Sequence[McapRecord]:
+    """Return the records in a chunk, or the record itself if it is none."""
+    if not isinstance(record, Chunk):
+        return [record]
+    try:
+        return breakup_chunk(record, validate_crc=True)
+    except Exception:  # A damaged chunk may raise any exception.
+        found.lost += len(record.data)
+        return []
 
 
 def _named_policies(text: str) -> str:
@@ -294,4 +266,4 @@ def _named_policies(text: str) -> str:
                     profile[key] = kind(profile[key]).name.lower()
     except (yaml.YAMLError, LookupError, TypeError, ValueError):
         return ''
-    return str(yaml.safe_dump(profiles))
+    return yaml.safe_dump(profiles)

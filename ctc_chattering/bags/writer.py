@@ -27,16 +27,11 @@ _NEVER = 2 ** 63 - 1
 def offered_qos(depth: int, latched: bool) -> str:
     """Return the profile of a reliable publisher as a bag stores it, in YAML."""
     unlimited = {'sec': 9223372036, 'nsec': 854775807}
-    return _dump([{
+    return yaml.safe_dump([{
         'history': 'keep_last', 'depth': depth, 'reliability': 'reliable',
         'durability': 'transient_local' if latched else 'volatile', 'deadline': {**unlimited},
         'lifespan': {**unlimited}, 'liveliness': 'automatic',
         'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
-
-
-def _dump(value: Any) -> str:
-    """Return YAML with sorted keys: of metadata that are cut off, the version is missing."""
-    return str(yaml.safe_dump(value))
 
 
 class TopicType(NamedTuple):
@@ -49,7 +44,7 @@ class TopicType(NamedTuple):
 
 
 @dataclasses.dataclass
-class _Span:
+class Span:
     """Number of messages, and the first and last log time [ns]."""
 
     count: int = 0
@@ -113,11 +108,10 @@ class Recording:
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._types: dict[str, TopicType] = {}
         self._custom: dict[str, str] = {}
-        self._spans: dict[str, _Span] = {}
+        self._spans: dict[str, Span] = {}
         self.counts: dict[str, int] = {}
         self.path = path
         self._sync = _Sync()
-        self._open = True
         try:
             path.mkdir(parents=True)
             self._begin_file()
@@ -125,6 +119,13 @@ class Recording:
             raise CtcError(f'{path}: exists already, not overwritten') from None
         except OSError as error:
             raise CtcError(f'{path}: {error.strerror or error}') from None
+
+    @property
+    def span(self) -> Span:
+        """Number of all messages, and the first and last log time."""
+        spans = self._spans.values()
+        return Span(sum(x.count for x in spans), min(x.begin for x in spans),
+                    max(x.end for x in spans))
 
     def write(self, topic: str, kind: str, t: int, data: bytes, qos: str) -> None:
         """
@@ -156,7 +157,7 @@ class Recording:
 
     def add_message(self, topic: str, t: int, data: bytes) -> None:
         """Add a message of a topic that `add_topic` was called for, with log time `t` [ns]."""
-        if not self._open:
+        if self._stream.closed:
             return
         try:
             if self._flushes >= _FLUSHES:
@@ -183,7 +184,7 @@ class Recording:
         The disk is asked to keep it, too. What comes of that is raised by a later call, as
         `OSError`; as long as the disk takes, no more is asked of it, while writing goes on.
         """
-        if not self._open:
+        if self._stream.closed:
             return
         try:
             self._writer.flush()
@@ -195,31 +196,30 @@ class Recording:
 
     def abandon(self) -> None:
         """Close without index and metadata: the disk takes no more."""
-        self._open = False
-        with suppress(OSError):
-            self._sync.end()
-        for action in (self._stream.close, (self.path / 'metadata.yaml.tmp').unlink):
+        for action in (self._sync.end, self._stream.close,
+                       (self.path / 'metadata.yaml.tmp').unlink):
             with suppress(OSError):
                 action()
 
     def close(self) -> None:
         """Write index and metadata; without them, tools cannot open the bag."""
-        if not self._open:
+        if self._stream.closed:
             return
         try:
             self._end_file()
             file = self.path / 'metadata.yaml.tmp'
-            file.write_text(_dump({'rosbag2_bagfile_information': self._information()}), 'utf8')
+            # Keys are sorted: of metadata that are cut off, the version is missing.
+            file.write_text(yaml.safe_dump(
+                {'rosbag2_bagfile_information': self._information()}), encoding='utf-8')
             file.replace(self.path / 'metadata.yaml')
         except OSError:
             self.abandon()
             raise
-        self._open = False
 
     def _begin_file(self) -> None:
         """Begin a file, named as the recorder of ROS names it."""
         self.file = self.path / f'{self.path.name}_{len(self._spans)}.mcap'
-        self._span = self._spans[self.file.name] = _Span()
+        self._span = self._spans[self.file.name] = Span()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._flushes = 0
@@ -230,7 +230,7 @@ class Recording:
     def _end_file(self) -> None:
         """Write the index of a file."""
         self._writer.add_metadata(
-            'rosbag2', {'serialized_metadata': _dump(self._information())})
+            'rosbag2', {'serialized_metadata': yaml.safe_dump(self._information())})
         self._writer.finish()
         self._sync.end()
         self._stream.close()
@@ -248,11 +248,8 @@ class Recording:
 
     def _information(self) -> dict[str, Any]:
         """Return the metadata of the bag as the recorder of ROS writes them."""
-        spans = self._spans.values()
-        total = _Span(sum(x.count for x in spans), min(x.begin for x in spans),
-                      max(x.end for x in spans))
         return {
-            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **total.entry(),
+            'version': 9, 'storage_identifier': 'mcap', 'ros_distro': 'jazzy', **self.span.entry(),
             'relative_file_paths': list(self._spans),
             'files': [{'path': name, **span.entry()} for name, span in self._spans.items()],
             'topics_with_message_count': [

@@ -8,11 +8,10 @@ from pathlib import Path
 import sys
 
 from ctc_chattering import __version__
-from ctc_chattering.cli.options import add_run_options, guarded, overrides, params_file, Parser
+from ctc_chattering.cli.options import add_run_options, find_file, guarded, overrides, Parser
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
-from ctc_chattering.ros.ros_arguments import RosArguments
 from ctc_chattering.simulation.plant_config import PACINGS
 
 
@@ -35,30 +34,25 @@ def make_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    return guarded('bringup', lambda: _run(list(sys.argv[1:] if argv is None else argv)))
+    return guarded('bringup', lambda: bringup(list(sys.argv[1:] if argv is None else argv)))
 
 
-def _run(arguments: Sequence[str]) -> int:
+def bringup(arguments: Sequence[str]) -> int:
+    """Run the graph as the arguments, its own and those for ROS, say."""
     own, ros = ros_arguments.parse(arguments)
-    return bringup(make_parser().parse_args(own), ros)
-
-
-def bringup(options: argparse.Namespace, ros: RosArguments) -> int:
-    """Run the graph as `options` and the arguments for ROS say."""
+    options = make_parser().parse_args(own)
     from ctc_chattering.cli.progress import Progress
 
     over = overrides(options)
-    if options.pacing is not None:
-        over.setdefault('plant', {})['pacing'] = options.pacing
     for node, values in ros_arguments.bringup_values(ros).items():
         over.setdefault(node, {}).update(values)
-    file = params_file(options)
-    setup = parameter_file.load(file, over)
-    with Progress(setup.plant.experiment, setup.plant.duration) as progress:
+    file = find_file(options.params_file)
+    plant = parameter_file.load(file, over).plant
+    with Progress(plant.experiment, plant.duration) as progress:
         try:
             run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,
                       progress.write)
-            progress.complete()
+            progress(plant.duration)
         except Stopped as stopped:
             progress.write(f'bringup: {stopped}')
     return 0

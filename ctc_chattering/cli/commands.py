@@ -5,21 +5,24 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from contextlib import closing
+import os
 from pathlib import Path
 import sys
+import time
 from typing import Any
 
 from ctc_chattering.analysis.export import write_csv, write_npz
-from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.result import Result, simulated, write_metrics, write_text
+from ctc_chattering.analysis.output import prepare, write_text
+from ctc_chattering.analysis.result import Result, simulated, write_metrics
 from ctc_chattering.analysis.run_names import names
-from ctc_chattering.cli.options import overrides, params_file
-from ctc_chattering.cli.progress import Progress
+from ctc_chattering.cli.options import find_file, overrides
+from ctc_chattering.cli.progress import Progress, progress_bar
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.node_parameters import parameter_table
 from ctc_chattering.experiment.robot_description import read_description
+from ctc_chattering.parameters import check_joint_names, Parameter
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
@@ -29,17 +32,17 @@ _FIGURES, _METRICS, _PAGE, _BAGS = 'figures', 'metrics.json', 'index.html', 'bag
 
 def simulate(options: argparse.Namespace) -> int:
     """Run `ctc simulate`."""
-    over = overrides(options)
-    setup = parameter_file.load(params_file(options), over)
+    file, over = find_file(options.params_file), overrides(options)
+    setup = parameter_file.load(file, over)
     if setup.plant.duration == 0.0:
         print(f'duration is 0, no end: simulating {_DURATION:g} s', file=sys.stderr)
         over.setdefault('plant', {})['duration'] = _DURATION
-        setup = parameter_file.load(params_file(options), over)
+        setup = parameter_file.load(file, over)
     if options.out is not None:
         prepare(options.out, (_METRICS, 'trajectory.npz'), options.overwrite)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         result = simulated(setup, progress)
-        progress.complete()
+        progress(setup.plant.duration)
     if options.out is not None:
         write_metrics([result], options.out / _METRICS)
         write_npz(result, options.out / 'trajectory.npz')
@@ -58,13 +61,12 @@ def reproduce(options: argparse.Namespace) -> int:
     width = max(len(experiment.name) for experiment in EXPERIMENTS)
     with own_domain():
         for experiment in EXPERIMENTS:
-            setup = parameter_file.load(experiment.path, experiment.overrides)
-            bag = out / _BAGS / experiment.name
-            with Progress(f'{experiment.name:{width}}', setup.plant.duration) as progress:
-                run_graph(experiment.path, experiment.overrides, bag, progress=progress,
+            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+            bags.append(out / _BAGS / experiment.name)
+            with Progress(f'{experiment.name:{width}}', duration) as progress:
+                run_graph(experiment.path, experiment.overrides, bags[-1], progress=progress,
                           show=lambda _: None)
-                progress.complete()
-            bags.append(bag)
+                progress(duration)
     from ctc_chattering.bags.reader import read_bag
 
     return _present([read_bag(bag) for bag in bags], bags, out)
@@ -72,9 +74,6 @@ def reproduce(options: argparse.Namespace) -> int:
 
 def plot(options: argparse.Namespace) -> int:
     """Run `ctc plot`."""
-    for bag in options.bags:
-        if not bag.exists():
-            raise CtcError(f'{bag}: no such bag')
     from ctc_chattering.bags.reader import find_bags, read_bag
 
     bags, results = [], []
@@ -110,8 +109,6 @@ def export(options: argparse.Namespace) -> int:
 def _present(results: Sequence[Result], bags: Sequence[Path], out: Path,
              extra: str = 'svg') -> int:
     """Write figures, metrics and page into `out`; the figures as `extra` as well."""
-    import os
-
     from ctc_chattering.analysis.figures import save_figures
     from ctc_chattering.analysis.report import write_page
 
@@ -126,26 +123,20 @@ def _present(results: Sequence[Result], bags: Sequence[Path], out: Path,
 
 def study(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
-    import os
-    import time
-
-    from tqdm import tqdm
-
     from ctc_chattering.studies.study import CASES, run_cases, to_csv, to_markdown
     from ctc_chattering.studies.study_figures import save_study_figures
 
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs
-    if jobs < 1:
-        raise ParameterError('--jobs', jobs, 'an integer >= 1')
+    _check('--jobs', jobs, 1)
     out = prepare(options.out, (_FIGURES, 'study.md', 'study.csv'), options.overwrite)
     start = time.monotonic()
-    with tqdm(total=len(CASES) * len(SWITCHINGS), desc='study', unit='run',
-              mininterval=0.2 if sys.stderr.isatty() else 2.0) as bar:
-        outcomes = run_cases(CASES, SWITCHINGS, jobs, bar.update)
+    outcomes = list(progress_bar(run_cases(CASES, SWITCHINGS, jobs), desc='study', unit='run',
+                                 total=len(CASES) * len(SWITCHINGS)))
     write_text(out / 'study.csv', to_csv(outcomes))
     print('drawing ...', flush=True)
     figures = save_study_figures(outcomes, out / _FIGURES)
-    images = ''.join(f'\n![{text}]({path.relative_to(out)})\n' for path, text in figures)
+    images = ''.join(f'\n![{figure.caption}]({figure.path.relative_to(out)})\n'
+                     for figure in figures)
     write_text(out / 'study.md', f'{to_markdown(outcomes)}\n## Figures\n{images}')
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s: '
@@ -155,8 +146,6 @@ def study(options: argparse.Namespace) -> int:
 
 def compare(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
-    from tqdm import tqdm
-
     from ctc_chattering.studies.comparison import (
         over_ros,
         over_simulation,
@@ -167,17 +156,12 @@ def compare(options: argparse.Namespace) -> int:
 
     if options.out is not None:
         prepare(options.out, ('compare.md',), options.overwrite)
-    backends: list[str | None] = options.backend or [None]
-    outcomes = []
-    with tqdm(total=len(options.files) * len(backends) * len(VARIANTS), unit='run',
-              mininterval=0.2 if sys.stderr.isatty() else 2.0) as bar:
-        for file in options.files:
-            for backend in backends:
-                for outcome in run_variants(
-                        file, backend, over_ros if options.ros else over_simulation):
-                    outcomes.append(outcome)
-                    bar.update()
-    text = to_markdown(outcomes)
+    pairs = [(find_file(file), backend) for file in options.files
+             for backend in options.backend or [None]]
+    run = over_ros if options.ros else over_simulation
+    outcomes = (outcome for file, backend in pairs for outcome in run_variants(file, backend, run))
+    text = to_markdown(list(progress_bar(
+        outcomes, unit='run', total=len(pairs) * len(VARIANTS))))
     print(text)
     if options.out is not None:
         write_text(options.out / 'compare.md', text)
@@ -186,10 +170,8 @@ def compare(options: argparse.Namespace) -> int:
 
 def replay(options: argparse.Namespace) -> int:
     """Run `ctc replay`."""
-    if not 0.0 < options.rate < float('inf'):
-        raise ParameterError('--rate', options.rate, 'a finite number > 0')
-    if not 0.0 <= options.delay < float('inf'):
-        raise ParameterError('--delay', options.delay, 'a finite number >= 0')
+    _check('--rate', options.rate, 0, exclusive=True)
+    _check('--delay', options.delay, 0)
     from ctc_chattering.bags.repair import open_bag
     with closing(open_bag(options.bag)) as reader:
         from ctc_chattering.bags.replay import play
@@ -211,32 +193,18 @@ def repair(options: argparse.Namespace) -> int:
 
 def check_model(options: argparse.Namespace) -> int:
     """Run `ctc check-model`."""
+    from ctc_chattering.dynamics.inertia_check import inertia_faults
     from ctc_chattering.dynamics.model_check import check_dynamics
     from ctc_chattering.dynamics.registry import make_model
-    from ctc_chattering.parameters import check_joint_names
 
-    for name, least in (('samples', 1), ('seed', 0)):
-        if getattr(options, name) < least:
-            raise ParameterError(f'--{name}', getattr(options, name), f'an integer >= {least}')
-    if not 0.0 <= options.gravity < float('inf'):
-        raise ParameterError('--gravity', options.gravity, 'a finite number >= 0')
+    _check('--samples', options.samples, 1)
+    _check('--seed', options.seed, 0)
+    _check('--gravity', options.gravity, 0)
     name = options.model or ('urdf' if options.urdf else 'two_link')
-    joints: tuple[str, ...] = ('joint1', 'joint2')
-    urdf = ''
-    if name == 'urdf':
-        if options.urdf is None:
-            raise CtcError('the model urdf needs --urdf FILE')
-        urdf = read_description(options.urdf)
-        if options.joints is None:
-            from ctc_chattering.dynamics.urdf_parser import movable_joints
-            joints = movable_joints(urdf)
-            if not joints:
-                raise CtcError(f'{options.urdf}: no joint moves')
-    elif options.urdf is not None:
-        raise CtcError(f'--urdf is for the model urdf, not {name}')
-    if options.joints is not None:
-        joints = tuple(x.strip() for x in options.joints.split(','))
-    check_joint_names(joints)
+    if (name == 'urdf') != (options.urdf is not None):
+        raise CtcError(f'the model {name} {"needs" if name == "urdf" else "takes no"} --urdf FILE')
+    urdf = read_description(options.urdf) if options.urdf else ''
+    joints = _joints(options.joints, urdf)
     model = make_model(name, options.gravity, joints, urdf)
     print(f'{name}, {model.n} joints: {", ".join(joints)}')
     findings = check_dynamics(model, options.seed, options.samples)
@@ -247,17 +215,36 @@ def check_model(options: argparse.Namespace) -> int:
     for x in failed:
         print(f'{x.name}: worst at q = {_numbers(list(x.q))}, dq = {_numbers(list(x.dq))}'
               + (f': {x.error}' if x.error else ''))
-    if name == 'urdf':
-        from ctc_chattering.dynamics.inertia_check import inertia_faults
-        for fault in inertia_faults(urdf, joints):
-            print(f'warning: {fault}')
+    for fault in inertia_faults(urdf, joints) if urdf else ():
+        print(f'warning: {fault}')
     return 1 if failed else 0
+
+
+def _joints(option: str | None, urdf: str) -> tuple[str, ...]:
+    """Return the joints that the option names, by default all of the robot that can move."""
+    from ctc_chattering.dynamics.urdf_parser import Tree
+
+    joints: tuple[str, ...] = ('joint1', 'joint2')
+    if option is not None:
+        joints = tuple(x.strip() for x in option.split(','))
+    elif urdf:
+        joints = Tree(urdf).movable
+        if not joints:
+            raise CtcError('the description has no joint that moves')
+    check_joint_names(joints)
+    return joints
 
 
 def parameters(_options: argparse.Namespace) -> int:
     """Run `ctc parameters`."""
     print(parameter_table())
     return 0
+
+
+def _check(option: str, value: float, minimum: float, exclusive: bool = False) -> None:
+    """Raise `ParameterError` unless the value of an option is finite and large enough."""
+    Parameter(option, type(value).__name__, None, '', minimum=minimum,
+              exclusive=exclusive).check(value, 0)
 
 
 def _print_table(results: Sequence[Result]) -> None:
@@ -267,8 +254,9 @@ def _print_table(results: Sequence[Result]) -> None:
     notes = []
     for name, result in zip(names(results), results):
         m = result.metrics()
-        rows.append((name, _numbers(m['rms_error_rad']), _numbers(m['max_error_norm1_rad']),
-                     _numbers(m['torque_variation_nm_per_s']), _numbers(m['reaching_time_s'])))
+        rows.append((name, *(_numbers(m[key]) for key in (
+            'rms_error_rad', 'max_error_norm1_rad', 'torque_variation_nm_per_s',
+            'reaching_time_s'))))
         notes += [f'{name}: {text}' for text in m['notes']]
     _print_columns(rows)
     if notes:
@@ -276,7 +264,7 @@ def _print_table(results: Sequence[Result]) -> None:
 
 
 def _print_columns(rows: Sequence[Sequence[str]]) -> None:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    widths = [max(map(len, column)) for column in zip(*rows)]
     for row in rows:
         print('  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip())
 

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from ctc_chattering import __version__
-from ctc_chattering.cli.options import add_run_options, guarded, parameter_file
+from ctc_chattering.cli.options import add_run_options, guarded
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -26,33 +26,30 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _add_experiments(commands: Any) -> None:
-    simulate = commands.add_parser(
-        'simulate', help='run an experiment without ROS',
-        description='Run the closed loop of a parameter file without ROS; write metrics.json and '
-                    'trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, '
-                    'names, units, gains).')
+    simulate = _add(
+        commands, 'simulate', 'run an experiment without ROS',
+        'Write metrics.json and trajectory.npz (t, q, dq, q_d, dq_d, ddq_d, tau, v, names, units, '
+        'gains).')
     add_run_options(simulate)
     _add_output(simulate, None)
 
-    reproduce = commands.add_parser(
-        'reproduce', help="run the paper's experiments over ROS and draw its figures",
-        description="Run the paper's experiments over ROS with recording; write bags, figures, "
-                    'metrics.json and index.html.')
+    reproduce = _add(
+        commands, 'reproduce', "run the paper's experiments over ROS and draw its figures",
+        'Write bags, figures, metrics.json and index.html.')
     _add_output(reproduce, 'results')
 
-    study = commands.add_parser(
-        'study', help='compare the switchings over sample period, gain and imperfections',
-        description='Simulate every switching over sample periods, gains and imperfections of the '
-                    'loop; write study.md, study.csv and figures.')
+    study = _add(
+        commands, 'study', 'compare the switchings over sample period, gain and imperfections',
+        'Simulate them and write study.md, study.csv and figures.')
     _add_output(study, 'study')
     study.add_argument('--jobs', type=int, metavar='N',
                        help='processes, as many as there are processors by default')
 
-    compare = commands.add_parser(
-        'compare', help='compare all laws joint by joint, on any robot',
-        description='Run every parameter file with every law and, under law chattering, every '
-                    'switching; print the RMS error of each joint.')
-    compare.add_argument('files', nargs='+', type=parameter_file, metavar='F',
+    compare = _add(
+        commands, 'compare', 'compare all laws joint by joint, on any robot',
+        'Run every parameter file with every law and, under law chattering, every switching; '
+        'print the RMS error of each joint.')
+    compare.add_argument('files', nargs='+', metavar='F',
                          help='parameter file, or the name of one of the package, such as panda')
     compare.add_argument('--backend', action='append', metavar='X',
                          help="plant in place of the file's: builtin | mujoco; may be repeated")
@@ -62,47 +59,42 @@ def _add_experiments(commands: Any) -> None:
 
 
 def _add_bags(commands: Any) -> None:
-    plot = commands.add_parser(
-        'plot', help='draw the figures of bags',
-        description='Draw the figures from bags alone; write them with metrics.json and '
-                    'index.html. Several bags are compared.')
+    plot = _add(
+        commands, 'plot', 'draw the figures of bags',
+        'Write them with metrics.json and index.html. Several bags are compared.')
     plot.add_argument('bags', nargs='+', type=Path, metavar='BAG',
                       help='bag, or a directory of bags')
     plot.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
                       help='figures in this format as well; the page has them as SVG')
     _add_output(plot, 'plots')
 
-    export = commands.add_parser(
-        'export', help='write the samples of a bag as a table',
-        description='Write the samples of a bag with names and units of the joints: '
-                    'trajectory.npz, which has the gains as well, or trajectory.csv.')
-    export.add_argument('bag', type=Path, metavar='BAG')
+    export = _add(
+        commands, 'export', 'write the samples of a bag as a table',
+        'With names and units of the joints: trajectory.npz, which has the gains as well, or '
+        'trajectory.csv.')
     export.add_argument('--csv', action='store_true',
                         help='comma-separated values in place of a NumPy file')
     _add_output(export, 'export')
 
-    replay = commands.add_parser(
-        'replay', help='publish a bag on its topics again',
-        description='Publish a bag on its topics with its own timing, and /clock.')
-    replay.add_argument('bag', type=Path, metavar='BAG')
+    replay = _add(commands, 'replay', 'publish a bag on its topics again',
+                  'With its own timing, and /clock.')
     replay.add_argument('--rate', type=float, default=1.0, metavar='R',
                         help='speed, 1 by default; 2 is twice as fast')
     replay.add_argument('--delay', type=float, default=1.0, metavar='S',
                         help='time to wait for subscribers first, 1 by default [s]')
 
-    repair = commands.add_parser(
-        'repair', help='make a complete bag of one that was cut off or has wrong bytes',
-        description='Rewrite a bag that was not closed, or is damaged, so that every tool reads '
-                    'it; what was there is kept beside it.')
-    repair.add_argument('bag', type=Path, metavar='BAG')
+    repair = _add(
+        commands, 'repair', 'make a complete bag of one that was cut off or has wrong bytes',
+        'Every tool reads it then; what was there is kept beside it.')
+    for parser in (export, replay, repair):
+        parser.add_argument('bag', type=Path, metavar='BAG')
 
 
 def _add_models(commands: Any) -> None:
-    check_model = commands.add_parser(
-        'check-model', help='test the dynamics of a robot model',
-        description='Test a robot model at random states: M symmetric and positive definite, '
-                    '½ dM/dt - C skew-symmetric, G a gradient, all products consistent. Status 1 '
-                    'if a test fails.')
+    check_model = _add(
+        commands, 'check-model', 'test the dynamics of a robot model',
+        'At random states: M symmetric and positive definite, ½ dM/dt - C skew-symmetric, G a '
+        'gradient, all products consistent. Status 1 if a test fails.')
     check_model.add_argument(
         '--model', metavar='NAME',
         help='two_link, urdf, or package.module:Class; urdf by default if there is --urdf, else '
@@ -120,9 +112,14 @@ def _add_models(commands: Any) -> None:
     check_model.add_argument('--seed', type=int, default=0, metavar='S',
                              help='seed of the states, 0 by default')
 
-    commands.add_parser(
-        'parameters', help='print all parameters of all nodes',
-        description='Print all parameters of all nodes as a Markdown table.')
+    _add(commands, 'parameters', 'print all parameters of all nodes', 'As a Markdown table.')
+
+
+def _add(commands: Any, name: str, summary: str, details: str) -> argparse.ArgumentParser:
+    """Add a subcommand; its own help begins with the line that it has in that of `ctc`."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=summary, description=f'{summary[0].upper()}{summary[1:]}. {details}')
+    return parser
 
 
 def _add_output(parser: argparse.ArgumentParser, default: str | None) -> None:

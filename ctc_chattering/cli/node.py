@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 import gc
 import importlib
 import os
@@ -17,7 +18,7 @@ from typing import NoReturn
 
 from ctc_chattering import __version__
 from ctc_chattering.ros import signals
-from ctc_chattering.ros.nonblocking_output import NonblockingOutput
+from ctc_chattering.ros.nonblocking_output import nonblocking_output
 
 
 def main(name: str, argv: Sequence[str] | None = None) -> int:
@@ -51,14 +52,12 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     parent = _make_parser(name).parse_args(own).parent
     if parent is not None:
         child_process.end_with(parent)
-    ros.check([name])
-    values = ros.values(name)
+    values = ros.values([name])[name]
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     run = importlib.import_module('ctc_chattering.ros.run').run
-    with NonblockingOutput():
-        return int(run(
-            module.NODE, name, ['--ros-args', *ros.rest, *ros_arguments.assignments(values)],
-            signals.collect()))
+    with nonblocking_output():
+        return int(run(lambda: module.NODE(values), name, ['--ros-args', *ros.rest],
+                       signals.collect()))
 
 
 def _make_parser(name: str) -> argparse.ArgumentParser:
@@ -76,33 +75,18 @@ def _make_parser(name: str) -> argparse.ArgumentParser:
     return parser
 
 
-def leave(status: int) -> NoReturn:
-    """End the process as soon as its node has left the graph."""
+def execute(name: str, argv: Sequence[str] | None = None) -> NoReturn:
+    """Run a node; end the process as soon as the node has left the graph."""
+    status = main(name, argv)
     gc.collect()  # The last reference to the node holds its DDS participant.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)
 
 
-def plant() -> NoReturn:
-    """Run the plant."""
-    leave(main('plant'))
-
-
-def controller() -> NoReturn:
-    """Run the controller."""
-    leave(main('controller'))
-
-
-def reference() -> NoReturn:
-    """Run the reference."""
-    leave(main('reference'))
-
-
-def recorder() -> NoReturn:
-    """Run the recorder."""
-    leave(main('recorder'))
-
+#: Entry points of the executables.
+plant, controller, reference, recorder = (
+    partial(execute, name) for name in ('plant', 'controller', 'reference', 'recorder'))
 
 if __name__ == '__main__':
-    leave(main(sys.argv[1], sys.argv[1:]))
+    execute(sys.argv[1], sys.argv[1:])

@@ -14,11 +14,13 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.package_share import config_directory
 
-#: Packages that may be missing: module, and name for pip.
-_PACKAGES = {'matplotlib': 'matplotlib', 'mcap': 'mcap', 'mujoco': 'mujoco', 'numpy': 'numpy',
-             'pinocchio': 'pin', 'rosbags': 'rosbags', 'tqdm': 'tqdm', 'yaml': 'PyYAML'}
+#: Names for pip of modules that are called otherwise.
+_PACKAGES = {'pinocchio': 'pin', 'yaml': 'PyYAML'}
 #: Modules of ROS whose names do not end in _msgs.
 _OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srvs')
+#: Options that override a parameter file, and the sections of their parameters.
+_SECTIONS = {'law': 'controller', 'switching': 'controller', 'control_period': '/**',
+             'duration': 'plant', 'pacing': 'plant'}
 
 
 class Parser(argparse.ArgumentParser):
@@ -32,39 +34,30 @@ class Parser(argparse.ArgumentParser):
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that select a run: the file, and values that override it."""
     parser.add_argument(
-        '--params-file', type=parameter_file, metavar='F',
+        '--params-file', default='friction', metavar='F',
         help='parameter file, or the name of one of the package, such as panda; friction, the '
              "paper's first experiment, by default")
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
         parser.add_argument(f'--{name}', metavar='X',
                             help=f"in place of the file's: {' | '.join(values)}")
-    parser.add_argument(
-        '--control-period', type=float, metavar='S', help="in place of the file's [s]")
-    parser.add_argument(
-        '--duration', type=float, metavar='S', help="in place of the file's [s]")
+    for name in ('control-period', 'duration'):
+        parser.add_argument(
+            f'--{name}', type=float, metavar='S', help="in place of the file's [s]")
 
 
-def parameter_file(text: str) -> Path:
+def find_file(text: str) -> Path:
     """Return the parameter file that `text` names: a path, or ``panda`` for the package's own."""
     installed = config_directory() / f'{text}.yaml'
     return installed if Path(text).name == text and installed.exists() else Path(text)
 
 
-def params_file(options: argparse.Namespace) -> Path:
-    """Return the parameter file asked for, or that of the first experiment."""
-    given: Path | None = options.params_file
-    return given or parameter_file('friction')
-
-
 def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
-    """Return what `add_run_options` read, as `params.load` takes it."""
-    law = {name: getattr(options, name) for name in ('law', 'switching')
-           if getattr(options, name) is not None}
-    result: dict[str, dict[str, Any]] = {'controller': law} if law else {}
-    if options.duration is not None:
-        result['plant'] = {'duration': options.duration}
-    if options.control_period is not None:
-        result['/**'] = {'control_period': options.control_period}
+    """Return the values that override the file's, as `parameter_file.load` takes them."""
+    result: dict[str, dict[str, Any]] = {}
+    for name, section in _SECTIONS.items():
+        value = getattr(options, name, None)
+        if value is not None:
+            result.setdefault(section, {})[name] = value
     return result
 
 
@@ -96,6 +89,6 @@ def _how_to_install(error: ModuleNotFoundError) -> str:
     if module in _OF_ROS or module.endswith('_msgs'):
         return (f'ROS 2 is missing (no module {module}): source its setup file, or install the '
                 "wheels from the checkout: pip install '.[ros]'")
-    if module not in _PACKAGES:
+    if module == 'ctc_chattering':
         raise error
-    return f'{module} is missing: pip install {_PACKAGES[module]}'
+    return f'{module} is missing: pip install {_PACKAGES.get(module, module)}'

@@ -1,13 +1,11 @@
-"""Progress of a run in simulated seconds."""
+"""Progress bars."""
 
 from __future__ import annotations
 
 from contextlib import suppress
-from math import inf
 import queue
 import sys
 import threading
-from types import TracebackType
 from typing import Any
 
 from tqdm import tqdm
@@ -20,7 +18,7 @@ _PATIENCE = 0.5
 
 class Progress:
     """
-    A bar from 0 to `total` seconds, shown from the first call on.
+    A bar from 0 to `total` simulated seconds, shown from the first call on.
 
     A thread of its own draws it, so that a terminal that is stopped, or a pipe that is not read,
     does not block the caller: output that it does not accept is dropped.
@@ -43,19 +41,14 @@ class Progress:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave the bar as it is."""
         self._put(None)
         self._thread.join(_PATIENCE)
 
     def __call__(self, time: float) -> None:
-        """Move to `time` [s]."""
+        """Move to `time` [s], at most to the end."""
         self._put(min(time, self._total) if self._total else time)
-
-    def complete(self) -> None:
-        """Move to the end."""
-        self._put(inf)
 
     def write(self, line: str) -> None:
         """Print a line above the bar."""
@@ -67,6 +60,8 @@ class Progress:
 
     def _draw(self) -> None:
         """Print all items, until the end or until the output is closed."""
+        form = ('{desc} {bar} {n:.1f}/{total:.1f} s [{elapsed}]' if self._total
+                else '{desc} {n:.1f} s')
         bar = None
         with suppress(OSError):
             while (item := self._queue.get()) is not None:
@@ -74,16 +69,14 @@ class Progress:
                     tqdm.write(item)
                     continue
                 if bar is None:
-                    bar = _bar(self._title, self._total)
-                bar.n = item if item < inf else self._total or bar.n
+                    bar = progress_bar(
+                        total=self._total or None, desc=self._title, bar_format=form)
+                bar.n = item
                 bar.update(0)
-                if item == inf:
-                    bar.refresh()
             if bar is not None:
                 bar.close()
 
 
-def _bar(title: str, total: float) -> Any:
-    form = '{desc} {bar} {n:.1f}/{total:.1f} s [{elapsed}]' if total else '{desc} {n:.1f} s'
-    return tqdm(total=total or None, desc=title, bar_format=form,
-                mininterval=0.2 if sys.stderr.isatty() else 2.0)
+def progress_bar(*iterable: Any, **options: Any) -> Any:
+    """Return a bar of tqdm, drawn seldom where the output is no terminal."""
+    return tqdm(*iterable, mininterval=0.2 if sys.stderr.isatty() else 2.0, **options)

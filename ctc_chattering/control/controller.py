@@ -146,12 +146,11 @@ class Controller:
             The same for the next samples, as many as `input_delay` says.
 
         """
-        with np.errstate(all='ignore'):  # What overflows shows in the torque.
-            x, dx, x_d, dx_d, ddx_d = np.array((q, dq, q_d, dq_d, ddq_d), dtype=float)
-            if self._bumpless:
-                self.filter.initialize_bumpless(dx_d - dx)
-                self._bumpless = False
-            now, sent = self._loop.step(x, dx, x_d, dx_d, ddx_d, ahead)
+        x, dx, x_d, dx_d, ddx_d = np.array((q, dq, q_d, dq_d, ddq_d), float)
+        if self._bumpless:
+            self.filter.initialize_bumpless(dx_d - dx)
+            self._bumpless = False
+        now, sent = self._loop.step(x, dx, x_d, dx_d, ddx_d, ahead)
         terms, error = sent.terms, sent.saturation_error
         return Sample(
             sent.tau.tolist(), now.e.tolist(), now.de.tolist(), now.v.tolist(),

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
-from ctc_chattering.dynamics.urdf_parser import parse_description
+from ctc_chattering.dynamics.urdf_parser import Tree
 
 #: By how much a moment of inertia may exceed the sum of the others: digits of the file.
 _ROUNDING = 1e-3
@@ -31,28 +31,13 @@ def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
         Those of the model.
 
     """
-    robot = parse_description(urdf)
-    return [f'link {name} {fault}' for link in robot.findall('link')
-            if (name := link.get('name', '')) in _moving(robot, joints)
-            and (fault := _fault(link))]
-
-
-def _moving(robot: ET.Element, joints: Sequence[str]) -> set[str]:
-    """Return the names of the links beyond one of the joints."""
-    def end(joint: ET.Element, tag: str) -> str:
-        element = joint.find(tag)
-        return '' if element is None else element.get('link', '')
-
-    edges = [(joint.get('name'), end(joint, 'parent'), end(joint, 'child'))
-             for joint in robot.findall('joint')]
-    moving = {child for name, _, child in edges if name in joints}
-    waiting = list(moving)
-    while waiting:
-        link = waiting.pop()
-        further = [child for _, parent, child in edges if parent == link and child not in moving]
-        moving.update(further)
-        waiting += further
-    return moving
+    tree = Tree(urdf)
+    moving: set[str] = set()
+    for name, (parent, child) in tree.ends.items():
+        if name in joints or parent in moving:
+            moving.add(child)
+    return [f'link {name} {fault}' for name, link in tree.links.items()
+            if name in moving and (fault := _fault(link))]
 
 
 def _fault(link: ET.Element) -> str:

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ctc_chattering.numerics.linear_algebra import Array, Rows, solve, times, Vector
+from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 
 
 class Model(ABC):
@@ -52,9 +52,10 @@ class Model(ABC):
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
-        return [x + y + z for x, y, z in zip(
-            times(self.mass_matrix(q), a), times(self.coriolis_matrix(q, dq), dq),
-            self.gravity_torque(q))]
+        torque: Array = (np.array(self.mass_matrix(q)).dot(a)
+                         + np.array(self.coriolis_matrix(q, dq)).dot(dq) + self.gravity_torque(q))
+        values: list[float] = torque.tolist()
+        return values
 
     def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """
@@ -68,11 +69,10 @@ class Model(ABC):
             Bit i set: joint i is held still by a torque of its own, so that ddq_i = 0.
 
         """
-        mass = self.mass_matrix(q)
         bias = self.inverse_dynamics(q, dq, (0.0,) * self.n)
         free = [i for i in range(self.n) if not fixed_joints >> i & 1]
-        a = solve([[mass[i][j] for j in free] for i in free], [u[i] - bias[i] for i in free])
-        ddq = [0.0] * self.n
-        for i, value in zip(free, a):
-            ddq[i] = value
-        return ddq
+        ddq = np.zeros(self.n)
+        ddq[free] = np.linalg.solve(
+            np.array(self.mass_matrix(q))[np.ix_(free, free)], np.subtract(u, bias)[free])
+        values: list[float] = ddq.tolist()
+        return values

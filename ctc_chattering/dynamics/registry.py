@@ -21,7 +21,6 @@ from ctc_chattering.errors import CtcError, ParameterError, refused_as
 
 #: Values of the parameter ``model``, besides classes.
 MODELS = ('two_link', 'urdf')
-_ALLOWED = f'{" | ".join(MODELS)} | package.module:Class'
 _CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 
 
@@ -113,7 +112,7 @@ def locked_positions(lines: Sequence[str]) -> dict[str, float]:
 def check_model(name: str, joint_names: tuple[str, ...]) -> None:
     """Raise `ParameterError` unless `name` may be a model, for as many joints as are named."""
     if name not in MODELS and not _CLASS.fullmatch(name):
-        raise ParameterError('model', name, _ALLOWED)
+        raise ParameterError('model', name, ' | '.join((*MODELS, 'package.module:Class')))
     if name == 'two_link' and len(joint_names) != TwoLink.n:
         raise ParameterError('joint_names', joint_names, f'{TwoLink.n} names for model {name}')
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
+from ctc_chattering.numerics.linear_algebra import Rows, Vector
 
 
 class Scaled(Model):
@@ -41,14 +41,3 @@ class Scaled(Model):
     def potential_energy(self, q: Vector) -> float:
         """Return the scaled potential energy [J]."""
         return self._gravity * self._model.potential_energy(q)
-
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
-        mass, coriolis, weight = self._model.evaluate(q, dq)
-        return self._inertia * mass, self._inertia * coriolis, self._gravity * weight
-
-    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
-        """Return ddq, shape (n,): M ddq + C dq = (u - G) / factor with the M, C of the other."""
-        weight = self._model.gravity_torque(q)
-        return self._model.forward_dynamics(q, dq, [
-            (x - self._gravity * g) / self._inertia + g for x, g in zip(u, weight)], fixed_joints)

@@ -15,10 +15,8 @@ from __future__ import annotations
 
 from math import cos, sin
 
-import numpy as np
-
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
+from ctc_chattering.numerics.linear_algebra import Rows, Vector
 
 
 class TwoLink(Model):
@@ -58,15 +56,6 @@ class TwoLink(Model):
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy, 0 where both links hang down [J]."""
         return self._g1 * (1.0 - cos(q[0])) + self._g2 * (1.0 - cos(q[0] + q[1]))
-
-    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """Return M(q), C(q, dq) and G(q), shapes (2, 2), (2, 2) and (2,)."""
-        (q1, q2), (dq1, dq2) = q.tolist(), dq.tolist()
-        c2, k = cos(q2), 0.51 * sin(q2)
-        m12, g12 = 0.76 + 0.51 * c2, self._g2 * sin(q1 + q2)
-        return (np.array(((8.77 + 1.02 * c2, m12), (m12, 0.62))),
-                np.array(((-k * dq2, -k * (dq1 + dq2)), (k * dq1, 0.0))),
-                np.array((self._g1 * sin(q1) + g12, g12)))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (2,)."""

@@ -9,18 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import importlib
-import struct
 from typing import Any
 
 import numpy as np
 
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.urdf_parser import movable_joints, Tree
+from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
-
-__all__ = ['UrdfModel', 'movable_joints']
 
 #: Least eigenvalue of M, scaled to a diagonal of ones, that counts as more than rounding.
 _SINGULAR = 1e-10
@@ -73,7 +70,7 @@ class UrdfModel(Model):
         self.position_limits = tuple(joint.position for joint in joints)
         self.velocity_limits = tuple(joint.velocity for joint in joints)
         self.effort_limits = tuple(joint.effort for joint in joints)
-        self.n = n = len(joints)
+        self.n = len(joints)
         self.gravity = gravity
         self._pin, self._model = pin, _reduced(pin, tree, stand)
         self._data = self._model.createData()
@@ -83,90 +80,60 @@ class UrdfModel(Model):
         self._order: Any = np.argsort(order)
         self._back: Any = np.array(order)
         self._square: Any = np.ix_(order, order)
-        if order == list(range(n)):  # A view takes less time than a copy.
-            self._order = self._back = self._square = slice(None)
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
-        self._q, self._dq, self._x = (np.zeros(n) for _ in range(3))
-        self._write = struct.Struct(f'{n}d').pack_into
         self._check_inertia()
-
-    @property
-    def pinocchio_model(self) -> Any:
-        """Pinocchio's own model, for looking at."""
-        return self._model
 
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
         pin, model, data = self._pin, self._model, self._data
         q, dq = q[self._order], dq[self._order]
-        return (pin.crba(model, data, q)[self._square].copy(),
-                pin.computeCoriolisMatrix(model, data, q, dq)[self._square].copy(),
-                pin.computeGeneralizedGravity(model, data, q)[self._back].copy())
+        return (pin.crba(model, data, q)[self._square],
+                pin.computeCoriolisMatrix(model, data, q, dq)[self._square],
+                pin.computeGeneralizedGravity(model, data, q)[self._back])
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (n, n)."""
-        rows: Rows = self._mass(q).tolist()
+        rows: Rows = self._call(self._pin.crba, q)[self._square].tolist()
         return rows
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C(q, dq), shape (n, n), of Christoffel's symbols."""
-        made = self._pin.computeCoriolisMatrix(
-            self._model, self._data, self._put(self._q, q), self._put(self._dq, dq))
-        rows: Rows = made[self._square].tolist()
+        rows: Rows = self._call(self._pin.computeCoriolisMatrix, q, dq)[self._square].tolist()
         return rows
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G(q), shape (n,) [N·m or N]."""
-        return self._listed(self._pin.computeGeneralizedGravity(
-            self._model, self._data, self._put(self._q, q)))
+        return self._vector(self._pin.computeGeneralizedGravity, q)
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy, 0 where the centre of mass is at the root [J]."""
-        return float(self._pin.computePotentialEnergy(
-            self._model, self._data, self._put(self._q, q)))
+        return float(self._call(self._pin.computePotentialEnergy, q))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,)."""
-        return self._listed(self._pin.rnea(
-            self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
-            self._put(self._x, a)))
+        return self._vector(self._pin.rnea, q, dq, a)
 
     def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """Return ddq, shape (n,), with the joints of the bit mask `fixed_joints` held still."""
-        if not fixed_joints:
-            return self._listed(self._pin.aba(
-                self._model, self._data, self._put(self._q, q), self._put(self._dq, dq),
-                self._put(self._x, u)))
-        ddq = [0.0] * self.n
-        free = [i for i in range(self.n) if not fixed_joints >> i & 1]
-        if free:
-            bias = self.inverse_dynamics(q, dq, ddq)
-            a = np.linalg.solve(self._mass(q)[np.ix_(free, free)], [u[i] - bias[i] for i in free])
-            for i, value in zip(free, a.tolist()):
-                ddq[i] = value
-        return ddq
+        if fixed_joints:
+            return super().forward_dynamics(q, dq, u, fixed_joints)
+        return self._vector(self._pin.aba, q, dq, u)
 
-    def _put(self, buffer: Array, x: Vector) -> Array:
-        """Return `x` as an array in Pinocchio's order: in `buffer`, or a new one."""
-        self._write(buffer.data, 0, *x)
-        ordered: Array = buffer[self._order]
-        return ordered
+    def _call(self, function: Any, *vectors: Vector | Array) -> Any:
+        """Return what a function of Pinocchio gives, in its order; the next call may change it."""
+        return function(
+            self._model, self._data, *(np.array(x, float)[self._order] for x in vectors))
 
-    def _listed(self, x: Array) -> list[float]:
-        """Return an array in Pinocchio's order as a list in that of the vectors."""
-        values: list[float] = x[self._back].tolist()
+    def _vector(self, function: Any, *vectors: Vector) -> list[float]:
+        """Return a vector that a function of Pinocchio gives, in our order."""
+        values: list[float] = self._call(function, *vectors)[self._back].tolist()
         return values
-
-    def _mass(self, q: Vector) -> Array:
-        """Return M(q); the next call may overwrite the array."""
-        made: Array = self._pin.crba(self._model, self._data, self._put(self._q, q))[self._square]
-        return made
 
     def _check_inertia(self) -> None:
         """Raise `CtcError` unless M is positive definite at a few positions."""
         rng = np.random.default_rng(0)
         for q in (np.zeros(self.n), *rng.uniform(-1.5, 1.5, (4, self.n))):
-            weak = _weak(np.array(self.mass_matrix(q.tolist())))
+            weak = _weak(self._call(self._pin.crba, q)[self._square])
             if weak:
                 names = ', '.join(self.joint_names[i] for i in weak)
                 raise CtcError(
@@ -176,17 +143,12 @@ class UrdfModel(Model):
 
 def _weak(mass: Array) -> list[int]:
     """Return the joints along whose motion M is singular; none if it is positive definite."""
-    diagonal = mass.diagonal()
     if not np.isfinite(mass).all():
         return list(range(len(mass)))
-    bare = np.flatnonzero(diagonal <= 1e-14 * diagonal.max()).tolist()
-    if bare or diagonal.max() <= 0.0:
-        return bare or list(range(len(mass)))
-    scale = np.sqrt(diagonal)
+    sizes = mass.diagonal()
+    scale = np.sqrt(np.where(sizes > 1e-14 * sizes.max(), sizes, np.inf))
     values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
-    if values[0] > _SINGULAR:
-        return []
-    part = np.abs(vectors[:, 0])
+    part = np.abs(vectors[:, values <= _SINGULAR]).max(axis=1, initial=0.0)
     found: list[int] = np.flatnonzero(part > 0.1 * part.max()).tolist()
     return found
 
@@ -208,9 +170,7 @@ def _reduced(pin: Any, tree: Tree, stand: Mapping[str, float]) -> Any:
     with refused_as('URDF: Pinocchio refuses it'):
         model = pin.buildModelFromXML(tree.bare())
         q = pin.neutral(model)
-        ids = []
-        for name, value in stand.items():
-            joint = model.getJointId(name)
+        ids = [model.getJointId(name) for name in stand]
+        for joint, value in zip(ids, stand.values()):
             q[model.joints[joint].idx_q] = value
-            ids.append(joint)
         return pin.buildReducedModel(model, ids, q)

@@ -1,13 +1,8 @@
-"""
-Joints and links of a URDF, read and checked as XML, without dynamics.
-
-This module lists the joints and their limits, checks that they form a tree, and makes a URDF with
-only these and the inertias.
-"""
+"""Joints and links of a URDF: read, checked to form a tree of joints, reduced to inertias."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
@@ -55,6 +50,10 @@ class Tree:
 
     Attributes
     ----------
+    links : dict of str to Element
+        In the order of the text.
+    ends : dict of str to (str, str)
+        Parent and child link of every joint, fixed ones too, from the root outwards.
     joints : dict of str to Joint
         Those with one degree of freedom, from the root outwards, in the order of the text.
 
@@ -66,15 +65,22 @@ class Tree:
     """
 
     def __init__(self, urdf: str) -> None:
-        self._robot = _parse(urdf)
-        elements = self._check_names()
-        for link in self._robot.findall('link'):
+        robot = parse_description(urdf)
+        if robot.tag != 'robot':
+            raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
+        if any('xacro' in element.tag for element in robot.iter()):
+            raise CtcError('URDF: this is xacro; run xacro on it first')
+        self.links, self._elements = _named(robot, 'link'), _named(robot, 'joint')
+        for link in self.links.values():
             _check_inertia(link)
+        self.ends = _outwards(self.links, {
+            name: (_link(joint, 'parent', self.links), _link(joint, 'child', self.links))
+            for name, joint in self._elements.items()})
         self.joints: dict[str, Joint] = {}
-        for element in self._outwards(elements):
-            name, kind = element.get('name', ''), element.get('type', '')
+        for name in self.ends:
+            kind = self._elements[name].get('type', '')
             if kind in _MOVABLE:
-                self.joints[name] = _joint(element)
+                self.joints[name] = _joint(self._elements[name])
             elif kind in ('floating', 'planar'):
                 raise CtcError(f'URDF: joint {name} is {kind}; an arm has joints with one degree '
                                'of freedom on a base that stands still')
@@ -146,73 +152,18 @@ class Tree:
         Pinocchio, but not in a URDF, those of joints and links must differ.
         """
         robot = ET.Element('robot', name='robot')
-        names = {}
-        for i, link in enumerate(self._robot.findall('link')):
-            names[link.get('name', '')] = f'link {i}'
-            made = ET.SubElement(robot, 'link', name=f'link {i}')
-            made.extend(link.findall('inertial'))
-        for i, joint in enumerate(self._robot.findall('joint')):
-            name, kind = joint.get('name', ''), joint.get('type', '')
-            made = ET.SubElement(robot, 'joint', type=kind.replace('continuous', 'revolute'),
-                                 name=name if name in self.joints else f'fixed joint {i}')
-            for tag in ('parent', 'child'):
-                element = joint.find(tag)
-                assert element is not None  # Checked when the tree was made.
-                ET.SubElement(made, tag, link=names[element.get('link', '')])
+        names = {name: f'link {i}' for i, name in enumerate(self.links)}
+        for name, link in self.links.items():
+            ET.SubElement(robot, 'link', name=names[name]).extend(link.findall('inertial'))
+        for i, (name, joint) in enumerate(self._elements.items()):
+            made = ET.SubElement(robot, 'joint', name=name if name in self.joints else (
+                f'fixed joint {i}'), type=joint.get('type', '').replace('continuous', 'revolute'))
+            for tag, end in zip(('parent', 'child'), self.ends[name]):
+                ET.SubElement(made, tag, link=names[end])
             for tag in ('origin', 'axis'):
                 made.extend(joint.findall(tag))
             ET.SubElement(made, 'limit', lower='-1', upper='1', effort='0', velocity='0')
         return ET.tostring(robot, encoding='unicode')
-
-    def _check_names(self) -> list[ET.Element]:
-        """Return the joints; raise unless all names are there, and each of them once."""
-        joints = self._robot.findall('joint')
-        for tag, elements in (('link', self._robot.findall('link')), ('joint', joints)):
-            seen: set[str] = set()
-            for element in elements:
-                name = element.get('name', '')
-                if not name or name in seen:
-                    raise CtcError(f'URDF: {f"two {tag}s are" if name else f"a {tag} is not"} '
-                                   f'named {name}'.rstrip())
-                seen.add(name)
-        return joints
-
-    def _outwards(self, joints: Sequence[ET.Element]) -> list[ET.Element]:
-        """Return the joints from the root outwards; raise if they do not form one tree."""
-        links = {link.get('name', '') for link in self._robot.findall('link')}
-        above: dict[str, str] = {}
-        children: dict[str, list[tuple[ET.Element, str]]] = {link: [] for link in links}
-        for joint in joints:
-            name = joint.get('name', '')
-            parent, child = (_link(joint, tag, links) for tag in ('parent', 'child'))
-            if child in above:
-                raise CtcError(f'URDF: joints {above[child]} and {name} both carry link {child}: '
-                               'a closed chain')
-            above[child] = name
-            children[parent].append((joint, child))
-        roots = links - set(above)
-        if len(roots) > 1:
-            raise CtcError(f'URDF: no joint carries the links {", ".join(sorted(roots))}, but one '
-                           'link alone can be the base')
-        found: list[ET.Element] = []
-        waiting = [pair for root in roots for pair in reversed(children[root])]
-        while waiting:
-            joint, link = waiting.pop()
-            found.append(joint)
-            waiting += reversed(children[link])
-        if len(found) < len(joints):
-            circle = [x.get('name', '') for x in joints if x not in found]
-            raise CtcError(f'URDF: joints {", ".join(circle)} form a closed chain')
-        return found
-
-
-def movable_joints(urdf: str) -> tuple[str, ...]:
-    """
-    Return the names of the joints of a URDF that a model can have, from the base outwards.
-
-    They mimic no other joint, and none mimics them.
-    """
-    return Tree(urdf).movable
 
 
 def parse_description(text: str) -> ET.Element:
@@ -239,22 +190,52 @@ def parse_description(text: str) -> ET.Element:
     depth, level = 0, [root]
     while level:
         depth, level = depth + 1, [child for element in level for child in element]
-    for name, count, most in (('bodies', bodies, _BODIES), ('levels', depth, _BODIES)):
-        if count > most:
-            raise CtcError(f'the description is too large: {count} {name}, of {most} at most')
+    for name, count in (('bodies', bodies), ('levels', depth)):
+        if count > _BODIES:
+            raise CtcError(f'the description is too large: {count} {name}, of {_BODIES} at most')
     return root
 
 
-def _parse(urdf: str) -> ET.Element:
-    robot = parse_description(urdf)
-    if robot.tag != 'robot':
-        raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
-    if any('xacro' in element.tag for element in robot.iter()):
-        raise CtcError('URDF: this is xacro; run xacro on it first')
-    return robot
+def _named(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
+    """Return the links, or joints, by name; raise unless each has a name of its own."""
+    found: dict[str, ET.Element] = {}
+    for element in robot.findall(tag):
+        name = element.get('name', '')
+        if not name or name in found:
+            raise CtcError(f'URDF: {f"two {tag}s are" if name else f"a {tag} is not"} '
+                           f'named {name}'.rstrip())
+        found[name] = element
+    return found
 
 
-def _link(joint: ET.Element, tag: str, links: set[str]) -> str:
+def _outwards(links: Collection[str], ends: Mapping[str, tuple[str, str]]
+              ) -> dict[str, tuple[str, str]]:
+    """Return joints and their links from the root outwards; raise if they do not form one tree."""
+    above: dict[str, str] = {}
+    children: dict[str, list[str]] = {link: [] for link in links}
+    for name, (parent, child) in ends.items():
+        if child in above:
+            raise CtcError(f'URDF: joints {above[child]} and {name} both carry link {child}: '
+                           'a closed chain')
+        above[child] = name
+        children[parent].append(child)
+    waiting = [link for link in links if link not in above]
+    if len(waiting) > 1:
+        raise CtcError(f'URDF: no joint carries the links {", ".join(waiting)}, but one link '
+                       'alone can be the base')
+    found: dict[str, tuple[str, str]] = {}
+    while waiting:
+        link = waiting.pop()
+        if link in above:
+            found[above[link]] = ends[above[link]]
+        waiting += reversed(children[link])
+    if len(found) < len(ends):
+        circle = ', '.join(name for name in ends if name not in found)
+        raise CtcError(f'URDF: joints {circle} form a closed chain')
+    return found
+
+
+def _link(joint: ET.Element, tag: str, links: Collection[str]) -> str:
     """Return the name of the link on one side of a joint."""
     element = joint.find(tag)
     name = '' if element is None else element.get('link', '')
@@ -295,23 +276,18 @@ def _numbers(where: str, what: str, text: str, count: int, most: float = 1e300) 
 
 def _joint(element: ET.Element) -> Joint:
     name, kind = element.get('name', ''), element.get('type', '')
-    limit, follows = element.find('limit'), element.find('mimic')
-    low, high, velocity, effort = (
-        _number(name, limit, key, 0.0, _INF) for key in ('lower', 'upper', 'velocity', 'effort'))
-    acceleration = min(
-        _number(name, limit, key, _INF, _INF) or _INF for key in ('acceleration', 'deceleration'))
+    where, limit = f'joint {name}', element.find('limit')
+    if limit is None:
+        limit = ET.Element('limit')
+    low, high, velocity, effort = (_numbers(where, key, limit.get(key, '0'), 1, _INF)[0]
+                                   for key in ('lower', 'upper', 'velocity', 'effort'))
+    acceleration = min(_numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF
+                       for key in ('acceleration', 'deceleration'))
     if kind == 'continuous' or low == high == 0.0:
         low, high = -_INF, _INF
-    mimic = None
+    mimic, follows = None, element.find('mimic')
     if follows is not None:
-        mimic = Mimic(follows.get('joint', ''), _number(name, follows, 'multiplier', 1.0),
-                      _number(name, follows, 'offset', 0.0))
-    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration,
-                 mimic)
-
-
-def _number(joint: str, element: ET.Element | None, key: str, default: float,
-            most: float = 1e300) -> float:
-    """Return an attribute of an element within a joint."""
-    text = None if element is None else element.get(key)
-    return default if text is None else _numbers(f'joint {joint}', key, text, 1, most)[0]
+        (multiplier,) = _numbers(where, 'multiplier', follows.get('multiplier', '1'), 1)
+        (offset,) = _numbers(where, 'offset', follows.get('offset', '0'), 1)
+        mimic = Mimic(follows.get('joint', ''), multiplier, offset)
+    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration, mimic)

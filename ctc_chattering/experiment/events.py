@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.experiment.yaml_file import parse_value
@@ -33,26 +34,23 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
         words = line.split(None, 3)
         try:
             time, (node, name, value) = float(words[0]), words[1:]
-            config = configs[node]
+            spec = configs[node].parameters().get(name)
         except (ValueError, IndexError, KeyError):
             raise ParameterError(
                 'events', line, '"time node parameter value", node ' + ' | '.join(configs)
             ) from None
         if not 0.0 <= time < float('inf'):
             raise ParameterError('events', line, 'a time >= 0')
-        try:
-            parsed = parse_value(value)
-        except CtcError:
-            raise ParameterError('events', line, 'a value in YAML, not null') from None
-        events.append((time, node, name, parsed, config))
-    events.sort(key=lambda event: event[0])
-    current = dict(configs)
-    result = []
-    for time, node, name, value, _ in events:
-        spec = current[node].parameters().get(name)
         if spec is not None and spec.read_only:
             raise ParameterError('events', name, 'a parameter that can change during the run')
+        try:
+            events.append((time, node, name, parse_value(value)))
+        except CtcError:
+            raise ParameterError('events', line, 'a value in YAML, not null') from None
+    events.sort(key=itemgetter(0))
+    current = dict(configs)
+    result = []
+    for time, node, name, value in events:
         current[node] = current[node].changed({name: value})
-        result.append(Event(time, node, {name: getattr(current[node], spec.field)}
-                            if spec else {}))
+        result.append(Event(time, node, {name: current[node].as_mapping()[name]}))
     return tuple(result)

@@ -187,13 +187,10 @@ def parameter_table() -> str:
     return '\n'.join(lines)
 
 
-def _shown(spec: Parameter) -> str:
+def _shown(value: object) -> str:
     """Return a default for the table; one number stands for every joint."""
-    if isinstance(spec.default, tuple):
-        return '[' + ', '.join(
-            f'{x:.6g}' if isinstance(x, float) else x or "''" for x in spec.default) + ']'
-    if isinstance(spec.default, float):
-        return f'{spec.default:g}'.replace('inf', '.inf')
-    if isinstance(spec.default, bool):
-        return str(spec.default).lower()
-    return str(spec.default) or "''"
+    if isinstance(value, tuple):
+        return f'[{", ".join(map(_shown, value))}]'
+    if isinstance(value, float):
+        return f'{value:g}'.replace('inf', '.inf')
+    return str(value).lower() if isinstance(value, bool) else str(value) or "''"

@@ -12,7 +12,7 @@ import yaml
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.experiment.events import parse_events
-from ctc_chattering.experiment.node_parameters import BringupSettings, LOOP, NODES, parameters_of
+from ctc_chattering.experiment.node_parameters import LOOP, NODES, parameters_of
 from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.experiment.yaml_file import Dumper, read_yaml
@@ -86,20 +86,13 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
         if name not in (*NODES, EVERY_NODE):
             raise CtcError(f'{path}: no node is called {name}; allowed: '
                            + ', '.join((*NODES, EVERY_NODE)))
-    values = {node: node_values(sections, node, str(path)) for node in NODES}
-    for node in NODES:
-        known = parameters_of(node)
-        for section in (EVERY_NODE, node):
-            for key, value in (overrides or {}).get(section, {}).items():
-                if key in known or section == node:
-                    values[node][key] = value
+    values = {node: node_values(sections, node, str(path))
+              | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
-    configs = {node: [_build(config, values[node], node) for config in NODES[node]]
-               for node in NODES}
-    plant, controller, reference = (configs[node][0] for node in LOOP)
-    bringup = configs['bringup'][0]
-    assert isinstance(plant, PlantConfig) and isinstance(controller, ControllerConfig)
-    assert isinstance(reference, ReferenceConfig) and isinstance(bringup, BringupSettings)
+    configs: dict[str, list[Any]] = {
+        node: [_build(kind, values[node], node) for kind in kinds]
+        for node, kinds in NODES.items()}
+    plant, controller, reference, bringup = (configs[node][0] for node in (*LOOP, 'bringup'))
     _check_agreement(plant, controller, reference)
     if values['plant'].get('use_sim_time') is True and plant.pacing == 'real_time':
         raise UsageError('use_sim_time: true contradicts real_time, the pacing of plant: it '
@@ -107,9 +100,8 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     events = parse_events(bringup.events, {'plant': plant, 'controller': controller})
     resolved = {node: {name: value for config in configs[node]
                        for name, value in config.as_mapping().items()} for node in NODES}
-    route = None
-    if reference.trajectory_file:
-        route = read_trajectory(Path(reference.trajectory_file), reference.joint_names)
+    route = read_trajectory(Path(reference.trajectory_file), reference.joint_names
+                            ) if reference.trajectory_file else None
     descriptions = {node: read_description(config.description)
                     for node, config in (('plant', plant), ('controller', controller))
                     if config.described and config.description}
@@ -118,21 +110,19 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     return Setup(plant, controller, reference, events, resolved, route, descriptions)
 
 
-def dump(values: Mapping[str, Values], namespace: str, path: Path) -> None:
+def dump(values: Mapping[str, Values], path: Path) -> None:
     """
-    Write a parameter file with all values, for nodes in `namespace`.
+    Write a parameter file.
 
     Parameters
     ----------
     values : mapping
         Values by node and parameter.
-    namespace : str
-        For example ``/robot1``; ROS takes no wildcard in front of a node's name.
     path : Path
         File to write.
 
     """
-    tree = {f'{namespace.rstrip("/")}/{node}': {'ros__parameters': {
+    tree = {node: {'ros__parameters': {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in mine.items()}} for node, mine in values.items()}
     path.write_text(yaml.dump(tree, Dumper=Dumper, default_flow_style=None), encoding='utf-8')
@@ -175,11 +165,9 @@ def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tupl
             raise CtcError(f'{path}: {name}: ros__parameters is missing')
         if 'ros__parameters' in below:
             values = below['ros__parameters']
-            if values is None:
-                values = {}
-            if not isinstance(values, dict):
+            if not (values is None or isinstance(values, dict)):
                 raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
-            yield name, dict(_flat(values, ''))
+            yield name, dict(_flat(values or {}, ''))
         else:
             yield from _sections(below, name, path)
 
@@ -192,7 +180,7 @@ def _flat(values: Mapping[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:
             yield f'{prefix}{key}', value
 
 
-def node_values(sections: Mapping[str, Values], node: str, source: str) -> Values:
+def node_values(sections: Overrides, node: str, source: str) -> Values:
     """
     Return the values that `node` takes from the sections of a file.
 
@@ -203,26 +191,22 @@ def node_values(sections: Mapping[str, Values], node: str, source: str) -> Value
 
     """
     known = parameters_of(node)
-    values = {}
     everyone = {name for other in NODES for name in parameters_of(other)}
+    values = {}
     for section, allowed in ((EVERY_NODE, everyone), (node, set(known))):
         for name, value in sections.get(section, {}).items():
-            if name not in allowed and name not in OF_ROS:
-                raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
-                               + ', '.join(sorted(allowed)))
             if name in known or name in OF_ROS:
                 values[name] = value
+            elif name not in allowed:
+                raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
+                               + ', '.join(sorted(allowed)))
     return values
 
 
-def _build(config: type[Config], values: Values, node: str) -> Config:
-    names = config.parameters()
-    mine = {name: value for name, value in values.items() if name in names}
-    for name, value in mine.items():
-        if value is None:
-            raise ParameterError(f'{node}: {name}', value, names[name].allowed)
+def _build(kind: type[Config], values: Values, node: str) -> Config:
+    known = kind.parameters()
     try:
-        return config.from_mapping(mine)
+        return kind.from_mapping({name: x for name, x in values.items() if name in known})
     except ParameterError as error:
         raise ParameterError(f'{node}: {error.name}', error.value, error.allowed) from None
 
@@ -234,16 +218,20 @@ def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
     if plant.plant_backend == 'builtin':
         names += ['model', 'locked']
     for name in names:
-        ours, theirs = getattr(controller, name), getattr(plant, name)
-        if ours != theirs:
-            raise _contradiction(name, 'controller', ours, 'plant', theirs)
+        if getattr(controller, name) != getattr(plant, name):
+            raise _contradiction(name, 'controller', controller, 'plant', plant)
     for node, config in (('controller', controller), ('reference', reference)):
         if period_ns(config.control_period) != period_ns(plant.control_period):
-            raise _contradiction('control_period', node, config.control_period, 'plant',
-                                 plant.control_period)
+            raise _contradiction('control_period', node, config, 'plant', plant)
     if not set(controller.joint_names) <= set(reference.joint_names):
-        raise _contradiction('joint_names', 'reference', reference.joint_names, 'controller',
-                             controller.joint_names)
+        raise _contradiction('joint_names', 'reference', reference, 'controller', controller)
+
+
+def _contradiction(name: str, node: str, config: Config, other: str, theirs: Config) -> CtcError:
+    def shown(x: Any) -> object:
+        return list(x) if isinstance(x, tuple) else x
+    return CtcError(f'{name}: {shown(getattr(config, name))} of {node} contradicts '
+                    f'{shown(getattr(theirs, name))} of {other}; put what nodes share under /**')
 
 
 def _check_motion(reference: ReferenceConfig, route: Route | None, plant: PlantConfig) -> None:
@@ -256,10 +244,3 @@ def _check_motion(reference: ReferenceConfig, route: Route | None, plant: PlantC
         make_motion(reference, route, start, limits=limits)
     except CtcError as error:
         raise CtcError(f'reference: {error}') from None
-
-
-def _contradiction(name: str, node: str, value: object, other: str, expected: object) -> CtcError:
-    def shown(x: object) -> object:
-        return list(x) if isinstance(x, tuple) else x
-    return CtcError(f'{name}: {shown(value)} of {node} contradicts {shown(expected)} of {other}; '
-                    'put what nodes share under /**')

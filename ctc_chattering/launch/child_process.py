@@ -90,8 +90,7 @@ class Child:
 
     def signal(self, number: int) -> None:
         """Send a signal if it still runs."""
-        if self.status is None:
-            self.process.send_signal(number)
+        self.process.send_signal(number)
 
 
 def stop(children: Sequence[Child], patience: float = 5.0) -> None:

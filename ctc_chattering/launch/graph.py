@@ -60,46 +60,48 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profile()
-    from ctc_chattering.launch.parameter_events import GraphMonitor
+    from ctc_chattering.launch.parameter_events import graph_monitor
     lockstep = setup.plant.pacing == 'lockstep'
-    names = (*(('recorder',) if record else ()), *LOOP)
-    values = {name: dict(setup.values[name]) for name in names}
-    for name in LOOP:
-        values[name]['wait_for'] = ['bringup', *names]
-    if lockstep and setup.events:
-        values['plant']['hold_at'] = setup.events[0].time
-    if record is not None:
-        values['recorder']['bag'] = str(record)
+    values = _node_values(setup, record)
     turns = None
     if lockstep and setup.values['bringup']['one_processor']:
         turns = one_processor()
+    children: dict[str, child_process.Child] = {}
     with (stop_signals() as caught,
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
-        resolved = Path(scratch) / 'params.yaml'
-        parameter_file.dump(values, _namespace(ros_args), resolved)
-        children: dict[str, child_process.Child] = {}
-        observer = None
+        file = Path(scratch) / 'params.yaml'
+        parameter_file.dump(values, file)
         try:
-            for name in names:
+            for name in values:
                 argv = child_process.node_command(
-                    name, *ros_args, '--ros-args', '--params-file', str(resolved))
+                    name, *ros_args, '--ros-args', '--params-file', str(file))
                 children[name] = child_process.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)
-            observer = GraphMonitor(setup.events, lockstep, ros_args)
-            _watch(children, observer, caught, setup.plant.duration > 0.0, progress)
+            with graph_monitor(setup.events, lockstep, ros_args) as look:
+                _watch(children, look, caught, setup.plant.duration > 0.0, progress)
         finally:
-            if observer is not None:
-                observer.close()
             child_process.stop([children[x] for x in LOOP if x in children])
-            if 'recorder' in children:
-                child_process.stop([children['recorder']], patience=20.0)
+            child_process.stop(list(children.values()), patience=20.0)
     for child in children.values():
         if child.status:
             raise CtcError(child.exit_report())
 
 
-def _watch(children: Mapping[str, child_process.Child], observer: Any, caught: Sequence[int],
-           ends: bool, progress: Callable[[float], None] | None) -> None:
+def _node_values(setup: parameter_file.Setup, record: Path | None) -> dict[str, dict[str, Any]]:
+    """Return the parameters of the nodes that are to run, in the order of their start."""
+    names = (*(('recorder',) if record else ()), *LOOP)
+    values = {name: dict(setup.values[name]) for name in names}
+    for name in LOOP:
+        values[name]['wait_for'] = ['bringup', *names]
+    if setup.plant.pacing == 'lockstep' and setup.events:
+        values['plant']['hold_at'] = setup.events[0].time
+    if record:
+        values['recorder']['bag'] = str(record)
+    return values
+
+
+def _watch(children: Mapping[str, child_process.Child], look: Callable[[], float],
+           caught: Sequence[int], ends: bool, progress: Callable[[float], None] | None) -> None:
     """Return when the plant has ended the experiment."""
     while True:
         if caught:
@@ -109,7 +111,7 @@ def _watch(children: Mapping[str, child_process.Child], observer: Any, caught: S
                 if name == 'plant' and child.status == 0 and ends:
                     return
                 raise CtcError(child.exit_report())
-        time = observer.look()
+        time = look()
         if progress is not None:
             progress(time)
 
@@ -119,14 +121,6 @@ def one_processor() -> set[int] | None:
     if not hasattr(os, 'sched_getaffinity'):
         return None
     return {random.choice(sorted(os.sched_getaffinity(0)))}
-
-
-def _namespace(ros_args: Sequence[str]) -> str:
-    """Return the namespace that the arguments for ROS give all nodes."""
-    for word in ros_args:  # The first one wins in ROS.
-        if word.startswith('__ns:='):
-            return word.removeprefix('__ns:=')
-    return '/'
 
 
 @contextmanager

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import zip_longest
 import time
 from typing import Any
 
@@ -11,14 +13,13 @@ from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.ros.messages import nanoseconds_of, read_clock
+from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.node import BaseNode, Executor, qos
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, PARAMETERS
@@ -46,8 +47,7 @@ class ParameterEventScheduler(BaseNode):
 
     def __init__(self, events: Sequence[Event], lockstep: bool) -> None:
         super().__init__('bringup')
-        self._events = list(events)
-        self._lockstep = lockstep
+        self._events = list(_with_holds(events) if lockstep else events)
         self._clients_of: dict[str, Client] = {}
         #: The requests of the event that is due, all the same, and when the last was sent [s].
         self._pending: list[Future] = []
@@ -56,10 +56,10 @@ class ParameterEventScheduler(BaseNode):
         self.time = 0.0
         if lockstep:
             self.inputs = [ValidatedSubscription(
-                self, Clock, CLOCK, read_clock, self._on_clock, qos())]
+                self, Clock, CLOCK, read_stamp, self._on_clock, qos())]
         else:
             self.inputs = [ValidatedSubscription(
-                self, ParameterEvent, f'plant/{PARAMETERS}', _read_start, self._on_start,
+                self, ParameterEvent, f'plant/{PARAMETERS}', read_stamp, self._on_start,
                 qos(100, latched=True))]
 
     def _on_clock(self, now: int, _arrival: int) -> None:
@@ -76,26 +76,16 @@ class ParameterEventScheduler(BaseNode):
         answered = [future for future in self._pending if future.done()]
         if answered:
             self._pending = []
-            self._finish(answered[0])
+            self._events.pop(0)
+            for result in answered[0].result().results:
+                if not result.successful:
+                    self.failure = f'an event was refused: {result.reason}'
         due = self._events and self.time >= self._events[0].time
         now = time.monotonic()
         if self.failure is None and due and not (
                 self._pending and now - self._asked < _AGAIN):
             self._asked = now
             self._set(self._events[0].node, self._events[0].values)
-
-    def _finish(self, future: Future) -> None:
-        """Look at the answer to the last request and go on."""
-        for result in future.result().results:
-            if not result.successful:
-                self.failure = f'an event was refused: {result.reason}'
-                return
-        event = self._events.pop(0)
-        if 'hold_at' in event.values or not self._lockstep:
-            return
-        if not self._events or self._events[0].time > self.time:
-            following = self._events[0].time if self._events else 0.0
-            self._events.insert(0, Event(self.time, 'plant', {'hold_at': following}))
 
     def _set(self, node: str, values: Any) -> None:
         client = self._clients_of.get(node)
@@ -110,13 +100,19 @@ class ParameterEventScheduler(BaseNode):
         self._pending.append(client.call_async(request))
 
 
-def _read_start(data: bytes) -> int:
-    return nanoseconds_of(deserialize_message(data, ParameterEvent).stamp)
+def _with_holds(events: Sequence[Event]) -> Iterator[Event]:
+    """Yield the events, and after all of one time the one that moves ``hold_at`` on."""
+    for event, following in zip_longest(events, events[1:]):
+        yield event
+        if following is None or following.time > event.time:
+            yield Event(event.time, 'plant', {'hold_at': following.time if following else 0.0})
 
 
-class GraphMonitor:
+@contextmanager
+def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[str]
+                  ) -> Iterator[Callable[[], float]]:
     """
-    A `ParameterEventScheduler` in this process, spun between other work.
+    Run a `ParameterEventScheduler` in this process, between other work.
 
     Parameters
     ----------
@@ -125,42 +121,37 @@ class GraphMonitor:
     ros_args : sequence of str
         Arguments for ROS, such as a namespace.
 
+    Yields
+    ------
+    callable
+        Serves the graph for a moment and returns the time of the run [s]; raises `CtcError` if
+        an event was refused.
+
     Raises
     ------
     CtcError
         If ROS cannot start.
 
     """
+    try:
+        rclpy.init(args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+        node = ParameterEventScheduler(events, lockstep)
+    except Exception as error:
+        rclpy.try_shutdown()
+        raise CtcError(' '.join(str(error).split())) from None
+    executor = Executor()
+    executor.add_node(node)
 
-    def __init__(self, events: Sequence[Event], lockstep: bool, ros_args: Sequence[str]) -> None:
-        try:
-            rclpy.init(
-                args=['bringup', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
-            self._node = ParameterEventScheduler(events, lockstep)
-        except Exception as error:
-            rclpy.try_shutdown()
-            raise CtcError(' '.join(str(error).split())) from None
-        self._executor = Executor()
-        self._executor.add_node(self._node)
+    def look() -> float:
+        node.spin_in_batches(executor)
+        node.idle()
+        if node.failure:
+            raise CtcError(node.failure)
+        return node.time
 
-    def look(self) -> float:
-        """
-        Serve the graph for a moment and return the time of the run [s].
-
-        Raises
-        ------
-        CtcError
-            If an event was refused.
-
-        """
-        self._node.spin_in_batches(self._executor)
-        self._node.idle()
-        if self._node.failure:
-            raise CtcError(self._node.failure)
-        return self._node.time
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.remove_node(self._node)
-        self._node.destroy_node()
+    try:
+        yield look
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
         rclpy.try_shutdown()

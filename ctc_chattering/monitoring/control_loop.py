@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.error_monitor import joint_beyond
-from ctc_chattering.errors import RejectedMessage
+from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.monitoring import stamps
 from ctc_chattering.monitoring.controller_health import ControllerHealth
-from ctc_chattering.monitoring.controller_state import ControllerState, Event, State
+from ctc_chattering.monitoring.controller_state import Event, State
 from ctc_chattering.monitoring.watchdog import Logger, Watchdog
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
@@ -21,8 +21,7 @@ from ctc_chattering.trajectory.desired_motion import DesiredMotion
 _MOST_POINTS = 60_000
 #: Samples after which past points of the reference are forgotten.
 _FORGET = 10
-#: Real time: silence of the states that is reported at once [ns]; a plant at its end may take so
-#: long to leave.
+#: Real time: silence that is reported at once [ns]; a plant may take so long to shut down.
 _SILENCE = 2 * NANOSECONDS
 
 
@@ -64,6 +63,8 @@ class ControlLoop:
 
     Attributes
     ----------
+    state : State
+        The present one.
     law : Controller or None
         Once the model is known.
     period : int
@@ -87,7 +88,7 @@ class ControlLoop:
         self.law: Controller | None = None
         self.restart_duration = 0.0
         self.simulated = self.restarted = False
-        self.state = ControllerState(enabled)
+        self.state = State.WAITING_FOR_STATE if enabled else State.DISABLED
         self.motion = DesiredMotion(
             round(reference_timeout * NANOSECONDS), self.period, config.input_delay)
         self.watchdog = Watchdog('joint_states', 'state', 'no torque', _SILENCE, logger)
@@ -145,8 +146,7 @@ class ControlLoop:
     def _reject(self, verdict: str, t: int) -> None:
         """Raise `RejectedMessage` for a stamp [ns]."""
         if verdict == stamps.REPEATED and self.simulated:
-            if (self.last is not None and t == self.last.t and self._pending is None
-                    and self._held is not None):
+            if self._pending is None and self._held is not None:
                 self._send(self._held)
             raise RejectedMessage(verdict)  # A plant that waits sends it again, and so do we.
         raise RejectedMessage(verdict, self._stamps.reason(verdict, t))
@@ -178,14 +178,12 @@ class ControlLoop:
 
     def handle(self, event: Event) -> bool:
         """Handle an event; return whether it led to another state, and end torques if so."""
-        before = self.state.state
-        if not self.state.handle(event):
-            return False
-        after = self.state.state
-        if before.sends_torque and not after.sends_torque and not (
+        before = self.state
+        self.state = after = before.after(event)
+        if after is not before and before.sends_torque and not after.sends_torque and not (
                 self.simulated and after is State.WAITING_FOR_REFERENCE):
             self.end_torque()
-        return True
+        return after is not before
 
     def end_torque(self) -> None:
         """Send no torque from now on; in real time a last one of 0, for those who hold it."""
@@ -205,20 +203,24 @@ class ControlLoop:
         Raises
         ------
         RejectedMessage
-            If the law has no finite torque.
+            If the law has no finite torque, or the way back to the reference is not finite.
 
         """
         state, law = self._pending, self.law
         if state is None or law is None:
             return None
-        allowed = self.state.state.allows_torque
+        allowed = self.state.allows_torque
         reference = self.motion.reference(
             state.t, wait=self.simulated) if matched and allowed else None
         if reference is None:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Event.NO_REFERENCE)
             return None
-        if self.motion.begin(*state, self.restart_duration):
+        try:
+            begins = self.motion.begin(*state, self.restart_duration)
+        except ParameterError as error:
+            raise RejectedMessage('overflow', str(error)) from None
+        if begins:
             self._log.info(
                 'no torque was sent for a while: back to the reference from where the robot is '
                 f'within {self.restart_duration:g} s')
@@ -226,7 +228,12 @@ class ControlLoop:
         sample = self._step(law, state, point, ahead)
         beyond = joint_beyond(sample.e, law.config.error_limit)
         if beyond is not None:
-            self._trip(beyond, sample.e)
+            self._tripped = self._names[beyond]
+            self.handle(Event.ERROR_LIMIT)
+            self.end_torque()
+            self._log.error(
+                f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
+                'error_limit; no torque until ~/reset')
             return None
         self._send(sample.tau)
         self._held, self._pending = sample.tau, None
@@ -246,13 +253,6 @@ class ControlLoop:
             law.reset(bumpless=True, held=self._held)
         raise RejectedMessage('overflow', (
             f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
-
-    def _trip(self, joint: int, e: Vector) -> None:
-        self._tripped = self._names[joint]
-        self.handle(Event.ERROR_LIMIT)
-        self.end_torque()
-        self._log.error(f'the position errors {[float(f"{x:.4g}") for x in e]} rad exceed '
-                        'error_limit; no torque until ~/reset')
 
     def note(self, answer: Answer) -> None:
         """Note what a torque was made of, after it was sent."""
@@ -297,4 +297,4 @@ class ControlLoop:
             State.WAITING_FOR_STATE: (1, 'waiting for joint_states'),
             State.WAITING_FOR_REFERENCE: (1, 'waiting for reference'),
             State.HOLDING: (2, f'no reference for {self._reference_timeout:g} s; holding the '
-                            'position')}.get(self.state.state, (0, self.state.state.value))
+                            'position')}.get(self.state, (0, self.state.value))

@@ -13,6 +13,9 @@ from enum import Enum
 class State(Enum):
     """What the controller does; the value is the text for a user."""
 
+    # The hash of Enum, computed from the name each time, takes as long as a product of matrices.
+    __hash__ = object.__hash__
+
     WAITING_FOR_STATE = 'waiting for a state'
     WAITING_FOR_REFERENCE = 'waiting for the reference'
     RUNNING = 'running'
@@ -26,16 +29,22 @@ class State(Enum):
     @property
     def sends_torque(self) -> bool:
         """Whether every joint state is answered by a torque."""
-        return self in _SENDING
+        return self in (State.RUNNING, State.RESTARTING, State.HOLDING)
 
     @property
     def allows_torque(self) -> bool:
         """Whether a torque may be sent as soon as state and reference are there."""
-        return self not in _FORBIDDEN
+        return self not in (State.TRIPPED, State.DISABLED, State.TRIPPED_AND_DISABLED)
+
+    def after(self, event: Event) -> State:
+        """Return the state that an event leads to: this one, where the table has no other."""
+        return TRANSITIONS[self].get(event, self)
 
 
 class Event(Enum):
     """What happens to the controller."""
+
+    __hash__ = object.__hash__
 
     #: A joint state was accepted.
     STATE = 'state'
@@ -53,9 +62,6 @@ class Event(Enum):
     DISABLE = 'disable'
     ENABLE = 'enable'
 
-
-_SENDING = frozenset({State.RUNNING, State.RESTARTING, State.HOLDING})
-_FORBIDDEN = frozenset({State.TRIPPED, State.DISABLED, State.TRIPPED_AND_DISABLED})
 
 #: Rows of all states in which torques are sent, or would be.
 _ARMED = {
@@ -76,29 +82,3 @@ TRANSITIONS: Mapping[State, Mapping[Event, State]] = {
     State.DISABLED: {Event.ENABLE: State.WAITING_FOR_STATE},
     State.TRIPPED_AND_DISABLED: {Event.RESET: State.DISABLED, Event.ENABLE: State.TRIPPED},
 }
-
-
-class ControllerState:
-    """
-    The present state.
-
-    Parameters
-    ----------
-    enabled : bool
-        Whether torques are wanted from the start.
-
-    Attributes
-    ----------
-    state : State
-        The present one.
-
-    """
-
-    def __init__(self, enabled: bool) -> None:
-        self.state = State.WAITING_FOR_STATE if enabled else State.DISABLED
-
-    def handle(self, event: Event) -> bool:
-        """Go on to the next state; return whether it is another one."""
-        before = self.state
-        self.state = TRANSITIONS[before].get(event, before)
-        return self.state is not before

@@ -2,10 +2,56 @@
 
 from __future__ import annotations
 
-from ctc_chattering.monitoring.durations import Durations
+from array import array
+from collections import deque
+from math import sqrt
+
+import numpy as np
 
 _NANO = 1e-9
 _SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
+#: Shorter durations are in the octave of this one [ms].
+_SHORTEST = 1e-3
+
+
+class Durations:
+    """
+    Durations in windows, of which the last few count.
+
+    Parameters
+    ----------
+    windows : int
+        How many windows are looked back on.
+
+    """
+
+    def __init__(self, windows: int = 10) -> None:
+        self._windows: deque[array[float]] = deque(maxlen=windows)
+        self.rotate()
+
+    def add(self, duration: float) -> None:
+        """Note a duration [s]."""
+        self._windows[-1].append(duration)
+
+    def rotate(self) -> None:
+        """Begin a new window, and forget the oldest."""
+        self._windows.append(array('d'))
+
+    def summary(self) -> dict[str, float | str]:
+        """Return mean, quantiles, maximum and histogram by name; nothing without durations."""
+        ms = 1e3 * np.concatenate(tuple(self._windows))
+        if not ms.size:
+            return {}
+        quantiles = np.quantile(ms, list(_SHARES.values()), method='inverted_cdf').tolist()
+        # The octaves end at √2 ms times powers of two: a period of 1 ms and its jitter are in one.
+        octaves = np.frexp(np.maximum(ms, _SHORTEST) / sqrt(2.0))[1]
+        first = int(octaves.min())
+        return {'mean [ms]': float(ms.mean()),
+                **{f'{share} [ms]': value for share, value in zip(_SHARES, quantiles)},
+                'max [ms]': float(ms.max()),
+                'histogram [ms]': ', '.join(
+                    f'<{sqrt(2.0) * 2.0 ** (first + k):.2g}: {count}'
+                    for k, count in enumerate(np.bincount(octaves - first).tolist()) if count)}
 
 
 class LoopStatistics:
@@ -14,32 +60,33 @@ class LoopStatistics:
 
     Attributes
     ----------
-    periods, computing, answers : Durations
-        Over the last windows.
     samples, misses : int
         Samples since the start, and those that came or took too long.
+    rate : float
+        Samples per second in the last window.
 
     """
 
     def __init__(self) -> None:
-        self.periods, self.computing, self.answers = Durations(), Durations(), Durations()
+        self._periods, self._computing, self._answers = Durations(), Durations(), Durations()
+        self._durations = {'period': self._periods, 'computing time': self._computing,
+                           'answer time': self._answers}
         self.samples = self.misses = 0
+        self.rate = 0.0
         self._last: int | None = None
         self._seen = (0, 0)
-        #: Samples per second in the last window.
-        self.rate = 0.0
 
     def sample(self, begin: int, end: int) -> None:
         """Count a sample computed from `begin` to `end` [ns]."""
         self.samples += 1
         last, self._last = self._last, begin
         if last is not None:
-            self.periods.add(_NANO * (begin - last))
-        self.computing.add(_NANO * (end - begin))
+            self._periods.add(_NANO * (begin - last))
+        self._computing.add(_NANO * (end - begin))
 
     def answer(self, asked: int, now: int) -> None:
         """Count an answer that came at `now` to what was sent at `asked` [ns]."""
-        self.answers.add(_NANO * (now - asked))
+        self._answers.add(_NANO * (now - asked))
 
     def pause(self) -> None:
         """Do not count the time to the next sample as a period."""
@@ -51,21 +98,12 @@ class LoopStatistics:
         if before and now > before:
             self.rate = (self.samples - samples) / (_NANO * (now - before))
         self._seen = self.samples, now
-        for durations in (self.periods, self.computing, self.answers):
+        for durations in self._durations.values():
             durations.rotate()
 
     def values(self) -> dict[str, float | str]:
         """Return what there is to say, by name with unit."""
         result: dict[str, float | str] = {'samples': self.samples, 'rate [Hz]': self.rate}
-        for name, durations in (('period', self.periods), ('computing time', self.computing),
-                                ('answer time', self.answers)):
-            if not durations.count:
-                continue
-            result[f'{name}, mean [ms]'] = 1e3 * durations.mean()
-            for share, value in zip(_SHARES, durations.quantiles(*_SHARES.values())):
-                result[f'{name}, {share} [ms]'] = 1e3 * value
-            result[f'{name}, max [ms]'] = 1e3 * durations.largest()
-            result[f'{name}, histogram [ms]'] = ', '.join(
-                f'<{1e3 * end:.2g}: {count}' for end, count in durations.histogram().items())
-        result['deadline misses'] = self.misses
-        return result
+        for name, durations in self._durations.items():
+            result |= {f'{name}, {key}': value for key, value in durations.summary().items()}
+        return {**result, 'deadline misses': self.misses}

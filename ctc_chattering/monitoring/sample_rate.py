@@ -28,29 +28,25 @@ class SampleRate:
 
     def __init__(self, period: int) -> None:
         self._period = period
-        self._first: int | None = None
-        self._last = self._count = self._strange = 0
+        #: Stamps of the window [ns].
+        self._stamps: list[int] = []
+        self._strange = 0
         self.mean = 0.0
 
     def note(self, t: int) -> None:
         """Count a sample of stamp `t` [ns]."""
-        if self._first is None:
-            self._first = t
-        else:
-            self._count += 1
-        self._last = t
+        self._stamps.append(t)
 
     def pause(self) -> None:
         """Do not count the time to the next sample; start the window again."""
-        self._first = None
-        self._count = 0
+        self._stamps.clear()
 
     def rotate(self) -> None:
         """Evaluate the window and start the next one; without a period it says nothing."""
-        if self._first is None or not self._count:
+        if len(self._stamps) < 2:
             return
-        mean = (self._last - self._first) / self._count
-        self._first, self._count = self._last, 0
+        mean = (self._stamps[-1] - self._stamps[0]) / (len(self._stamps) - 1)
+        del self._stamps[:-1]
         self.mean = seconds(round(mean))
         wrong = abs(mean - self._period) > TOLERANCE * self._period
         self._strange = self._strange + 1 if wrong else 0

@@ -1,10 +1,10 @@
 """
-Judging the stamps of joint states before anything is computed from them.
+Classification of joint states by their stamps, before anything is computed from them.
 
-A stamp that repeats, goes back or leaps is refused. Where the next one goes on from there, time
-itself has changed (a simulation was reset, a clock was set) and a new run begins. In real time a
-state that has been underway for too long, and a gap as long as the silence before it, are told by
-the time of arrival; no two clocks need agree for that, only the shortest delay seen counts.
+A stamp that repeats, goes back or jumps is refused. Where the next one goes on from there, time
+itself has changed (a simulation was reset, a clock was set) and a new run begins. In real time
+the time of arrival shows a state that was delayed for too long, and a gap as long as the silence
+before it. The clocks need not agree: delays are compared with the shortest one measured.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ NEXT, GAP, RESTART = 'next', 'gap', 'restart'
 REPEATED, BACKWARD, JUMP, STALE = 'repeated', 'backward', 'jump', 'stale'
 TAKEN = frozenset({NEXT, GAP, RESTART})
 _REASONS = {REPEATED: 'the stamp repeats', BACKWARD: 'the stamp goes back',
-            JUMP: 'the stamp leaps'}
+            JUMP: 'the stamp jumps'}
 
 #: The shortest delay seen grows by a thousandth of time, more than clocks drift apart.
 _LEAK = 1000
@@ -28,7 +28,7 @@ _BELIEF = 50
 
 class Stamps:
     """
-    Judges one source's stamps.
+    Classifies one source's stamps.
 
     Parameters
     ----------
@@ -38,18 +38,14 @@ class Stamps:
     Attributes
     ----------
     lateness : int
-        How much longer the state classified last was underway than the quickest one [ns]; told in
-        real time only.
+        How much longer the state classified last was delayed than the quickest one [ns]; only in
+        real time.
 
     """
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self.lateness = 0
-        self.forget()
-
-    def forget(self) -> None:
-        """Take whatever comes next as the first."""
         self._last: int | None = None
         self._candidate: int | None = None
         self._arrived = 0
@@ -74,18 +70,13 @@ class Stamps:
         if last is None:
             return self._take(t, now, RESTART)
         step = t - last
-        if simulated:
-            if 0 < step <= self.limit:
-                self._last, self._arrived, self._candidate = t, now, None
-                return NEXT
-        elif step > 0:
-            if self._is_stale(t, now):
-                return STALE
-            if step <= self.limit:
-                return self._take(t, now, NEXT)
-            silence = now - self._arrived
-            if step <= silence + silence // _LEAK + self.limit:
-                return self._take(t, now, GAP)
+        if step > 0 and not simulated and self._is_stale(t, now):
+            return STALE
+        if 0 < step <= self.limit:
+            return self._take(t, now, NEXT)
+        silence = now - self._arrived
+        if step > 0 and not simulated and step <= silence + silence // _LEAK + self.limit:
+            return self._take(t, now, GAP)
         if step == 0:
             return REPEATED
         candidate, self._candidate = self._candidate, t

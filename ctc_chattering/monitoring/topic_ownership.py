@@ -44,7 +44,7 @@ class TopicOwnership:
         self._parts: dict[Hashable, bool] = {}
         #: Whether one publisher must have spoken of several parts.
         self._mixed = False
-        self._confirmed = self._contested_until = 0
+        self._confirmed, self._contested_until = 0, -1
 
     def update(self, publishers: int, now: int) -> None:
         """Take the number of publishers matched at `now`, of the system's clock [ns]."""

@@ -13,12 +13,13 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.experiment.node_parameters import ControllerSettings, RealTimeSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring import controller_state
 from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.description import Description
-from ctc_chattering.ros.joint_order import Joints
+from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.messages import LATEST
 from ctc_chattering.ros.node import BaseNode, ERROR, qos, Status, TICK
 from ctc_chattering.ros.parameters import NodeParameters
@@ -43,21 +44,21 @@ class ControllerNode(BaseNode):
     `ControlLoop`.
     """
 
-    def __init__(self) -> None:
-        super().__init__('controller')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('controller', values)
         self._configs = NodeParameters(
             self, (ControllerConfig, ControllerSettings, RealTimeSettings), self._on_change)
         config, settings = (
             self._configs.get(ControllerConfig), self._configs.get(ControllerSettings))
         self.scheduling = RealTime(self._configs.get(RealTimeSettings))
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
-        self._terms = ControlTerms(self, config.joint_names)
-        writer = EffortWriter(config.joint_names)
+        self._names = config.joint_names
+        self._terms = ControlTerms(self, self._names)
+        writer = EffortWriter(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
             lambda tau: self._commands.publish(writer.write(tau)), self.get_logger())
-        self._loop.restart_duration = settings.restart_duration
-        self._settings = settings
+        self._on_change()
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
@@ -74,14 +75,12 @@ class ControllerNode(BaseNode):
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
             self._described.publish(String(data=description))
-        self._state_joints, self._reference_joints = (
-            Joints(config.joint_names), Joints(config.joint_names))
         reference = ValidatedSubscription(
             self, JointTrajectory, REFERENCE, TrajectoryReader().read, self._on_reference,
             qos())
         states = ValidatedSubscription(
             self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
-            lambda state: (state.names, self._state_joints.concerned(state.names)))
+            lambda state: (state.names, not set(self._names).isdisjoint(state.names)))
         self.inputs = [states, reference]
 
     @property
@@ -98,15 +97,15 @@ class ControllerNode(BaseNode):
                 f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
 
     def _on_reference(self, chunk: TrajectoryChunk, now: int) -> None:
-        rows = self._reference_joints.select(
-            chunk.names, *(row for point in chunk.points for row in point))
+        rows = select(
+            self._names, chunk.names, *(row for point in chunk.points for row in point))
         if any(b <= a for a, b in zip(chunk.times, chunk.times[1:])):
             raise RejectedMessage('times', 'points whose times do not increase')
         self._loop.take_reference(chunk.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
     def _on_state(self, state: State, now: int) -> None:
-        q, dq = self._state_joints.select(state.names, state.position, state.velocity)
+        q, dq = select(self._names, state.names, state.position, state.velocity)
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
@@ -144,7 +143,7 @@ class ControllerNode(BaseNode):
             self.inputs[0].reject(rejected, now)
             return
         if answer is None:
-            if not self._loop.state.state.sends_torque:
+            if not self._loop.state.sends_torque:
                 self.statistics.pause()
             return
         self._publish_terms(answer)
@@ -171,7 +170,7 @@ class ControllerNode(BaseNode):
         self._loop.enable(request.data)
         response.success = True
         response.message = 'enabled' if request.data else 'disabled'
-        if request.data and self._loop.state.state is controller_state.State.TRIPPED:
+        if request.data and self._loop.state is controller_state.State.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response
 

@@ -10,13 +10,14 @@ from std_msgs.msg import Float64MultiArray
 
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.node_parameters import PlantSettings, RealTimeSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring.lockstep import LockstepExchange
 from ctc_chattering.monitoring.timer_grid import TimerGrid
 from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.ros.description import Description
-from ctc_chattering.ros.joint_order import Joints
+from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.messages import stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.parameters import NodeParameters
@@ -43,8 +44,8 @@ class PlantNode(BaseNode):
     torque comes, and is braked when no more come.
     """
 
-    def __init__(self) -> None:
-        super().__init__('plant')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('plant', values)
         self._configs = NodeParameters(
             self, (PlantConfig, PlantSettings, RealTimeSettings), self._on_change)
         config, self._settings = self._configs.get(PlantConfig), self._configs.get(PlantSettings)
@@ -52,11 +53,12 @@ class PlantNode(BaseNode):
         if config.pacing == 'real_time' and self.get_parameter('use_sim_time').value:
             raise UsageError('use_sim_time: true contradicts real_time, the pacing: the plant '
                              'gives the time itself, in lockstep on clock')
-        self._plant: Robot | None = None
+        self._robot: Robot  # Once it is known: see `_begin`.
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
-        self._clock_every = max(1, round(self._settings.clock_period * NANOSECONDS / self._period))
-        self._names, self._joints = config.joint_names, Joints(config.joint_names)
+        self._clock_every = max(
+            1, round(self._settings.clock_period * NANOSECONDS / self._period))
+        self._names = config.joint_names
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
         self._subscribers = 0
@@ -82,7 +84,7 @@ class PlantNode(BaseNode):
     def _begin(self, description: str) -> None:
         """Make the robot, and begin to listen."""
         config = self._configs.get(PlantConfig)
-        self._plant = make_plant(config, description)
+        self._robot = make_plant(config, description)
         self._limits = limits_of(config, description)
         self.inputs = [ValidatedSubscription(
             self, Float64MultiArray, COMMANDS, EffortReader().read,
@@ -100,19 +102,13 @@ class PlantNode(BaseNode):
                 f'{1 / config.control_period:g} Hz; {waits}')
 
     @property
-    def _robot(self) -> Robot:
-        """The robot, once there is one."""
-        assert self._plant is not None
-        return self._plant
-
-    @property
     def in_real_time(self) -> bool:
         """Whether the node's clock paces it."""
         return self._ticker is None
 
     def idle(self) -> None:
         """Begin once all are there; repeat the last message for those who came late."""
-        if self._ticker is None or self._plant is None:
+        if self._ticker is None or not self.inputs:
             return
         now = time.monotonic_ns()
         before, self._subscribers = self._subscribers, self._ticker.get_subscription_count()
@@ -139,10 +135,11 @@ class PlantNode(BaseNode):
 
     def status(self) -> Status:
         """Return what the plant does and why."""
-        plant = self._plant
-        if plant is None:
+        if not self.inputs:
             return Status(ERROR, self._description.problem, {})
-        values: dict[str, object] = {'pacing': plant.config.pacing, 'time of the run [s]': plant.t}
+        plant = self._robot
+        values: dict[str, object] = {
+            'pacing': plant.config.pacing, 'time of the run [s]': plant.t}
         level, message = (self._real_time_status(values) if self.in_real_time
                           else self._lockstep_status())
         if self._limits and (beyond := self._limits.excess([(plant.q, plant.dq, ())])):
@@ -176,8 +173,8 @@ class PlantNode(BaseNode):
         self._settings = self._configs.get(PlantSettings)
         self._watchdog.timeout = max(
             round(self._settings.command_timeout * NANOSECONDS), 3 * self._period)
-        if self._plant is not None:
-            self._plant.configure(self._configs.get(PlantConfig))
+        if self.inputs:
+            self._robot.configure(self._configs.get(PlantConfig))
         if self._held:
             self._held = False
             self._publish_sample()
@@ -282,7 +279,7 @@ class PlantNode(BaseNode):
 
     def _torques(self, efforts: Efforts) -> Vector:
         """Return the torques of a message in our order."""
-        return self._joints.select(efforts.names or self._names, efforts.values)[0]
+        return select(self._names, efforts.names or self._names, efforts.values)[0]
 
     def _at_end(self) -> bool:
         """Return whether the experiment is over, and end if so."""

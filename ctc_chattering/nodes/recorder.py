@@ -11,8 +11,8 @@ import time
 from typing import Any
 
 from ctc_chattering.bags.writer import offered_qos, Recording
-from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.node_parameters import RecorderSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring.log_clock import LogTime
 from ctc_chattering.monitoring.message_loss import SequenceTracker
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -69,14 +69,6 @@ class _Recorded:
     sequence: SequenceTracker
 
 
-def _stamp(data: bytes) -> int:
-    """Return the stamp of a serialized message [ns]."""
-    stamp = read_stamp(data)
-    if stamp is None:
-        raise CtcError('no stamp')
-    return stamp
-
-
 class RecorderNode(BaseNode):
     """
     Records all topics of `ros.topics.TOPICS`.
@@ -90,8 +82,8 @@ class RecorderNode(BaseNode):
     executor that calls back for each takes longer for a message.
     """
 
-    def __init__(self) -> None:
-        super().__init__('recorder')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('recorder', values)
         parameters = NodeParameters(self, (RecorderSettings,), lambda: None)
         self._recording = Recording(Path(parameters.get(RecorderSettings).bag))
         self.tick = NAP
@@ -128,7 +120,7 @@ class RecorderNode(BaseNode):
         timing = None
         if topic.name in (JOINT_STATES, CLOCK):
             timing = ValidatedSubscription(
-                self, kind, topic.name, _stamp,
+                self, kind, topic.name, read_stamp,
                 lambda stamp, _now: self._time.note(name, stamp), profile)
         return _Recorded(
             name, topic.kind, offered_qos(100 if topic.latched else 1000, topic.latched),

@@ -14,11 +14,12 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.experiment.node_parameters import RealTimeSettings, ReferenceSettings
+from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.description import Description
-from ctc_chattering.ros.messages import LATEST, read_clock
+from ctc_chattering.ros.messages import LATEST, read_stamp
 from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.real_time import RealTime
@@ -53,8 +54,8 @@ class ReferenceNode(BaseNode):
     takes theirs: it passes from one into the other without a jump.
     """
 
-    def __init__(self) -> None:
-        super().__init__('reference')
+    def __init__(self, values: Values | None = None) -> None:
+        super().__init__('reference', values)
         self._configs = NodeParameters(
             self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), self._on_change,
             self._check)
@@ -74,7 +75,6 @@ class ReferenceNode(BaseNode):
         self._writer = TrajectoryWriter(config.joint_names, self._piece, self._period)
         self._publisher = self.create_publisher(JointTrajectory, REFERENCE, qos())
         self._simulated = False
-        self._mine = frozenset(config.joint_names)
         self._start: int | None = None
         self._now: int | None = None
         #: What the states' stamps are ahead of the node's clock, where that matters [ns].
@@ -85,7 +85,7 @@ class ReferenceNode(BaseNode):
         self._subscribers = 0
         self._states: ValidatedSubscription[State] | None = None
         self.inputs = [
-            ValidatedSubscription(self, Clock, CLOCK, read_clock, self._on_clock, qos()),
+            ValidatedSubscription(self, Clock, CLOCK, read_stamp, self._on_clock, qos()),
             ValidatedSubscription(
                 self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
                 self._on_route, qos(10))]
@@ -137,7 +137,8 @@ class ReferenceNode(BaseNode):
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
                 self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
-                lambda state: (state.names, not self._mine.isdisjoint(state.names)))
+                lambda state: (state.names, not set(state.names).isdisjoint(
+                    self._plan.config.joint_names)))
         elif self._states is not None and begun:
             self._states.subscription.destroy()
             self._states = None
@@ -151,10 +152,8 @@ class ReferenceNode(BaseNode):
 
     def status(self) -> Status:
         """Return what the motion does."""
-        if self._description.problem:
-            return Status(ERROR, self._description.problem, {})
-        if self._refusal:
-            return Status(ERROR, self._refusal, {})
+        if problem := self._description.problem or self._refusal:
+            return Status(ERROR, problem, {})
         if self._now is None or self._plan.motion is None:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
         values = {'time of the motion [s]': seconds(self._now), 'published chunks': self._pieces,
@@ -166,8 +165,6 @@ class ReferenceNode(BaseNode):
     def _on_clock(self, now: int, _arrival: int) -> None:
         if self._start is not None and not self._simulated:
             raise RejectedMessage('real_time', 'the motion follows real time since its start')
-        if now > LATEST:
-            raise RejectedMessage('stamp', f'no time is as late as {seconds(now):.9f} s')
         if self._simulated and now == self._now:
             # Time stands still, maybe because what was published has not been taken.
             self._next = now // self._period
@@ -261,17 +258,12 @@ class ReferenceNode(BaseNode):
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:
-            self._publish(self._next)
+            self._publisher.publish(self._writer.write(
+                (self._start or 0) + self._next * self._period,
+                [self._plan.motion.at((self._next + k) * self._period)
+                 for k in range(self._piece)]))
+            self._pieces += 1
             self._next += self._piece
-
-    def _publish(self, first: int) -> None:
-        """Publish a chunk from grid index `first` on."""
-        motion = self._plan.motion
-        assert motion is not None
-        self._pieces += 1
-        self._publisher.publish(self._writer.write(
-            (self._start or 0) + first * self._period,
-            [motion.at((first + k) * self._period) for k in range(self._piece)]))
 
 
 #: What the executable runs.

@@ -43,21 +43,3 @@ def step(f: Dynamics, q: Vector, dq: Vector, load: Load, fixed_joints: int, h: f
              for x, k1, k2, k3, k4 in zip(q, dq, v2, v3, v4)],
             [x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
              for x, k1, k2, k3, k4 in zip(dq, a, b, c, d)])
-
-
-def step_two(f: Dynamics, q: Vector, dq: Vector, load: Load, fixed_joints: int, h: float
-             ) -> tuple[Vector, Vector]:
-    """Return what `step` does, to the last bit, for two joints: without the loops, faster."""
-    u0, um, u1 = load
-    half, sixth = 0.5 * h, h / 6.0
-    q1, q2 = q
-    v1, v2 = dq
-    a1, a2 = f(q, dq, u0, fixed_joints)
-    w1, w2 = v1 + half * a1, v2 + half * a2
-    b1, b2 = f((q1 + half * v1, q2 + half * v2), (w1, w2), um, fixed_joints)
-    x1, x2 = v1 + half * b1, v2 + half * b2
-    c1, c2 = f((q1 + half * w1, q2 + half * w2), (x1, x2), um, fixed_joints)
-    y1, y2 = v1 + h * c1, v2 + h * c2
-    d1, d2 = f((q1 + h * x1, q2 + h * x2), (y1, y2), u1, fixed_joints)
-    return ((q1 + sixth * (v1 + 2.0 * (w1 + x1) + y1), q2 + sixth * (v2 + 2.0 * (w2 + x2) + y2)),
-            (v1 + sixth * (a1 + 2.0 * (b1 + c1) + d1), v2 + sixth * (a2 + 2.0 * (b2 + c2) + d2)))

@@ -19,7 +19,6 @@ from ctc_chattering.errors import CtcError
 TIME, STRING, DOUBLES = 'iI', 'string', 'doubles'
 #: Size of the encapsulation [bytes].
 _BEGIN = 4
-_INCOMPLETE = 'the message is incomplete'
 
 
 def byte_order(data: bytes) -> str:
@@ -30,20 +29,11 @@ def byte_order(data: bytes) -> str:
     return order
 
 
-def read_time(data: bytes) -> tuple[int, int]:
-    """Return the seconds and nanoseconds at the beginning of a message."""
-    try:
-        sec, nanosec = struct.unpack_from(byte_order(data) + TIME, data, _BEGIN)
-    except struct.error:
-        raise CtcError(_INCOMPLETE) from None
-    return sec, nanosec
-
-
 class Template:
     """
     The `struct` of all messages that differ from the last one in numbers only.
 
-    Its values are the numbers and, as bytes, what is between them, without the padding.
+    Its values are the encapsulation, the numbers, and the counts and bytes between them.
 
     Attributes
     ----------
@@ -61,14 +51,14 @@ class Template:
     layout: ClassVar[tuple[Any, ...]]
 
     def __init__(self) -> None:
-        self._unpack_from = struct.Struct('').unpack_from
+        self._struct = struct.Struct('')
         self._constants: Callable[[Any], Any] = tuple
         self._expected: Any = None
 
     def unpack(self, data: bytes) -> tuple[Any, ...]:
         """Return the values of a message; raise `CtcError` if it is incomplete or not CDR."""
         try:
-            values = self._unpack_from(data)
+            values = self._struct.unpack_from(data)
             if self._constants(values) == self._expected:
                 return values
         except struct.error:
@@ -77,21 +67,14 @@ class Template:
 
     def parse(self, data: bytes) -> tuple[Any, ...]:
         """Take the template from a message, and return its values."""
-        order = byte_order(data)
-        self._data, self._at, self._begin = data, _BEGIN, 0
-        self._uint32 = struct.Struct(order + 'I').unpack_from
-        self._codes, self._size = [order], 0
-        self._places: list[int] = []
+        self._data, self._order = data, byte_order(data)
+        self._codes, self._at, self._size = f'{self._order}{_BEGIN}s', _BEGIN, 1
+        self._places = [0]
         self.rows: list[slice] = []
-        try:
-            fields = self._parse(self.layout)
-            self._end_of_constant()
-            form = struct.Struct(''.join(self._codes))
-            values = form.unpack_from(data)
-        except struct.error:
-            raise CtcError(_INCOMPLETE) from None
-        self.fields, self.pack, self._unpack_from = fields, form.pack, form.unpack_from
+        self.fields = self._parse(self.layout)
+        self._struct = struct.Struct(self._codes)
         self._constants = itemgetter(*self._places)
+        values = self._struct.unpack_from(data)
         self._expected = self._constants(values)
         return values
 
@@ -100,54 +83,32 @@ class Template:
         if isinstance(part, tuple):
             fields = [x for x in map(self._parse, part) if x is not None]
             return tuple(fields) if len(fields) > 1 else fields[0]
-        self._align(4)
         if part == TIME:
-            return self._numbers(TIME, 2, 4)
+            return self._append(TIME, 4, 8, 2)
         if isinstance(part, int):
-            self._at += part
+            self._constant(f'{part}s', 4, part)
             return None
-        count = self._count()
+        count = self._constant('I', 4, 4)
+        if part == STRING:
+            text = self._constant(f'{count}s', 1, count)
+            return text.partition(b'\0')[0].decode(errors='replace')
         if part == DOUBLES:
-            row = self._numbers(f'{count}d', count, 8) if count else slice(0)
+            row = self._append(f'{count}d', 8, 8 * count, count) if count else slice(0)
             self.rows += [row] * bool(count)
             return row
-        if part == STRING:
-            self._at += count
-            text = bytes(self._data[self._at - count:self._at])
-            return text.partition(b'\0')[0].decode(errors='replace')
-        return tuple([self._parse(x) for x in part * count])
+        return tuple([self._parse(x) for _ in range(count) for x in part])
 
-    def _count(self) -> int:
-        """Return the number of elements of what begins at byte `_at`."""
-        count, = self._uint32(self._data, self._at)
-        self._at += 4
-        left = len(self._data) - self._at
-        if count > left:
-            raise CtcError(f'{_INCOMPLETE}: {left} bytes for {count} elements')
-        return int(count)
-
-    def _numbers(self, code: str, count: int, size: int) -> slice:
-        """Append `count` numbers of `size` bytes, and return their slice."""
-        self._align(size)
-        self._end_of_constant()
-        self._codes.append(code)
-        self._at += count * size
-        self._begin = self._at
+    def _append(self, code: str, alignment: int, length: int, count: int = 1) -> slice:
+        """Append `count` values, `length` bytes together; return their slice."""
+        padding = (_BEGIN - self._at) % alignment
+        self._codes += f'{padding}x{code}'
+        self._at += padding + length
         self._size += count
+        if self._at > len(self._data):
+            raise CtcError(f'the message is incomplete: {len(self._data)} of {self._at} bytes')
         return slice(self._size - count, self._size)
 
-    def _align(self, size: int) -> None:
-        """Append padding, which may be any bytes."""
-        padding = (_BEGIN - self._at) % size
-        if padding:
-            self._end_of_constant()
-            self._codes.append(f'{padding}x')
-            self._at += padding
-            self._begin = self._at
-
-    def _end_of_constant(self) -> None:
-        """Append the bytes since the last number or padding."""
-        if self._at > self._begin:
-            self._codes.append(f'{self._at - self._begin}s')
-            self._places.append(self._size)
-            self._size += 1
+    def _constant(self, code: str, alignment: int, length: int) -> Any:
+        """Append a value that the next message must have as well, and return it."""
+        self._places.append(self._append(code, alignment, length).start)
+        return struct.unpack_from(self._order + code, self._data, self._at - length)[0]

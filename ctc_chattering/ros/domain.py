@@ -30,7 +30,7 @@ def own_domain() -> Iterator[int]:
 
     """
     names = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
-    before = {name: os.environ.get(name) for name in names}
+    before = {name: os.environ[name] for name in names if name in os.environ}
     for domain in random.sample(DOMAINS, len(DOMAINS)):
         path = Path(tempfile.gettempdir()) / f'ctc_chattering_domain_{domain}.lock'
         try:
@@ -46,11 +46,9 @@ def own_domain() -> Iterator[int]:
             os.environ.update(dict(zip(names, (str(domain), 'LOCALHOST'))))
             yield domain
         finally:
-            for name, value in before.items():
-                if value is None:
-                    os.environ.pop(name, None)
-                else:
-                    os.environ[name] = value
+            for name in names:
+                os.environ.pop(name, None)
+            os.environ.update(before)
             os.close(descriptor)
         return
     raise CtcError('every ROS domain from 1 to 101 is in use on this host')

@@ -23,13 +23,12 @@ def end_after(delay: float, status: int) -> None:
     A thread of Python could not: who hangs may hold the interpreter's lock. On Linux with 64 bits
     only; elsewhere nothing happens.
     """
-    if not sys.platform.startswith('linux') or ctypes.sizeof(ctypes.c_void_p) != 8:
+    libc = ctypes.CDLL(None)
+    if (sys.platform != 'linux' or ctypes.sizeof(ctypes.c_void_p) != 8
+            or not hasattr(libc, 'timer_create')):  # Of some C libraries, it is in another one.
         return
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
-    libc = ctypes.CDLL(None)
-    if not hasattr(libc, 'timer_create'):  # A C library that has it in another one.
-        return
     event = _Event(value=status, notify=_SIGEV_THREAD,
                    function=ctypes.cast(libc._exit, ctypes.c_void_p))
     timer = ctypes.c_void_p()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import struct
 from typing import Any
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Time
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.cdr import read_time
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.ros.cdr import byte_order, TIME
 
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS
@@ -38,22 +39,22 @@ def stamp(nanoseconds: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def nanoseconds_of(time: Time | Duration) -> int:
-    """Return a time message in nanoseconds."""
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+def read_stamp(data: bytes) -> int:
+    """
+    Return the time in a `Clock`, or in a header, at the beginning of a serialized message [ns].
 
+    Raises
+    ------
+    CtcError
+        If the message is incomplete, or this is no time from 0 to `LATEST`.
 
-def read_clock(data: bytes) -> int:
-    """Return the time in a serialized `Clock` [ns]; raise `CtcError` if it is malformed."""
-    sec, nanosec = read_time(data)
-    return sec * NANOSECONDS + nanosec
-
-
-def read_stamp(data: bytes) -> int | None:
-    """Return the time [ns] of a `Clock` or a header at the beginning of a message, if any."""
+    """
     try:
-        sec, nanosec = read_time(data)
-    except CtcError:
-        return None
+        sec, nanosec = struct.unpack_from(byte_order(data) + TIME, data, 4)
+    except struct.error:
+        raise CtcError(f'the message is incomplete: {len(data)} bytes') from None
     t = sec * NANOSECONDS + nanosec
-    return t if 0 <= t <= LATEST and nanosec < NANOSECONDS else None
+    if not (0 <= t <= LATEST and nanosec < NANOSECONDS):
+        raise CtcError(
+            f'{sec} s and {nanosec} ns are no time; allowed: 0 s to {seconds(LATEST)} s')
+    return int(t)

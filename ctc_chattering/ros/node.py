@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from rclpy.task import Future
 
+from ctc_chattering.experiment.parameter_file import OF_ROS, Values
 from ctc_chattering.monitoring.loop_statistics import LoopStatistics
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.matching import compatible, qos
@@ -53,8 +55,16 @@ class BaseNode(Node):
     """
     A node that `run` can drive, and that reports on ``/diagnostics`` once a second.
 
+    Parameters
+    ----------
+    name : str
+    values : mapping, optional
+        Values of its parameters; the others have their defaults.
+
     Attributes
     ----------
+    given : mapping
+        `values`.
     statistics : LoopStatistics
         Of its samples, where it has any.
     inputs : list of ValidatedSubscription
@@ -74,8 +84,10 @@ class BaseNode(Node):
 
     """
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name, start_parameter_services=False)
+    def __init__(self, name: str, values: Values | None = None) -> None:
+        self.given = dict(values or {})
+        super().__init__(name, start_parameter_services=False, parameter_overrides=[
+            RosParameter(x, value=self.given[x]) for x in OF_ROS if x in self.given])
         TolerantParameterService(self)
         self.done = Future()
         self.failure: str | None = None
@@ -105,12 +117,11 @@ class BaseNode(Node):
 
     def schedule(self) -> None:
         """Have the process scheduled for real time while that is needed, and say so."""
-        line = self.scheduling.update(self.in_real_time) if self.scheduling else ''
-        if line:
+        if self.scheduling and (line := self.scheduling.update(self.in_real_time)):
             self.get_logger().info(line)
 
     def status(self) -> Status:
-        """Return what is to be reported beside the pace and what was refused."""
+        """Return what is to be reported beside the loop statistics and what was refused."""
         return Status(OK, 'running', {})
 
     def introduction(self) -> str:

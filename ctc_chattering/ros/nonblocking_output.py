@@ -7,7 +7,8 @@ last torque of 0 must not wait for a line of the log.
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 import fcntl
 import os
 import sys
@@ -19,38 +20,36 @@ _CAPACITY = 1 << 20
 _PATIENCE = 0.5
 
 
-class NonblockingOutput:
-    """A context in which threads write the output of the process, C libraries included."""
-
-    def __enter__(self) -> NonblockingOutput:
-        """Redirect both into pipes."""
-        if os.isatty(2):  # rcutils prints no colours into a pipe.
-            os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')
-        self._sinks = {descriptor: os.dup(descriptor) for descriptor in (1, 2)}
-        self._threads = [self._divert(*item) for item in self._sinks.items()]
-        return self
-
-    @staticmethod
-    def _divert(descriptor: int, sink: int) -> threading.Thread:
-        source, end = os.pipe()
-        with suppress(OSError):
-            fcntl.fcntl(end, fcntl.F_SETPIPE_SZ, _CAPACITY)
-        os.set_blocking(end, False)
-        os.dup2(end, descriptor)
-        os.close(end)
-        thread = threading.Thread(target=_copy, args=(source, sink), daemon=True)
-        thread.start()
-        return thread
-
-    def __exit__(self, *_: object) -> None:
-        """Wait a moment for the last lines; then print as before."""
+@contextmanager
+def nonblocking_output() -> Iterator[None]:
+    """Have threads write the output of the process, that of C libraries included."""
+    if os.isatty(2):  # rcutils prints no colours into a pipe.
+        os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')
+    sinks = {descriptor: os.dup(descriptor) for descriptor in (1, 2)}
+    threads = [_divert(*item) for item in sinks.items()]
+    try:
+        yield
+    finally:
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
                 stream.flush()
-        for descriptor, sink in self._sinks.items():
+        for descriptor, sink in sinks.items():
             os.dup2(sink, descriptor)
-        for thread in self._threads:
+        for thread in threads:
             thread.join(_PATIENCE)
+
+
+def _divert(descriptor: int, sink: int) -> threading.Thread:
+    """Have what is written to a descriptor go through a pipe; return the thread that reads it."""
+    source, end = os.pipe()
+    with suppress(OSError):
+        fcntl.fcntl(end, fcntl.F_SETPIPE_SZ, _CAPACITY)
+    os.set_blocking(end, False)
+    os.dup2(end, descriptor)
+    os.close(end)
+    thread = threading.Thread(target=_copy, args=(source, sink), daemon=True)
+    thread.start()
+    return thread
 
 
 def _copy(source: int, sink: int) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+import re
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -12,22 +14,16 @@ from rcl_interfaces.msg import (
     ParameterEvent,
     SetParametersResult,
 )
-from rclpy.exceptions import ParameterException, ParameterNotDeclaredException
-from rclpy.node import Node
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as RosParameter
 
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, Parameter
 from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.node import qos
+from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.topics import PARAMETERS
 
 C = TypeVar('C', bound=Config)
-
-_ROS_TYPES = {
-    'bool': RosParameter.Type.BOOL, 'int': RosParameter.Type.INTEGER,
-    'float': RosParameter.Type.DOUBLE, 'str': RosParameter.Type.STRING,
-    'float[]': RosParameter.Type.DOUBLE_ARRAY, 'str[]': RosParameter.Type.STRING_ARRAY}
 
 
 class NodeParameters:
@@ -39,7 +35,7 @@ class NodeParameters:
 
     Parameters
     ----------
-    node : Node
+    node : BaseNode
         Where they are declared.
     configs : sequence of Config types
         Together they hold all parameters of the node.
@@ -56,29 +52,22 @@ class NodeParameters:
     Raises
     ------
     CtcError
-        If an override is not allowed.
+        If one of the node's values is not allowed.
 
     """
 
-    def __init__(self, node: Node, configs: Sequence[type[Config]],
+    def __init__(self, node: BaseNode, configs: Sequence[type[Config]],
                  changed: Callable[[], None],
                  check: Callable[[Sequence[Config]], None] = lambda _: None) -> None:
         self._node = node
         self._changed, self._check = changed, check
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
-        values = {}
-        for name in self._specs:
-            value = _override(node, name)
-            if value is not None:
-                values[name] = value
-        self._configs = [config.from_mapping(
-            {name: value for name, value in values.items() if name in config.parameters()})
-            for config in configs]
+        self._configs = [config.from_mapping(_of(config, node.given)) for config in configs]
         for config in self._configs:
             for name, value in config.as_mapping().items():
-                node.declare_parameter(name, _to_ros(value), descriptor(self._specs[name]),
-                                       ignore_override=True)
+                node.declare_parameter(name, _to_parameter(name, value).value,
+                                       descriptor(self._specs[name]))
         self._publisher = node.create_publisher(
             ParameterEvent, f'~/{PARAMETERS}', qos(100, latched=True))
         self._announced: dict[str, Any] = {}
@@ -89,50 +78,38 @@ class NodeParameters:
 
     def get(self, kind: type[C]) -> C:
         """Return the present configuration of type `kind`."""
-        for config in self._configs:
-            if isinstance(config, kind):
-                return config
-        raise TypeError(kind)
+        return next(config for config in self._configs if isinstance(config, kind))
 
     def announce(self, t: int) -> None:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
         now = {name: value for config in self._configs
                for name, value in config.as_mapping().items()}
-        message = ParameterEvent(stamp=stamp(t), node=self._node.get_fully_qualified_name())
-        changed = [self._to_parameter(name, value).to_parameter_msg()
+        changed = [_to_parameter(name, value).to_parameter_msg()
                    for name, value in now.items() if self._announced.get(name) != value]
-        if self._announced:
-            message.changed_parameters = changed
-        else:
-            message.new_parameters = changed
+        kind = 'changed_parameters' if self._announced else 'new_parameters'
         self._announced = now
         self.changed = False
         if changed:
-            self._publisher.publish(message)
-
-    def _to_parameter(self, name: str, value: Any) -> RosParameter:
-        return RosParameter(name, _ROS_TYPES[self._specs[name].kind], _to_ros(value))
+            self._publisher.publish(ParameterEvent(
+                stamp=stamp(t), node=self._node.get_fully_qualified_name(), **{kind: changed}))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Turn integers and words for numbers into numbers where such are due."""
-        result = []
-        for parameter in parameters:
-            if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.
-                raise ParameterNotDeclaredException([parameter.name])
-            spec = self._specs.get(parameter.name)
-            try:
-                coerced = parameter if spec is None else self._to_parameter(
-                    parameter.name, spec.coerce(_numbers(spec, parameter.value)))
-            except ParameterError:
-                coerced = parameter
-            result.append(coerced)
-        return result
+        return [self._coerced(parameter) for parameter in parameters]
+
+    def _coerced(self, parameter: RosParameter) -> RosParameter:
+        if not self._node.has_parameter(parameter.name):  # rclpy takes an empty name.
+            raise ParameterNotDeclaredException([parameter.name])
+        spec = self._specs.get(parameter.name)
+        if spec is not None:
+            with suppress(ParameterError):  # `_validate` refuses it, and says why.
+                value = spec.coerce(_numbers(spec, parameter.value))
+                return _to_parameter(spec.name, value)
+        return parameter
 
     def _candidates(self, parameters: Sequence[RosParameter]) -> list[Config]:
-        values = {p.name: p.value for p in parameters if p.name in self._specs}
-        return [config.changed({
-            name: value for name, value in values.items() if name in config.parameters()})
-            for config in self._configs]
+        values = {parameter.name: parameter.value for parameter in parameters}
+        return [config.changed(_of(config, values)) for config in self._configs]
 
     def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -157,15 +134,9 @@ class NodeParameters:
             self._changed()
 
 
-def _override(node: Node, name: str) -> Any:
-    """Return the value that the command line or a file gives, of whatever type; None without."""
-    try:
-        value = node.declare_parameter(
-            name, descriptor=ParameterDescriptor(dynamic_typing=True)).value
-        node.undeclare_parameter(name)
-    except ParameterException as error:
-        raise CtcError(' '.join(str(error).split())) from None
-    return value
+def _of(config: Config | type[Config], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of the parameters that a configuration has."""
+    return {name: value for name, value in values.items() if name in config.parameters()}
 
 
 def _numbers(spec: Parameter, value: Any) -> Any:
@@ -177,35 +148,26 @@ def _numbers(spec: Parameter, value: Any) -> Any:
     """
     if spec.kind not in ('float', 'float[]'):
         return value
-    items = value
-    if isinstance(value, str):
-        text = value.strip()
-        if not (text.startswith('[') and text.endswith(']')):
-            return _number(text)
-        items = text[1:-1].split(',')
-    if not isinstance(items, list):
-        return value
-    numbers = [_number(x.strip()) if isinstance(x, str) else x for x in items]
-    return value if any(isinstance(x, str) for x in numbers) else numbers
-
-
-def _number(text: str) -> float | str:
+    row = re.fullmatch(r'\s*\[(.*)\]\s*', value) if isinstance(value, str) else None
+    items = row[1].split(',') if row else value if isinstance(value, list) else [value]
     try:
-        return float(text.replace('.inf', 'inf'))
+        numbers = [float(x.replace('.inf', 'inf')) if isinstance(x, str) else x for x in items]
     except ValueError:
-        return text
+        return value
+    return numbers if row or isinstance(value, list) else numbers[0]
 
 
-def _to_ros(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+def _to_parameter(name: str, value: Any) -> RosParameter:
+    """Return a parameter of ROS: an empty list has no type there, and becomes a list of ''."""
+    return RosParameter(name, value=list(value) or [''] if isinstance(value, tuple) else value)
 
 
 def descriptor(spec: Parameter) -> ParameterDescriptor:
-    """Return the descriptor of a parameter; its type is judged by us, for a better message."""
+    """Return the descriptor of a parameter; `Parameter` checks its type, for a better message."""
     unit = f' [{spec.unit}]' if spec.unit else ''
     result = ParameterDescriptor(
-        name=spec.name, type=_ROS_TYPES[spec.kind].value, description=spec.meaning + unit,
-        additional_constraints=spec.allowed, read_only=spec.read_only, dynamic_typing=True)
+        name=spec.name, description=spec.meaning + unit, read_only=spec.read_only,
+        additional_constraints=spec.allowed, dynamic_typing=True)
     low, high = spec.bounds
     if spec.kind in ('float', 'float[]') and not spec.infinite and spec.shape != 'nn':
         result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]

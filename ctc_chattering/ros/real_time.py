@@ -15,15 +15,15 @@ import ctypes
 import gc
 import os
 from pathlib import Path
+import resource
 import signal
 import sys
+from typing import Any
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.experiment.node_parameters import RealTimeSettings
 
 _LINUX = sys.platform.startswith('linux')
-if _LINUX:
-    import resource
 
 #: Of Linux: limits that the module `resource` lacks, flags of mlockall, a capability's bit.
 _RLIMIT_RTPRIO, _RLIMIT_RTTIME = 14, 15
@@ -87,24 +87,23 @@ class RealTime:
         _schedule(0)
 
 
-def _threads() -> list[int]:
-    return [int(path.name) for path in Path('/proc/self/task').iterdir()]
+def _for_all_threads(function: Callable[..., None], *arguments: Any) -> None:
+    """Call a function of the scheduler with the number of every thread of this process."""
+    for path in Path('/proc/self/task').iterdir():
+        with suppress(ProcessLookupError):  # It has ended meanwhile.
+            function(int(path.name), *arguments)
 
 
 def _schedule(priority: int) -> None:
     """Give all threads SCHED_FIFO with a priority; 0 for the normal scheduling."""
     policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
-    for thread in _threads():
-        with suppress(ProcessLookupError):  # It has ended meanwhile.
-            os.sched_setscheduler(thread, policy, os.sched_param(priority))
+    _for_all_threads(os.sched_setscheduler, policy, os.sched_param(priority))
 
 
 def _pin(processor: int) -> None:
     """Have all threads run on one processor."""
     try:
-        for thread in _threads():
-            with suppress(ProcessLookupError):
-                os.sched_setaffinity(thread, {processor})
+        _for_all_threads(os.sched_setaffinity, {processor})
     except OSError:
         allowed = ' | '.join(map(str, sorted(os.sched_getaffinity(0))))
         raise ParameterError('cpu_affinity', processor, f'-1 | {allowed}') from None

@@ -8,19 +8,18 @@ node's own section has precedence over ``/**`` of the same file, and unknown nam
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import dataclasses
 import difflib
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
-import yaml
-
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.node_parameters import NODES, parameters_of
-from ctc_chattering.experiment.yaml_file import Dumper, parse_value
+from ctc_chattering.experiment.parameter_file import Values
+from ctc_chattering.experiment.yaml_file import parse_value
 from ctc_chattering.ros.topics import TOPICS
 
 _FLAGS = {f'--{does}able-{what}-logs' for does in ('en', 'dis')
@@ -64,67 +63,49 @@ class RosArguments:
     sources: tuple[Path | _Assignment, ...] = ()
     rest: tuple[str, ...] = ()
 
-    def values(self, executable: str) -> dict[str, Any]:
+    def values(self, executables: Sequence[str]) -> dict[str, Values]:
         """
-        Return the parameters of a node by these arguments, the last value of each.
-
-        Raises
-        ------
-        CtcError
-            For a parameter that the node does not have, or a file that is none.
-
-        """
-        node = self.node or executable
-        path = f'{self.namespace.rstrip("/")}/{node}'
-        known = parameters_of(executable)
-        values: dict[str, Any] = {}
-        for source in self.sources:
-            if isinstance(source, Path):
-                values |= parameter_file.node_values(
-                    _sections_for(path, executable, source), executable, str(source))
-            elif source.node in ('', node) and source.name in (*known, *parameter_file.OF_ROS):
-                values[source.name] = source.value
-        return {name: known[name].coerce(value) if name in known else value
-                for name, value in values.items()}
-
-    def check(self, executables: Sequence[str]) -> None:
-        """
-        Check that every parameter and every file concerns a node of these executables.
+        Return the parameters of nodes by these arguments, the last value of each, by executable.
 
         Raises
         ------
         UsageError
-            If one does not.
+            For a parameter or a file that concerns none of the nodes.
+        CtcError
+            For a value that is not allowed, or a file that is none.
 
         """
-        names = {self.node or executable: executable for executable in executables}
+        names = {executable: self.node or executable for executable in executables}
+        found: dict[str, Values] = {executable: {} for executable in executables}
         for source in self.sources:
-            if isinstance(source, Path):
-                self._check_file(source, names)
-                continue
-            if source.node and source.node not in names:
-                raise UsageError(f'-p {source.node}:{source.name}: no node is called '
-                                 f'{source.node} here; ' + ' | '.join(names))
-            asked = [names[source.node]] if source.node else list(executables)
-            _check_name(source.name, asked)
+            given = (self._in_file(source, names) if isinstance(source, Path)
+                     else _assigned(source, names))
+            for executable, values in given.items():
+                found[executable] |= values
+        for executable, values in found.items():
+            for name, spec in parameters_of(executable).items():
+                if name in values:
+                    values[name] = spec.coerce(values[name])
+        return found
 
-    def _check_file(self, file: Path, names: Mapping[str, str]) -> None:
-        """Raise `UsageError` unless a section of a file is for one of the nodes."""
-        paths = {f'{self.namespace.rstrip("/")}/{node}': executable
-                 for node, executable in names.items()}
-        if not any(_sections_for(path, executable, file) for path, executable in paths.items()):
+    def _in_file(self, file: Path, names: Mapping[str, str]) -> dict[str, Values]:
+        """Return what a file has for the nodes called `names`, by executable."""
+        paths = {x: f'{self.namespace.rstrip("/")}/{node}' for x, node in names.items()}
+        sections = {x: _sections_for(path, x, file) for x, path in paths.items()}
+        if not any(sections.values()):
             raise UsageError(
-                f'--params-file {file}: no section is for {" or ".join(paths)}; there is '
+                f'--params-file {file}: no section is for {" or ".join(paths.values())}; there is '
                 + ', '.join(name for name, _ in parameter_file.full_sections(file)))
+        return {x: parameter_file.node_values(mine, x, str(file)) for x, mine in sections.items()}
 
 
-def _sections_for(path: str, executable: str, file: Path) -> dict[str, parameter_file.Values]:
+def _sections_for(path: str, executable: str, file: Path) -> dict[str, Values]:
     """
     Return what a file has for the node at `path`: under its executable's name, and ``/**``.
 
     A section without a namespace is for that node in any namespace.
     """
-    found: dict[str, parameter_file.Values] = {}
+    found: dict[str, Values] = {}
     for name, values in parameter_file.full_sections(file):
         pattern = re.escape(name).replace(r'/\*\*', r'(/\w+)*').replace(r'\*', r'\w+')
         if re.fullmatch(pattern, path) or name == f'/{path.rsplit("/", 1)[1]}':
@@ -133,19 +114,26 @@ def _sections_for(path: str, executable: str, file: Path) -> dict[str, parameter
     return found
 
 
-def _check_name(name: str, executables: Sequence[str]) -> None:
-    """Raise `UsageError` unless one of the executables has a parameter of this name."""
-    known = [x for executable in executables for x in parameters_of(executable)]
-    if name in known or name in parameter_file.OF_ROS:
-        return
+def _assigned(given: _Assignment, names: Mapping[str, str]) -> dict[str, Values]:
+    """Return what an assignment has for the nodes called `names`, by executable."""
+    asked = [x for x, node in names.items() if given.node in ('', node)]
+    if not asked:
+        raise UsageError(f'-p {given.node}:{given.name}: no node is called {given.node} here; '
+                         + ' | '.join(names.values()))
+    found = {x: {given.name: given.value} for x in asked
+             if given.name in (*parameters_of(x), *parameter_file.OF_ROS)}
+    if not found:
+        raise UsageError(f'-p {given.name}: {_hint(given.name, asked)}')
+    return found
+
+
+def _hint(name: str, executables: Sequence[str]) -> str:
+    """Return what to say of a parameter that none of the executables has."""
     if name.startswith('qos_overrides.'):
-        raise UsageError(f'-p {name}: the QoS of topics is fixed')
-    near = difflib.get_close_matches(name, known, 3)
-    whose = f'{executables[0]} has no' if len(executables) == 1 else 'no node has a'
-    raise UsageError(f'-p {name}: {whose} parameter of this name; '
-                     + (f'do you mean {" or ".join(dict.fromkeys(near))}?' if near
-                        else '--help lists them' if len(executables) == 1
-                        else 'ctc parameters lists them'))
+        return 'the QoS of topics is fixed'
+    near = difflib.get_close_matches(name, {x for y in executables for x in parameters_of(y)})
+    return f'{" | ".join(executables)}: no parameter of this name; ' + (
+        f'do you mean {" or ".join(near)}?' if near else 'ctc parameters lists them')
 
 
 def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
@@ -227,17 +215,7 @@ def _remap(flag: str, rule: str) -> tuple[str, str]:
     return left, right
 
 
-def assignments(values: dict[str, Any]) -> Iterator[str]:
-    """Yield arguments for ROS that give the node of this process these parameters."""
-    for name, value in values.items():
-        # ROS takes an empty list for none; ours begin with an empty string.
-        item = list(value) or [''] if isinstance(value, tuple) else value
-        text = yaml.dump([item], Dumper=Dumper,
-                         default_flow_style=True, width=float('inf'), allow_unicode=True)
-        yield from ('-p', f'{name}:={text.strip()[1:-1]}')
-
-
-def bringup_values(ros: RosArguments) -> dict[str, dict[str, Any]]:
+def bringup_values(ros: RosArguments) -> dict[str, Values]:
     """
     Return what arguments for all nodes of the graph say, by executable.
 
@@ -252,5 +230,4 @@ def bringup_values(ros: RosArguments) -> dict[str, dict[str, Any]]:
     if ros.node is not None or any(re.match(r'\w+:__', word) for word in ros.rest):
         raise UsageError('-r __node:=… and a namespace for one node only are not possible here: '
                          'the nodes would not find each other; -r __ns:=… is for all')
-    ros.check(list(NODES))
-    return {executable: ros.values(executable) for executable in NODES}
+    return ros.values(list(NODES))

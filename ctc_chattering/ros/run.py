@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import sys
 import time
 
+import numpy as np
 import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -80,6 +81,7 @@ def prepare(make_node: Callable[[], BaseNode], name: str, arguments: Sequence[st
     return node
 
 
+@np.errstate(all='ignore')  # What overflows in the law shows in its torque.
 def spin_until_stopped(node: BaseNode) -> None:
     """Serve a node until it is done or a signal comes."""
     executor = Executor()

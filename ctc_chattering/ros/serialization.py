@@ -30,11 +30,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.cdr import DOUBLES, STRING, Template, TIME
 
-_JOINT_STATE = (TIME, STRING, [STRING], DOUBLES, DOUBLES, DOUBLES)
-_FLOAT64_MULTI_ARRAY = ([(STRING, 8)], 4, DOUBLES)
-_POINT = (DOUBLES, DOUBLES, DOUBLES, DOUBLES, TIME)
-_JOINT_TRAJECTORY = (TIME, STRING, [STRING], [_POINT])
-
 #: Position, velocity and acceleration.
 Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
 
@@ -69,7 +64,7 @@ class TrajectoryChunk(NamedTuple):
 class StateReader(Template):
     """Deserializes `JointState` messages."""
 
-    layout = _JOINT_STATE
+    layout = TIME, STRING, [STRING], DOUBLES, DOUBLES, DOUBLES
 
     def read(self, data: bytes) -> State:
         """Return the content of a message; raise `CtcError` if it is malformed."""
@@ -82,7 +77,7 @@ class StateReader(Template):
 class EffortReader(Template):
     """Deserializes `Float64MultiArray` messages."""
 
-    layout = _FLOAT64_MULTI_ARRAY
+    layout = [(STRING, 8)], 4, DOUBLES
 
     def read(self, data: bytes) -> Efforts:
         """Return the content of a message; raise `CtcError` if it is malformed."""
@@ -94,7 +89,8 @@ class EffortReader(Template):
 class TrajectoryReader(Template):
     """Deserializes `JointTrajectory` messages; missing velocities and accelerations are empty."""
 
-    layout = _JOINT_TRAJECTORY
+    layout = TIME, STRING, [STRING], [
+        (DOUBLES, DOUBLES, DOUBLES, DOUBLES, TIME)]
 
     def read(self, data: bytes) -> TrajectoryChunk:
         """Return the content of a message; raise `CtcError` if it is malformed."""
@@ -120,13 +116,13 @@ class _Writer(Template):
             values[self.fields[0]] = divmod(t, NANOSECONDS)
         for place, row in zip(self.rows, rows):
             values[place] = row
-        return self.pack(*values)
+        return self._struct.pack(*values)
 
 
 class StateWriter(_Writer):
     """Serializes `JointState` messages that have `names` and `fields`, of position to effort."""
 
-    layout = _JOINT_STATE
+    layout = StateReader.layout
 
     def __init__(self, names: Sequence[str],
                  fields: Sequence[str] = ('position', 'velocity', 'effort')) -> None:
@@ -141,7 +137,7 @@ class StateWriter(_Writer):
 class EffortWriter(_Writer):
     """Serializes `Float64MultiArray` messages with `names` as labels of the dimensions."""
 
-    layout = _FLOAT64_MULTI_ARRAY
+    layout = EffortReader.layout
 
     def __init__(self, names: Sequence[str]) -> None:
         message = Float64MultiArray(data=[0.0] * len(names))
@@ -156,7 +152,7 @@ class EffortWriter(_Writer):
 class TrajectoryWriter(_Writer):
     """Serializes `JointTrajectory` messages of `count` points, one every `period` [ns]."""
 
-    layout = _JOINT_TRAJECTORY
+    layout = TrajectoryReader.layout
 
     def __init__(self, names: Sequence[str], count: int, period: int) -> None:
         zeros = [0.0] * len(names)

@@ -78,7 +78,6 @@ class ValidatedSubscription(Generic[T]):
                  part: Callable[[T], tuple[Hashable, bool]] | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._full_name = node.resolve_topic_name(topic)
         self._read, self._take, self._part = read, take, part
         self.rejected: Counter[str] = Counter()
         self._reported = 0
@@ -127,7 +126,8 @@ class ValidatedSubscription(Generic[T]):
         """Return the full names of the nodes that publish on the topic, the owner's first."""
         found = [(bytes(x.endpoint_gid) != self.ownership.owner,
                   f'{x.node_namespace.rstrip("/")}/{x.node_name}')
-                 for x in self._node.get_publishers_info_by_topic(self._full_name)]
+                 for x in self._node.get_publishers_info_by_topic(
+                     self.subscription.current.topic_name)]
         return [name for _, name in sorted(found)]
 
     def contention(self, names: list[str]) -> str:

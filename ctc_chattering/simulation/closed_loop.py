@@ -78,27 +78,7 @@ class Run:
     v: Array
 
 
-class Record:
-    """Collects samples into a `Run` without an object per number."""
-
-    def __init__(self, n: int) -> None:
-        self._n = n
-        self._columns = [array('d') for _ in range(7)]
-        self._t = array('d')
-
-    def add(self, t: float, *rows: Sequence[float]) -> None:
-        """Append one sample: q, dq, q_d, dq_d, ddq_d, tau, v."""
-        self._t.append(t)
-        for column, row in zip(self._columns, rows):
-            column.extend(row)
-
-    def run(self) -> Run:
-        """Return what was collected."""
-        return Run(np.frombuffer(self._t) if self._t else np.zeros(0), *(
-            np.frombuffer(c).reshape(-1, self._n) if c else np.zeros((0, self._n))
-            for c in self._columns))
-
-
+@np.errstate(all='ignore')  # What overflows shows in the torque.
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
              progress: Callable[[float], None] | None = None, truth: bool = False,
@@ -141,41 +121,52 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     motion = make_motion(
         reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
-    straight = order == list(range(len(order)))
     period = period_ns(plant.control_period)
     last = samples(plant.duration, period)
-    delay = controller.input_delay
 
-    def at(k: int) -> Point:
-        point = motion.at(k * period)
-        if straight:
-            return point
-        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
+    def desired(k: int) -> Point:
+        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in motion.at(k * period))
         return q_d, dq_d, ddq_d
 
-    coming = deque(at(k) for k in range(delay))
-    due = sorted(events, key=lambda event: event.time)
-    record = Record(robot.n)
-    every = max(1, last // 100)
+    points = deque(map(desired, range(controller.input_delay)))
+    due = deque(sorted(events, key=lambda event: event.time))
+    record = array('d')
     tau: Vector = ()
     for k in range(last + 1):
         t = seconds(k * period)
         while due and t >= due[0].time:
-            _apply(due.pop(0), robot, law)
-        coming.append(at(k + delay))
-        desired = coming.popleft()
+            _apply(due.popleft(), robot, law)
+        points.append(desired(k + controller.input_delay))
+        point = points.popleft()
         if robot.lost:
             robot.step(tau)
             continue
-        sample = _answer(law, t, *robot.measured, desired, coming)
+        sample = _step(law, t, *robot.measured, point, points)
         tau = sample.tau
-        q, dq = (robot.q, robot.dq) if truth else robot.measured
-        record.add(t, q, dq, *desired, tau, sample.v)
+        record.append(t)
+        for row in ((robot.q, robot.dq) if truth else robot.measured, point, (tau, sample.v)):
+            for column in row:
+                record.extend(column)
         if k < last:
             robot.step(tau)
-        if progress is not None and k % every == 0:
+        if progress is not None and k % max(1, last // 100) == 0:
             progress(t)
-    return record.run()
+    table = np.frombuffer(record).reshape(-1, 1 + 7 * robot.n)
+    return Run(table[:, 0], *np.split(table[:, 1:], 7, axis=1))
+
+
+def _step(law: Controller, t: float, q: Vector, dq: Vector, point: Point, ahead: Sequence[Point]
+          ) -> Sample:
+    """Return the law's sample at `t` [s]; raise `CtcError` if no torque may be sent for it."""
+    sample = law.try_step(q, dq, *point, ahead)
+    if sample is None:
+        raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
+    i = joint_beyond(sample.e, law.config.error_limit)
+    if i is not None:
+        raise CtcError(
+            f'the position error of {law.config.joint_names[i]} at t = {t:g} s, '
+            f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')
+    return sample
 
 
 def _apply(event: Event, robot: Robot, law: Controller) -> None:

@@ -92,14 +92,10 @@ class MujocoPlant(Robot):
             data = mujoco.MjData(model)
         self.mjmodel, self.mjdata = model, data
         # Hinges and slides only: one position and one velocity each, in the same order.
-        order = [model.joint(name).id for name in config.joint_names]
-        self._order: Any = slice(None) if order == list(range(self.n)) else np.array(order)
-        _check_limits(model, order, config)
+        self._order = [model.joint(name).id for name in config.joint_names]
+        _check_limits(model, self._order, config)
         data.qpos[self._order], data.qvel[self._order] = self.q, self.dq
-        self._mj_step = mujoco.mj_step
-        self._warning_text = mujoco.mju_warningText
-        self._push, self._qpos, self._qvel = data.qfrc_applied, data.qpos, data.qvel
-        self._warnings = data.warning.number
+        self._mujoco = mujoco
         self.configure(config)
 
     def configure(self, config: PlantConfig) -> None:
@@ -110,23 +106,23 @@ class MujocoPlant(Robot):
 
     def _move(self, t: float, tau: Vector) -> None:
         """Go on by one control period in as many steps as `integration_step` asks for."""
-        order, h = self._order, self._h
+        order, h, data = self._order, self._h, self.mjdata
         if self._loaded:
             self.mjmodel.dof_frictionloss[order] = self._coulomb_friction()
         if self._varying:
             for i in range(self._substeps):
-                self._push[order] = self._mean_torque(t + (i + 0.5) * h, tau)
-                self._mj_step(self.mjmodel, self.mjdata)
+                data.qfrc_applied[order] = self._mean_torque(t + (i + 0.5) * h, tau)
+                self._mujoco.mj_step(self.mjmodel, data)
         else:
-            self._push[order] = tau
-            self._mj_step(self.mjmodel, self.mjdata, self._substeps)
-        counts = self._warnings.tolist()
+            data.qfrc_applied[order] = tau
+            self._mujoco.mj_step(self.mjmodel, data, self._substeps)
+        counts = data.warning.number.tolist()
         if any(counts):
             kind = next(i for i, count in enumerate(counts) if count)
-            text = self._warning_text(kind, self.mjdata.warning[kind].lastinfo)
+            text = self._mujoco.mju_warningText(kind, data.warning[kind].lastinfo)
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s; MuJoCo: '
                            + ' '.join(text.split()))
-        self.q, self.dq = self._qpos[order].tolist(), self._qvel[order].tolist()
+        self.q, self.dq = data.qpos[order].tolist(), data.qvel[order].tolist()
 
     def _mean_torque(self, t: float, tau: Vector) -> Vector:
         """Return the torque for the step whose middle is at `t` [s], shape (n,) [N·m]."""

@@ -19,7 +19,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.numerics.event_location import first_negative
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.numerics.runge_kutta import Dynamics, step, step_two
+from ctc_chattering.numerics.runge_kutta import Dynamics, step
 from ctc_chattering.simulation.friction import bit_mask, excess, modes
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import plus, Robot
@@ -63,7 +63,6 @@ class Plant(Robot):
         self._encoders = motors if config.encoder_side == 'motor' else range(self.model.n)
         super().__init__(config, motors, longest)
         self.modes: tuple[int, ...] = (0,) * self._coupled.n
-        self._integrate = step_two if self._coupled.n == 2 else step
         self.configure(config)
 
     def configure(self, config: PlantConfig) -> None:
@@ -202,4 +201,4 @@ class Plant(Robot):
         if self._varying:
             loads = (self._torque(t, load), self._torque(t + 0.5 * h, load, 0.5 * h),
                      self._torque(t + h, load))
-        return self._integrate(dynamics, self.q, self.dq, loads, self._fixed_joints, h)
+        return step(dynamics, self.q, self.dq, loads, self._fixed_joints, h)

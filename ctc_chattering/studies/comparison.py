@@ -7,18 +7,18 @@ import dataclasses
 from pathlib import Path
 import tempfile
 
+from ctc_chattering.analysis.output import markdown_table
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Overrides
-from ctc_chattering.simulation.closed_loop import Run
 
 #: Every law and, of the one that takes it, every switching; '' for the others.
 VARIANTS = tuple((law, name) for law in LAWS for name in (
     SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',)))
-#: Runs parameters; returns what happened.
+#: Runs a parameter file with some values overridden; returns what happened.
 Runner = Callable[[Path, Overrides], Result]
 
 
@@ -49,8 +49,7 @@ class Outcome:
     peak: float
 
 
-def run_variants(path: Path, backend: str | None, run: Runner,
-                 overrides: Overrides | None = None) -> Iterator[Outcome]:
+def run_variants(path: Path, backend: str | None, run: Runner) -> Iterator[Outcome]:
     """
     Yield the outcome of every variant.
 
@@ -62,23 +61,19 @@ def run_variants(path: Path, backend: str | None, run: Runner,
         The plant's, in place of the file's.
     run : callable
         `over_simulation`, or `over_ros`.
-    overrides : mapping, optional
-        As `params.load` takes them.
 
     """
     for law, switching in VARIANTS:
-        over = {node: dict(values) for node, values in (overrides or {}).items()}
-        over.setdefault('controller', {}).update(
-            {'law': law, 'switching': switching} if switching else {'law': law})
-        if backend is not None:
-            over.setdefault('plant', {})['plant_backend'] = backend
-        setup = parameter_file.load(path, over)
+        controller = {'law': law, 'switching': switching} if switching else {'law': law}
+        over = {'controller': controller,
+                'plant': {} if backend is None else {'plant_backend': backend}}
+        plant = parameter_file.load(path, over).plant
         result = run(path, over)
         rms = result.metrics()['rms_error_rad']
         if rms is None:
             raise CtcError(f'{path}: the run ends before the evaluated interval, 5 s to 10 s')
-        yield Outcome(setup.plant.experiment, setup.plant.plant_backend, law, switching,
-                      setup.controller.joint_names, tuple(rms), _peak(result.run))
+        yield Outcome(plant.experiment, plant.plant_backend, law, switching, result.joint_names,
+                      tuple(rms), float(abs(result.run.tau).max()))
 
 
 def over_simulation(path: Path, overrides: Overrides) -> Result:
@@ -98,25 +93,19 @@ def over_ros(path: Path, overrides: Overrides) -> Result:
         return read_bag(bag)
 
 
-def _peak(run: Run) -> float:
-    return float(abs(run.tau).max())
-
-
 def to_markdown(outcomes: Sequence[Outcome]) -> str:
     """Return a table for each robot and plant; `least` is the smallest ratio of all joints."""
     lines: list[str] = []
     for experiment, backend in dict.fromkeys((x.experiment, x.backend) for x in outcomes):
         mine = [x for x in outcomes if (x.experiment, x.backend) == (experiment, backend)]
         original = next(x for x in mine if x.law == 'compensation')
-        names = original.joints
-        lines += [f'**{experiment}, plant {backend}**: RMS error [rad], 5 s ≤ t ≤ 10 s', '',
-                  '| law | switching | ' + ' | '.join(names) + ' | least | peak torque [N·m] |',
-                  '|---|---|' + '---|' * (len(names) + 2)]
+        rows = []
         for x in mine:
             least = min(a / b for a, b in zip(original.rms, x.rms))
-            lines.append(
-                f'| {x.law} | {x.switching} | '
-                + ' | '.join(f'{value:.2e}' for value in x.rms)
-                + f' | {"" if x is original else f"{least:.0f}×"} | {x.peak:.0f} |')
-        lines.append('')
+            ratio = '' if x is original else f'{least:.0f}×'
+            rows.append([x.law, x.switching, *(f'{value:.2e}' for value in x.rms), ratio,
+                         f'{x.peak:.0f}'])
+        heads = ['law', 'switching', *original.joints, 'least', 'peak torque [N·m]']
+        lines += [f'**{experiment}, plant {backend}**: RMS error [rad], 5 s ≤ t ≤ 10 s', '',
+                  *markdown_table(heads, rows), '']
     return '\n'.join(lines)

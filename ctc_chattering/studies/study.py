@@ -2,13 +2,13 @@
 Comparison of the switchings over sample period, gain and the imperfections of a real loop.
 
 A case is data; a run of it is a pure function of the case and the switching, so that the numbers
-depend neither on the number of processes nor on their order. `study_plots` draws them.
+depend neither on the number of processes nor on their order. `study_figures` draws them.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 import csv
@@ -22,6 +22,7 @@ import signal
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics
+from ctc_chattering.analysis.output import markdown_table
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
@@ -33,9 +34,9 @@ from ctc_chattering.simulation.closed_loop import simulate
 BASIC = 'Basic cases'
 PERIOD, GAIN = 'Sample period', 'Gain'
 NOISE, SHORT_NOISE = 'Velocity noise', 'Velocity noise, h = 0.5 ms'
-#: What the tables show: attribute, heading, format.
-QUANTITIES = (('error', ('RMS e', 'rad'), '.2e'),
-              ('variation', ('torque variation', 'N·m/s'), '.0f'))
+#: What the tables show: attribute, heading, unit, format.
+QUANTITIES = (('error', 'RMS e', 'rad', '.2e'),
+              ('variation', 'torque variation', 'N·m/s', '.0f'))
 _KA = 12.0
 Pair = tuple[float, float]
 
@@ -50,7 +51,7 @@ class Case:
     name, group : str
         What differs from the other cases of the group; the table that contains it.
     overrides : mapping
-        Values by node and parameter above those of the file, as `params.load` takes them.
+        Values by node and parameter above those of the file, as `parameter_file.load` takes them.
     file : str
         Parameter file in `config/`, without its ending.
     x : float, optional
@@ -106,20 +107,23 @@ def _scaled(factor: float) -> dict[str, float]:
     return {'inertia_scale': factor, 'gravity_scale': factor}
 
 
-def _both(x: float) -> list[float]:
-    return [x, x]
-
-
 def _basic_cases() -> Iterator[Case]:
     delay = {'input_delay': 1}
     yield _case(BASIC, 'clean')
     yield _case(BASIC, '200 Hz', h=5e-3)
     yield _case(BASIC, 'ka = 20', ka=20.0)
-    yield _case(BASIC, 'velocity noise 5e-3 rad/s', plant={'velocity_noise': _both(5e-3)})
+    yield _case(BASIC, 'velocity noise 5e-3 rad/s', plant={'velocity_noise': [5e-3, 5e-3]})
     yield _case(BASIC, 'model × 0.9', controller=_scaled(0.9))
     yield _case(BASIC, 'delay of 1 sample, predicted', plant=delay, controller=delay)
     yield _case(BASIC, 'delay of 1 sample, not predicted', plant=delay)
     yield _case(BASIC, 'disturbance', file='disturbance')
+
+
+def _sweep(group: str, name: str, parameter: str, values: Sequence[float], h: float = 1e-3
+           ) -> Iterator[Case]:
+    """Yield a case for each value of a parameter of the plant, the same on both joints."""
+    for x in values:
+        yield _case(group, name.format(x), x, h=h, plant={parameter: [x, x]})
 
 
 def _sweeps() -> Iterator[Case]:
@@ -128,31 +132,26 @@ def _sweeps() -> Iterator[Case]:
     for x in (10.0, 12.0, 15.0, 20.0, 30.0, 40.0):
         yield _case(GAIN, f'ka = {x:g} N·m', x, ka=x)
     for group, h in ((NOISE, 1e-3), (SHORT_NOISE, 5e-4)):
-        for x in (1e-4, 1e-3, 5e-3, 2e-2):
-            yield _case(group, f'σ = {x:.0e} rad/s', x, h=h, plant={'velocity_noise': _both(x)})
-    for x in (1e-5, 1e-4, 1e-3):
-        yield _case('Position noise', f'σ = {x:.0e} rad', x, plant={'position_noise': _both(x)})
-    for x in (1e-5, 1e-4, 1e-3):
-        yield _case('Encoder resolution', f'{x:.0e} rad', x,
-                    plant={'encoder_resolution': _both(x)})
+        yield from _sweep(
+            group, 'σ = {:.0e} rad/s', 'velocity_noise', (1e-4, 1e-3, 5e-3, 2e-2), h)
+    yield from _sweep('Position noise', 'σ = {:.0e} rad', 'position_noise', (1e-5, 1e-4, 1e-3))
+    yield from _sweep(
+        'Encoder resolution', '{:.0e} rad', 'encoder_resolution', (1e-5, 1e-4, 1e-3))
     for kind, counts in (('predicted', (1, 2, 5)), ('not predicted', (1, 2))):
         for n in counts:
             yield _case('Input delay', f'{n} sample{"s" if n > 1 else ""}, {kind}', n,
                         plant={'input_delay': n},
                         controller={'input_delay': n if kind == 'predicted' else 0})
-    on_track = {'initial_position': [math.pi, 0.5 * math.pi], 'initial_velocity': _both(math.pi)}
+    on_track = {'initial_position': [math.pi, 0.5 * math.pi],
+                'initial_velocity': [math.pi, math.pi]}
     tight, tighter = [300.0, 50.0], [200.0, 30.0]
     for limit, start in ((tight, {}), (tight, on_track), (tighter, on_track)):
         name = f'{limit[0]:g} / {limit[1]:g} N·m, from {"the reference" if start else "rest"}'
         for more, known in (('', {}), (', known', {'effort_limit': limit})):
             yield _case('Torque saturation', name + more, controller=known,
                         plant={'torque_saturation': limit, **start})
-    for x in (0.5, 1.0, 2.0):
-        yield _case('Viscous friction', f'{x:g} N·m·s/rad', x,
-                    plant={'viscous_friction': _both(x)})
-    for x in (1.0, 2.0, 4.0):
-        yield _case('Stribeck friction', f'{x:g} N·m', x,
-                    plant={'stribeck_friction': _both(x)})
+    yield from _sweep('Viscous friction', '{:g} N·m·s/rad', 'viscous_friction', (0.5, 1.0, 2.0))
+    yield from _sweep('Stribeck friction', '{:g} N·m', 'stribeck_friction', (1.0, 2.0, 4.0))
     for x in (0.8, 0.9, 1.1, 1.2):
         yield _case('Model of the controller', f'× {x:g}', x, controller=_scaled(x))
 
@@ -171,25 +170,21 @@ def evaluate(case: Case, switching: str, setup: Setup) -> Outcome:
     except CtcError as failure:
         return dataclasses.replace(outcome, failure=str(failure))
     m = metrics(run, (0.5 * end, end))
-    error, variation = (tuple(m[key]) for key in ('rms_error_rad', 'torque_variation_nm_per_s'))
-    if not math.isfinite(sum(error + variation)):
-        return dataclasses.replace(outcome, failure='the motion diverged')
-    return dataclasses.replace(outcome, error=error, variation=variation)
+    return dataclasses.replace(outcome, error=tuple(m['rms_error_rad']),
+                               variation=tuple(m['torque_variation_nm_per_s']))
 
 
-def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1,
-              progress: Callable[[], Any] | None = None) -> list[Outcome]:
+def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1
+              ) -> Iterator[Outcome]:
     """
-    Run every case under every switching.
+    Yield the outcome of every case under every switching.
 
     Parameters
     ----------
     cases, switchings
-        What to run; the result is in this order, case by case.
+        What to run; the outcomes are in this order, case by case.
     jobs : int
         Processes; 1 for this one alone.
-    progress : callable, optional
-        Called after each run.
 
     Raises
     ------
@@ -200,29 +195,17 @@ def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, job
     setups = [case.setup() for case in cases]
     tasks = [(case, switching, setup)
              for case, setup in zip(cases, setups) for switching in switchings]
-    outcomes = []
-    for outcome in _mapped(tasks, jobs):
-        outcomes.append(outcome)
-        if progress:
-            progress()
-    return outcomes
-
-
-def _mapped(tasks: Sequence[tuple[Case, str, Setup]], jobs: int) -> Iterator[Outcome]:
     if jobs == 1:
-        yield from (evaluate(*task) for task in tasks)
+        yield from itertools.starmap(evaluate, tasks)
         return
     try:
-        # A fork of a process that has threads may wait for ever for what they hold.
-        with ProcessPoolExecutor(jobs, get_context('spawn'), _ignore_interrupt) as pool:
+        # A fork of a process that has threads may wait for ever for what they hold. The processes
+        # leave Ctrl-C to this one.
+        with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
+                                 (signal.SIGINT, signal.SIG_IGN)) as pool:
             yield from pool.map(evaluate, *zip(*tasks))
     except BrokenProcessPool:
         raise CtcError('a process of the study was killed; try fewer --jobs') from None
-
-
-def _ignore_interrupt() -> None:
-    """Leave Ctrl-C to the process that waits for this one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def rows(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
@@ -253,48 +236,35 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
              'Output of `ctc study`. True errors and torques sent, joints 1 / 2, over the second '
              f'half of each run; h = 1 ms and ka = {_KA:g} N·m unless the row says otherwise; '
              'every other parameter has its default. Bold: the best of a row.']
-    groups: dict[str, list[list[Outcome]]] = {}
-    for row in rows(outcomes):
-        groups.setdefault(row[0].case.group, []).append(row)
-    for group, members in groups.items():
-        heads = ['case', 'quantity', *(o.switching for o in members[0])]
-        lines += ['', f'## {group}', '', *_table(heads, (
-            cells for row in members for cells in _lines(row)))]
+    for group, members in itertools.groupby(rows(outcomes), lambda row: row[0].case.group):
+        cells = [line for row in members for line in _lines(row)]
+        heads = ['case', 'quantity', *dict.fromkeys(o.switching for o in outcomes)]
+        lines += ['', f'## {group}', '', *markdown_table(heads, cells)]
     return '\n'.join([*lines, *_ranking(rows(outcomes)), ''])
-
-
-def _table(heads: Sequence[str], body: Iterable[Sequence[str]]) -> list[str]:
-    return [f'| {" | ".join(cells)} |' for cells in (heads, ['---'] * len(heads), *body)]
 
 
 def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
     """Yield a line of cells for each quantity of one case."""
-    for k, (key, heading, form) in enumerate(QUANTITIES):
+    for k, (key, quantity, unit, form) in enumerate(QUANTITIES):
         texts = [[format(x, form) for x in getattr(o, key) or ()] for o in row]
         columns = list(zip(*filter(None, texts)))
         best = [min(column, key=float) if len(set(column)) > 1 else '' for column in columns]
         cells = [' / '.join(f'**{x}**' if x == y else x for x, y in zip(text, best)) or 'diverged'
                  for text in texts]
-        yield ['' if k else row[0].case.name, f'{heading[0]} [{heading[1]}]', *cells]
-
-
-def _score(outcome: Outcome, key: str, joint: int) -> float:
-    """Return the number of one joint; inf for a run that diverged."""
-    value = getattr(outcome, key)
-    return float(value[joint]) if value else math.inf
+        yield ['' if k else row[0].case.name, f'{quantity} [{unit}]', *cells]
 
 
 def _ranking(table: Sequence[Sequence[Outcome]]) -> Iterator[str]:
     """Yield the section on how often each switching is best and worst."""
-    failed = Counter(o.switching for row in table for o in row if o.failure)
-    counts = {o.switching: [0, 0, 0, 0, failed[o.switching]] for o in table[0]}
-    for row, (k, (key, _, _)), joint in itertools.product(table, enumerate(QUANTITIES), (0, 1)):
-        ranked = sorted(row, key=lambda o: _score(o, key, joint))
-        counts[ranked[0].switching][k] += 1
-        counts[ranked[-1].switching][k + 2] += 1
+    counts = Counter(('runs that diverged', o.switching) for row in table for o in row
+                     if o.failure)
+    for row, (key, quantity, _, _), joint in itertools.product(table, QUANTITIES, (0, 1)):
+        ranked = sorted(row, key=lambda o: (getattr(o, key) or (math.inf, math.inf))[joint])
+        counts[f'smallest {quantity}', ranked[0].switching] += 1
+        counts[f'largest {quantity}', ranked[-1].switching] += 1
+    heads = [*(f'{extreme} {quantity}' for extreme in ('smallest', 'largest')
+               for _, quantity, _, _ in QUANTITIES), 'runs that diverged']
     yield from ('', '## Ranking', '',
                 f'{2 * len(table)} comparisons: {len(table)} cases with two joints each.', '')
-    yield from _table(
-        ['switching', 'smallest RMS e', 'smallest torque variation', 'largest RMS e',
-         'largest torque variation', 'runs that diverged'],
-        ([name, *map(str, numbers)] for name, numbers in counts.items()))
+    yield from markdown_table(['switching', *heads], (
+        [o.switching, *(str(counts[head, o.switching]) for head in heads)] for o in table[0]))

@@ -108,7 +108,6 @@ class Trajectory:
         q, dq, _ = last
         rest = (0.0,) * len(q)
         late = t - self._times[-1]
-        if not self._grace:
-            return q, rest, rest
         h = seconds(min(late, self._grace))
-        return [x + h * v for x, v in zip(q, dq)], dq if late <= self._grace else rest, rest
+        return (tuple(x + h * v for x, v in zip(q, dq)), dq if late <= self._grace else rest,
+                rest)

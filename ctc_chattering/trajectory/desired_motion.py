@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from ctc_chattering.trajectory.rejoining import Rejoining
+from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition
+
+#: Time without a torque after which the robot may be far from the reference [ns].
+PAUSE = NANOSECONDS // 10
 
 
 class DesiredMotion:
     """
     Points of the reference at the instants that a law needs, led back to after a pause.
+
+    After an outage of states, a restart of the robot's driver, or while the controller was
+    disabled, the reference has moved on, and the error would be a step. The desired motion then
+    begins where the robot is. Time is that of the stamps: in simulated time that stands still
+    there is no pause.
 
     Parameters
     ----------
@@ -33,9 +43,11 @@ class DesiredMotion:
 
     def restart(self) -> None:
         """Forget when the robot was driven last: time begins again."""
-        self._rejoining = Rejoining(self._trajectory)
+        self._driven: int | None = None
+        self._way_back: Transition | None = None
 
-    def extend(self, times: Sequence[int], points: Sequence[Point], most: int | None) -> None:
+    def extend(self, times: Sequence[int], points: Sequence[Point], most: int | None = None
+               ) -> None:
         """
         Add a chunk of the reference.
 
@@ -45,8 +57,8 @@ class DesiredMotion:
             Instants [ns], increasing.
         points : sequence of (position, velocity, acceleration)
             Each of shape (n,) [rad, rad/s, rad/s²].
-        most : int or None
-            Number of points to keep, beside a longer chunk; None for all.
+        most : int, optional
+            Number of points to keep, beside a longer chunk; by default all.
 
         """
         self._trajectory.extend(times, points)
@@ -56,8 +68,8 @@ class DesiredMotion:
     def pass_over(self, t: int, driven: bool) -> None:
         """Forget what is past at `t` [ns]; `driven` is whether torques may be sent there."""
         self._trajectory.forget(t)
-        if not driven:
-            self._rejoining.pause(t)
+        if not driven and self._driven is None:
+            self._driven = t
 
     def reference(self, t: int, wait: bool) -> list[Point] | None:
         """
@@ -76,19 +88,40 @@ class DesiredMotion:
         """
         Note that the robot is driven at `t` [ns]; return whether a way back begins there.
 
-        The way begins at position `q` [rad] and velocity `dq` [rad/s] and takes `duration` [s].
-        """
-        return self._rejoining.begin(t, q, dq, duration)
+        Parameters
+        ----------
+        t : int
+            Instant [ns], for which there is a reference.
+        q, dq : sequence of float, shape (n,)
+            Position [rad] and velocity [rad/s] of the robot.
+        duration : float
+            Time that the way back takes [s]; 0 for none.
 
-    def desired(self, t: int, reference: Sequence[Point]) -> list[Point]:
+        Raises
+        ------
+        ParameterError
+            If the way back is not finite.
+
+        """
+        paused = self._driven is not None and t - self._driven > PAUSE and duration > 0.0
+        if paused:
+            self._way_back = smooth_start(
+                cast('Motion', self._trajectory), t, (q, dq, (0.0,) * len(q)), duration)
+        self._driven = t
+        return paused
+
+    def desired(self, t: int, reference: list[Point]) -> list[Point]:
         """Return what is desired at `t` [ns] and after, where `reference` is what it returned."""
-        return [self._rejoining.at(t + lag, point)
-                for lag, point in zip(self._lags, reference)]
+        if self._way_back is not None and t >= self._way_back.end:
+            self._way_back = None
+        if self._way_back is None:
+            return reference
+        return [self._way_back.at(t + lag) for lag in self._lags]
 
     @property
     def leads_back(self) -> bool:
         """Whether the motion is on the way back to the reference."""
-        return self._rejoining.active
+        return self._way_back is not None
 
     def late(self, t: int) -> bool:
         """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""

@@ -107,7 +107,7 @@ class MotionPlan:
         """
         before = self.motion
         assert before is not None
-        if isinstance(before, _Then) and before.begin == begin:
+        if isinstance(before, _Then) and before.end == begin:
             before = before.before  # What was to come at that instant never does.
         state = before.at(begin)
         ordered = route.ordered(self.config.joint_names)
@@ -129,16 +129,13 @@ class MotionPlan:
             Instant from which on the motion may be another one [ns].
 
         """
-        motion = self.motion
-        if isinstance(motion, _Then) and now > motion.begin:
-            motion = motion.after
-        if isinstance(motion, Transition) and now >= motion.end:
-            motion = motion.after
-        self.motion = motion
-        if (motion is None or self._shape == _shape(self.config) or self._route is not None
-                or isinstance(motion, (_Then, Transition))):
+        while isinstance(self.motion, (_Then, Transition)) and now >= self.motion.end:
+            self.motion = self.motion.after
+        before = self.motion
+        if (before is None or self._shape == _shape(self.config) or self._route is not None
+                or isinstance(before, (_Then, Transition))):
             return False
-        before, after = motion, make_motion(self.config.changed({'start_duration': 0.0}))
+        after = make_motion(self.config.changed({'start_duration': 0.0}))
         self.motion = self._fitting(
             lambda duration: Transition(before, after, begin, duration), begin, _CHANGE)
         self._shape, self.in_force = _shape(self.config), begin
@@ -157,11 +154,11 @@ class MotionPlan:
 class _Then:
     """One motion until an instant, and another one from there on."""
 
-    def __init__(self, before: Motion, begin: int, after: Motion) -> None:
-        self.before, self.begin, self.after = before, begin, after
+    def __init__(self, before: Motion, end: int, after: Motion) -> None:
+        self.before, self.end, self.after = before, end, after
 
     def at(self, t: int) -> Point:
-        return (self.before if t < self.begin else self.after).at(t)
+        return (self.before if t < self.end else self.after).at(t)
 
 
 def _shape(config: ReferenceConfig) -> tuple[tuple[float, ...], ...]:

@@ -12,7 +12,6 @@ from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.buffer import Point
@@ -91,27 +90,16 @@ class Sinusoid:
             (c + sign * a, sign * w * a, sign * w * w * a) for c, a, w in rows)))
             for sign in (1.0, -1.0)]
 
-    def at(self, t: float) -> tuple[Vector, Vector, Vector]:
-        """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [s]."""
+    def at(self, t: int) -> Point:
+        """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
         q_d, dq_d, ddq_d = [], [], []
         for center, amplitude, omega, phase in self._joints:
-            angle = omega * t + phase
+            angle = omega * seconds(t) + phase
             x = amplitude * sin(angle)
             q_d.append(center + x)
             dq_d.append(omega * amplitude * cos(angle))
             ddq_d.append(-omega * omega * x)
         return q_d, dq_d, ddq_d
-
-
-class _InNanoseconds:
-    """A sinusoid over integer nanoseconds."""
-
-    def __init__(self, motion: Sinusoid) -> None:
-        self._motion = motion
-        self.extremes = motion.extremes
-
-    def at(self, t: int) -> Point:
-        return self._motion.at(seconds(t))
 
 
 def make_motion(config: ReferenceConfig, route: Route | None = None,
@@ -149,13 +137,13 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
 
     """
     names = config.joint_names
-    motion: Waypoints | _InNanoseconds
+    motion: Waypoints | Sinusoid
     if route is not None:
         motion = _through(route.ordered(names), names, start, t0, config.start_duration > 0.0)
     elif config.trajectory_file:
         raise CtcError(f'trajectory_file: {config.trajectory_file} has not been read')
     else:
-        motion = _InNanoseconds(Sinusoid(config))
+        motion = Sinusoid(config)
     if config.start_duration and start is None:
         raise ParameterError('start_duration', config.start_duration,
                              '0 where it is not known where the robot is')

@@ -6,10 +6,10 @@ from math import isfinite
 from typing import Protocol
 
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.waypoints import Waypoints
 
 #: Longest time in which a robot that moves is brought to rest [s].
 BRAKING_TIME = 0.5
@@ -22,44 +22,33 @@ class Motion(Protocol):
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
 
 
-class Braking:
+def braking(t0: int, start: Point, duration: float) -> Motion:
     """
-    Coming to rest: the velocity falls from `dq0` to 0 over `duration` as a cubic in time.
+    Return the motion from a state to rest: the velocity falls to 0 as a cubic in time.
 
-    From rest it stays where it is. Without a first acceleration the joint goes on by half of
-    |dq0| duration, and its acceleration stays within 1.5 |dq0| / duration.
+    Without a first acceleration the joint goes on by half of |dq0| duration, and its acceleration
+    stays within 1.5 |dq0| / duration.
 
     Parameters
     ----------
     t0 : int
         Instant at which it begins [ns]; before that it rests.
-    q0, dq0, ddq0 : sequence of float, shape (n,)
-        Position [rad], velocity [rad/s] and acceleration [rad/s²] at `t0`.
+    start : (position, velocity, acceleration), each of shape (n,)
+        State at `t0` [rad, rad/s, rad/s²].
     duration : float
         Time that it takes [s].
 
+    Raises
+    ------
+    ParameterError
+        If the place where it comes to rest is not finite.
+
     """
-
-    def __init__(self, t0: int, q0: Vector, dq0: Vector, ddq0: Vector, duration: float) -> None:
-        self._t0, self._duration = t0, duration
-        self._start: Point = (tuple(q0), tuple(dq0), tuple(ddq0))
-        # The quintic that ends at rest at this place has no term of fifth order: the velocity is
-        # of fourth order at the most, and a cubic without a first acceleration.
-        self._end = tuple(
-            q + duration * (0.5 * dq + duration * ddq / 12.0)
-            for q, dq, ddq in zip(*self._start))
-
-    def at(self, t: int) -> Point:
-        """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
-        rest = (0.0,) * len(self._end)
-        s = seconds(t - self._t0) / self._duration
-        if s <= 0.0:
-            return self._start if t == self._t0 else (self._start[0], rest, rest)
-        if s >= 1.0:
-            return self._end, rest, rest
-        rows = [quintic(s, self._duration, q, dq, ddq, end, 0.0, 0.0)
-                for (q, dq, ddq), end in zip(zip(*self._start), self._end)]
-        return tuple(zip(*rows))  # type: ignore[return-value]
+    # The quintic that ends at rest at this place has no term of fifth order: the velocity is of
+    # fourth order at the most, and a cubic without a first acceleration.
+    end = tuple(q + duration * (0.5 * dq + duration * ddq / 12.0) for q, dq, ddq in zip(*start))
+    rest = (0.0,) * len(end)
+    return Waypoints([t0 + round(duration * NANOSECONDS)], [(end, rest, rest)], (t0, start))
 
 
 class Transition:
@@ -138,13 +127,13 @@ def smooth_start(motion: Motion, t0: int, start: Point, duration: float) -> Tran
     Raises
     ------
     ParameterError
-        If the duration is less than a nanosecond or not finite, or the state is not finite
-        numbers, as many as the motion has joints.
+        If the duration is less than a nanosecond or not finite, the state is not finite numbers,
+        as many as the motion has joints, or the robot would not stop at a finite position.
 
     """
     n = len(motion.at(t0)[0])
     for name, row in zip(('q0', 'dq0', 'ddq0'), start):
         if len(row) != n or not all(map(isfinite, row)):
             raise ParameterError(name, tuple(row), f'{n} finite numbers, one per joint')
-    braking = Braking(t0, *start, min(duration, BRAKING_TIME) if duration > 0.0 else 1.0)
-    return Transition(braking, motion, t0, duration)
+    before = braking(t0, start, min(duration, BRAKING_TIME) if duration > 0.0 else BRAKING_TIME)
+    return Transition(before, motion, t0, duration)

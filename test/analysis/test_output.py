@@ -77,7 +77,7 @@ def test_impossible_directory(tmp_path: Path, name: str) -> None:
     assert len(str(error.value).splitlines()) == 1
 
 
-def test_directory_that_nobody_may_make() -> None:
+def test_a_directory_that_cannot_be_made_even_by_root() -> None:
     """Check a file system that refuses even root."""
     with pytest.raises(CtcError, match='/proc/self/nothing'):
         prepare(Path('/proc/self/nothing'), NAMES)

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from ctc_chattering.analysis.figures import FigureFile
+from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.report import write_page
 from ctc_chattering.analysis.result import Result, write_metrics
 from ctc_chattering.control.controller import ControllerConfig
@@ -195,13 +195,12 @@ def test_a_larger_error_is_called_larger(results: list[Result], tmp_path: Path) 
 
 
 def test_links_to_bags_and_metrics(results: list[Result], tmp_path: Path) -> None:
-    write_page(results, [], tmp_path / 'index.html', ['bags/a b', None, 'bags/c'], 'm.json')
-    assert Page(tmp_path / 'index.html').values('a', 'href') == ['m.json', 'bags/a%20b', 'bags/c']
-    write_page(results, [], tmp_path / 'index.html', metrics=None)
-    assert not Page(tmp_path / 'index.html').values('a', 'href')
+    write_page(results, [], tmp_path / 'index.html', ['bags/a b', 'b', 'bags/c'])
+    assert Page(tmp_path / 'index.html').values('a', 'href') == [
+        'metrics.json', 'bags/a%20b', 'b', 'bags/c']
 
 
-def test_a_run_too_short_to_judge(tmp_path: Path) -> None:
+def test_a_run_too_short_to_evaluate(tmp_path: Path) -> None:
     short = [result_of(law, 0.3, '<b>$x</b>') for law in LAWS]
     write_page(short, [], tmp_path / 'index.html')
     page = Page(tmp_path / 'index.html')

@@ -60,7 +60,7 @@ def check(result: Result) -> None:
 
 @pytest.mark.parametrize('how', [
     {}, {'order': (1, 0)}, {'extra': ('gripper', 'wheel')}, {'order': (1, 0), 'extra': ('x',)},
-    {'piece': 1}, {'piece': 1000}])
+    {'chunk': 1}, {'chunk': 1000}])
 def test_run_comes_back_to_the_last_bit(tmp_path: Path, how: dict[str, object]) -> None:
     check(read(tmp_path, messages(**how)))
 
@@ -139,8 +139,8 @@ def test_without_the_plant(tmp_path: Path) -> None:
 
 def test_parameters_of_others_do_not_matter(tmp_path: Path) -> None:
     """Check parameters that the law does not have."""
-    news = {'use_sim_time': True, 'state_decimation': 3, 'wait_for': ['a']}
-    check(read(tmp_path, [*messages(), parameters('controller', 10 ** 8, news, False)]))
+    values = {'use_sim_time': True, 'state_decimation': 3, 'wait_for': ['a']}
+    check(read(tmp_path, [*messages(), parameters('controller', 10 ** 8, values, False)]))
 
 
 def test_a_recorder_started_during_the_run(tmp_path: Path) -> None:

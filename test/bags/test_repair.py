@@ -134,7 +134,7 @@ def test_what_was_flushed_before_a_cut_or_a_wrong_byte_is_recovered(
         tail = b'' if wrong is None else bytes([data[place] ^ wrong]) + data[place + 1:]
         (bag / 'bag_0.mcap').write_bytes(data[:place] + tail)
         try:
-            count = recover(bag, Path(scratch) / 'whole').messages
+            count = recover(bag, Path(scratch) / 'whole').span.count
             found = messages(Path(scratch) / 'whole')
         except CtcError as error:
             assert safe == []
@@ -159,7 +159,7 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
     (tmp_path / 'bag' / 'bag_0.mcap').write_bytes(damaged)
     found = recover(tmp_path / 'bag', tmp_path / 'whole')
     assert messages(tmp_path / 'whole') == [rows[0], rows[2]]
-    assert found.messages == 2
+    assert found.span.count == 2
     assert 8 < found.lost < sizes[1] - sizes[0]
 
 
@@ -172,7 +172,7 @@ def test_a_repaired_bag_is_read_by_the_mcap_library_and_has_the_run(
     assert done is not None
     found, aside = done
     assert aside == tmp_path / 'bag.damaged' and aside.exists()
-    assert found.messages == len(before) > 0
+    assert found.span.count == len(before) > 0
     assert sorted(messages(bag)) == sorted(before)
     with (bag / 'bag_0.mcap').open('rb') as stream:
         summary = make_reader(stream).get_summary()
@@ -334,7 +334,7 @@ def test_types_and_qos_of_other_recorders_are_recovered(tmp_path: Path) -> None:
             channel = writer.register_channel(topic, 'cdr', schema, {'offered_qos_profiles': text})
             writer.add_message(channel, 7, b'\0\1\0\0' + bytes(8), 7)
         writer.flush()
-    assert recover(tmp_path / 'bag', tmp_path / 'whole').messages == 3
+    assert recover(tmp_path / 'bag', tmp_path / 'whole').span.count == 3
     assert is_whole(tmp_path / 'whole')
     with (tmp_path / 'whole' / 'whole_0.mcap').open('rb') as stream:
         rows = [(channel.topic, schema and (schema.name, schema.data), message.data)
@@ -366,7 +366,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(tmp_path: Path) -> Non
         process.communicate(timeout=PATIENCE)
     done = repair(bag)
     assert done is not None
-    assert done[0].end / 1e9 > killed - 1.0 - waited
+    assert done[0].span.end / 1e9 > killed - 1.0 - waited
     assert read_bag(bag).run.t[-1] > 1.0
 
 

@@ -176,7 +176,7 @@ def test_a_disk_that_is_full_at_any_moment(
     assert {x.name for x in (tmp_path / 'bag').iterdir()} <= {'bag_0.mcap', 'metadata.yaml'}
     if errors and not flushed:
         return
-    assert flushed <= recover(tmp_path / 'bag', tmp_path / 'rewritten').messages <= len(messages)
+    assert flushed <= recover(tmp_path / 'bag', tmp_path / 'rewritten').span.count <= len(messages)
 
 
 def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
@@ -284,7 +284,7 @@ def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr('os.fsync', sync)
     recording = Recording(tmp_path / 'bag')
     flushed(recording, 3)
-    assert recover(tmp_path / 'bag', tmp_path / 'rewritten').messages == 3
+    assert recover(tmp_path / 'bag', tmp_path / 'rewritten').span.count == 3
     sync.assert_called_once()
     go.set()
     recording.close()
@@ -305,4 +305,4 @@ def test_an_error_of_the_disk_is_reported(
         while time.monotonic() < end:
             flushed(recording, 1)
     recording.abandon()
-    assert recover(tmp_path / 'flushed', tmp_path / 'rewritten').messages > 0
+    assert recover(tmp_path / 'flushed', tmp_path / 'rewritten').span.count > 0

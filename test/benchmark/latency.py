@@ -25,7 +25,7 @@ import rclpy
 from ctc_chattering.experiment.node_parameters import LOOP, RealTimeSettings
 from ctc_chattering.experiment.paper import EXPERIMENTS
 from ctc_chattering.launch import child_process
-from ctc_chattering.monitoring.durations import Durations
+from ctc_chattering.monitoring.loop_statistics import Durations
 from ctc_chattering.ros.domain import own_domain
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.real_time import RealTime
@@ -125,7 +125,7 @@ def _timer(priority: int, pipe: multiprocessing.connection.Connection) -> None:
             udp.send(bytes(100))
             udp.recv(100)
             answers.add(time.monotonic() - now)
-    shown = [[1e3 * x for x in (*durations.quantiles(0.5, 0.99, 0.999), durations.largest())]
+    shown = [[float(durations.summary()[f'{column} [ms]']) for column in _COLUMNS]
              for durations in (periods, answers)]
     pipe.send((*shown, scheduling))
 

@@ -150,7 +150,7 @@ def test_effort_limit_bites_and_is_off_by_default() -> None:
     assert wide.tau == free.tau
 
 
-def test_filter_lives_on_when_gains_change() -> None:
+def test_the_filter_state_is_preserved_when_gains_change() -> None:
     """Check that v has no step at a change, and that law (2) only loses the chattering term."""
     rng = np.random.default_rng(3)
     steady, changing = (Controller(_config(**FULL)) for _ in range(2))
@@ -428,14 +428,14 @@ def _saturated(switching: str, delay: int, law: str, **values: Any) -> tuple[Arr
         if wanted_v is not None:
             misses.append(np.abs(s.v - wanted_v))
         u = 50.0 * np.array(s.de) + 100.0 * np.array(s.e)
-        excess = np.zeros(2) if s.saturation_error is None else np.array(s.saturation_error)
+        saturation = np.zeros(2) if s.saturation_error is None else np.array(s.saturation_error)
         cuts += s.saturation_error is not None
-        on_way.append((np.array(s.tau), excess))
-        tau, excess = on_way.pop(0)
-        lack = MASS @ (ddq_d + u) - tau - excess
+        on_way.append((np.array(s.tau), saturation))
+        tau, saturation = on_way.pop(0)
+        residual = MASS @ (ddq_d + u) - tau - saturation
         wanted_v = (decay * np.array(s.v) + b * (h - (1.0 - decay) / pole) * u
-                    - b * h * np.linalg.solve(MASS, lack))
-        effects.append(np.abs(b * h * np.linalg.solve(MASS, excess)))
+                    - b * h * np.linalg.solve(MASS, residual))
+        effects.append(np.abs(b * h * np.linalg.solve(MASS, saturation)))
         a = np.linalg.solve(MASS, tau)
         q, dq = q + h * dq + h * h / 2 * a, dq + h * a
         q_d, dq_d = q_d + h * dq_d, dq_d + h * ddq_d
@@ -530,7 +530,7 @@ def test_bumpless_reset_of_the_implicit_laws_is_of_the_order_of_h(switching: str
 
 
 def test_bumpless_reset_is_for_the_next_state_only() -> None:
-    """Check that the filter, settled once, lives on: v is its own from the second state on."""
+    """Check that the filter, initialized once, keeps its state: v follows (3) from then on."""
     rng = np.random.default_rng(18)
     law = Controller(_config(**FULL))
     law.reset(bumpless=True)
@@ -555,7 +555,7 @@ def test_limits_must_be_positive(name: str, value: list[float]) -> None:
 
 
 def test_the_law_itself_does_not_know_the_error_limit() -> None:
-    """Check that torques beyond it are bit-equal: who sends them judges."""
+    """Check that torques beyond it are the same to the last bit: the sender decides."""
     a, b = (Controller(_config(error_limit=x)).step(*STILL, *AWAY) for x in (
         [1e-3, 1e-3], [math.inf, math.inf]))
     assert a == b

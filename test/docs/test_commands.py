@@ -116,8 +116,7 @@ def test_commands_of_this_package_are_ones(line: Line) -> None:
     (bringup_parser() if name == 'bringup' else node_parser(name)).parse_args(own)
     single = ros_arguments.RosArguments(ros.node, ros.namespace, tuple(
         x for x in ros.sources if not isinstance(x, Path)))
-    single.check([name])
-    single.values(name)
+    single.values([name])
 
 
 @pytest.fixture

@@ -52,7 +52,7 @@ OWN = textwrap.dedent('''
         def __init__(self, joint_names, gravity):
             raise KeyError('wheel')
 
-    class Stranger:
+    class NoModel:
         n = 2
         def __init__(self, joint_names, gravity):
             pass
@@ -119,10 +119,10 @@ def test_names_that_are_none(name: str) -> None:
 
 @pytest.mark.parametrize(('name', 'words'), [
     ('nowhere.at_all:Cart', 'nowhere.at_all:Cart cannot be made: ModuleNotFoundError'),
-    ('carts.slope:Nobody', 'cannot be made: AttributeError'),
+    ('carts.slope:Nothing', 'cannot be made: AttributeError'),
     ('carts.slope:Broken', "cannot be made: KeyError: 'wheel'"),
     ('carts.slope:Picky', '^no carts today$'),
-    ('carts.slope:Stranger', 'not derived from ctc_chattering.dynamics.model.Model'),
+    ('carts.slope:NoModel', 'not derived from ctc_chattering.dynamics.model.Model'),
     ('carts.slope:Pair', 'joint_names: .* 2 names for model carts.slope:Pair')])
 @pytest.mark.usefixtures('own')
 def test_classes_that_are_none(name: str, words: str) -> None:

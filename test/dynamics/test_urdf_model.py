@@ -91,8 +91,8 @@ def test_two_links_by_hand(kind: str, order: tuple[str, str]) -> None:
             (np.array(model.forward_dynamics(q, dq, given))[turn],
              np.linalg.solve(m, x - c @ dp - g)),
             (np.array([model.potential_energy(q)]), np.array([hand_energy(p)]))]
-        for made, wanted in pairs:
-            np.testing.assert_allclose(made, wanted, rtol=0, atol=1e-10)
+        for made, expected in pairs:
+            np.testing.assert_allclose(made, expected, rtol=0, atol=1e-10)
         for i in range(2):
             held = model.forward_dynamics(q, dq, given, 1 << turn[i])
             other = 1 - i
@@ -160,9 +160,9 @@ def test_locked_joint_is_a_fixed_one(kind: str, where: float | None) -> None:
 def test_locked_follower_goes_with_its_leader() -> None:
     """Check the inertia of fingers 0.03 m and 0.01 - 2 · 0.03 m off the arm's plane."""
     model = UrdfModel(grip(), ('turn',), locked={'f1': 0.03})
-    wanted = (0.1 + 2.0 * 0.2 ** 2 + 0.01 + 0.3 * (0.6 ** 2 + 0.03 ** 2)
-              + 0.01 + 0.4 * (0.6 ** 2 + 0.05 ** 2))
-    assert model.mass_matrix([0.3])[0][0] == pytest.approx(wanted, rel=1e-12)
+    expected = (0.1 + 2.0 * 0.2 ** 2 + 0.01 + 0.3 * (0.6 ** 2 + 0.03 ** 2)
+                + 0.01 + 0.4 * (0.6 ** 2 + 0.05 ** 2))
+    assert model.mass_matrix([0.3])[0][0] == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.fixture(scope='module')
@@ -235,7 +235,7 @@ def test_robots_pass_the_check(text: str, names: tuple[str, ...], mixed: bool) -
 
 
 def test_what_is_returned_is_the_caller_s() -> None:
-    """Check that spoiling a result spoils no later one."""
+    """Check that changing a result changes no later one."""
     model = UrdfModel(two_links(), ('a', 'b'))
     q, dq = [0.3, 0.4], [1.0, 2.0]
     calls: list[Callable[[], Any]] = [

@@ -8,14 +8,14 @@ import xml.etree.ElementTree as ET
 import pytest
 from urdfs import grip, joint, link, PANDA, panda, two_links, UR5, ur5, urdf
 
-from ctc_chattering.dynamics.urdf_parser import Mimic, movable_joints, Tree
+from ctc_chattering.dynamics.urdf_parser import Mimic, Tree
 from ctc_chattering.errors import CtcError, ParameterError
 
 
 def test_real_robots() -> None:
     """Check order, limits of the text, and that fingers that follow or lead are left out."""
-    assert movable_joints(panda()) == PANDA
-    assert movable_joints(ur5()) == UR5
+    assert Tree(panda()).movable == PANDA
+    assert Tree(ur5()).movable == UR5
     joints = Tree(panda()).joints
     assert joints['panda_joint4'].position == (-3.0718, -0.0698)
     assert [joints[name].effort for name in PANDA] == [87.0] * 4 + [12.0] * 3
@@ -41,7 +41,7 @@ def test_order_is_from_the_root_whatever_the_text_s() -> None:
     parts = [joint('far', 'revolute', 'm', 'tip'), joint('side', 'revolute', 'root', 's'),
              joint('near', 'revolute', 'root', 'm'),
              *(link(x) for x in ('tip', 's', 'm', 'root'))]
-    assert movable_joints(urdf(parts)) == ('side', 'near', 'far')
+    assert Tree(urdf(parts)).movable == ('side', 'near', 'far')
 
 
 def test_locked_positions() -> None:
@@ -76,7 +76,7 @@ def test_a_fixed_joint_is_no_joint_of_a_model() -> None:
 
 @pytest.mark.parametrize(('mimic', 'words'), [
     ('<mimic joint="f2"/>', 'f2 mimics f2, which is a circle'),
-    ('<mimic joint="nobody"/>', 'f2 mimics nobody, which is no movable joint'),
+    ('<mimic joint="nothing"/>', 'f2 mimics nothing, which is no movable joint'),
     ('<mimic joint="f1" multiplier="two"/>', "joint f2: multiplier is 'two'")])
 def test_bad_mimics(mimic: str, words: str) -> None:
     with pytest.raises(CtcError, match=words):

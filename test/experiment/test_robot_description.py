@@ -80,7 +80,7 @@ def test_what_is_not_installed_is_said_with_the_places(
     install(tmp_path, '', path='urdf/arm.urdf/a_directory')
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     for location in ('package://arm/urdf/arm.urdf', 'package://arm/no.urdf', 'package://arm',
-                     'package://', 'package://nobody/x'):
+                     'package://', 'package://nowhere/x'):
         text = refusal(location)
         below = '/'.join(['share', *location.removeprefix('package://').split('/')]).rstrip('/')
         assert text.startswith(f'not installed; looked for {below} below ')

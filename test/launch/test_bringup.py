@@ -18,7 +18,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.launch.parameter_events import GraphMonitor
+from ctc_chattering.launch.parameter_events import graph_monitor
 from ctc_chattering.simulation.closed_loop import Event
 
 pytestmark = pytest.mark.ros
@@ -146,12 +146,9 @@ def test_an_event_is_asked_for_again_where_no_answer_comes() -> None:
         it.node.create_service(SetParameters, '/controller/set_parameters', answer,
                                callback_group=ReentrantCallbackGroup())
         events = [Event(0.0, 'controller', {'lambda': x}) for x in (7.0, 8.0)]
-        observer = GraphMonitor(events, lockstep=False, ros_args=())
-        try:
+        with graph_monitor(events, lockstep=False, ros_args=()) as look:
             def carried_out() -> bool:
-                observer.look()
+                look()
                 return len(asked) == 3
             it.until(carried_out, 'the events')
-        finally:
-            observer.close()
     assert asked == [('lambda', 7.0), ('lambda', 7.0), ('lambda', 8.0)]

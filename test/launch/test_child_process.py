@@ -134,17 +134,20 @@ def test_stop_shares_its_patience(start: Start) -> None:
 
 def test_children_outlive_no_parent() -> None:
     """Kill a parent with SIGKILL; its child, which ignores SIGINT, must go too."""
-    kid = ('import os\nfrom ctc_chattering import supervisor\n'
-           f'{IGNORE}supervisor.end_with(os.getppid())\n{FOREVER}')
+    kid = ('import os\nfrom ctc_chattering.launch.child_process import end_with\n'
+           f'{IGNORE}end_with(os.getppid())\n{FOREVER}')
     code = ('import sys\nfrom threading import Event\n'
-            'from ctc_chattering.launch.child_process import Child\nready = Event()\n'
-            f'child = Child("kid", [sys.executable, "-c", {kid!r}], lambda line: ready.set())\n'
-            'ready.wait()\nprint(child.process.pid, flush=True)\nchild.process.wait()')
+            'from ctc_chattering.launch.child_process import Child\nready, lines = Event(), []\n'
+            f'child = Child("kid", [sys.executable, "-c", {kid!r}], lambda line: (\n'
+            '    lines.append(line), ready.set()))\n'
+            'ready.wait()\nprint(lines[0], child.process.pid, flush=True)\nchild.process.wait()')
     root = str(Path(__file__).parents[2])
     with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True,
                           env={**os.environ, 'PYTHONPATH': root}) as parent:
         assert parent.stdout is not None
-        pid = int(parent.stdout.readline())
+        _, first, number = parent.stdout.readline().split()
+        assert first == 'ready'
+        pid = int(number)
         os.kill(pid, 0)
         parent.kill()
     assert gone(pid)

@@ -14,7 +14,7 @@ from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 
 MS = 1_000_000
 ZERO = [0.0, 0.0]
-MOTION = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(2000)]
+MOTION = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(2000)]
 
 
 class Log:
@@ -138,7 +138,7 @@ def test_silence_ends_the_torques_and_the_next_state_restarts_the_law() -> None:
     assert robot.status() == (2, 'no state for 0.2 s')
     assert robot.loop.watchdog.outages == 1
     assert robot.state(301)
-    assert robot.loop.state.state is State.RESTARTING
+    assert robot.loop.state is State.RESTARTING
     assert robot.loop.health.restarts == 1
     assert 'back to the reference' in robot.log.lines[-1]
     at_once = Robot(simulated=False)
@@ -154,13 +154,13 @@ def test_a_reference_that_is_late_is_held_and_followed_again() -> None:
     robot.reference(0, 50)
     for k in range(300):
         assert robot.state(k)
-        held = robot.loop.state.state is State.HOLDING
+        held = robot.loop.state is State.HOLDING
         assert held == (k > 149)  # The last point is that of 49 ms; 0.1 s are granted.
     assert robot.status() == (2, 'no reference for 0.1 s; holding the position')
     assert robot.loop.reference_outages == 1
     robot.reference(290, 400)
     assert robot.state(300)
-    assert robot.loop.state.state is State.RUNNING
+    assert robot.loop.state is State.RUNNING
 
 
 def test_a_position_error_trips_until_reset() -> None:
@@ -230,6 +230,19 @@ def test_without_a_finite_torque_nothing_is_sent_and_the_loop_goes_on() -> None:
     assert raised.value.kind == 'overflow'
     assert len(robot.sent) == 1
     assert robot.state(2)
+
+
+def test_a_way_back_that_is_not_finite_is_none() -> None:
+    robot = Robot(simulated=False)
+    robot.reference(0, 1000)
+    robot.state(0)
+    robot.silence(500)
+    robot.loop.take_state(JointSample(500 * MS, (1.7e308, 0.0), (1.7e308, 0.0)), 500 * MS, False)
+    with pytest.raises(RejectedMessage) as raised:
+        robot.answer()
+    assert raised.value.kind == 'overflow'
+    assert robot.state(501)
+    assert robot.loop.state is State.RESTARTING
 
 
 def test_references_without_states_do_not_fill_the_memory() -> None:

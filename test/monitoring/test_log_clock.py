@@ -24,7 +24,7 @@ def test_topics_that_are_behind_others_do_not_turn_it_back(
     assert time.now >= truth - S // 2 or not steps
 
 
-def test_a_run_that_begins_anew_is_believed_at_its_second_message() -> None:
+def test_a_run_that_begins_again_is_believed_at_its_second_message() -> None:
     time = LogTime()
     for k in range(5000):
         time.note('states', k * MS)

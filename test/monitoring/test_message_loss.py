@@ -25,17 +25,17 @@ def test_what_one_publisher_loses_is_counted() -> None:
 
 
 def test_a_second_publisher_loses_nothing_by_coming_and_going() -> None:
-    """The last words of one that has gone are told from the next ones of the one that stays."""
+    """The last messages of one that has left are not taken for those of the other."""
     numbering = SequenceTracker()
     assert not any(lost(numbering, k, 1) for k in range(1, 1000))
     for k in range(1, 50):
         assert lost(numbering, 999 + k, 2) == lost(numbering, k, 2) == 0
-    # Both are underway still, but the second one is off the graph already.
+    # Messages of both still arrive, but the second one has left the graph.
     assert not any(lost(numbering, k, 1) for k in (50, 1049, 1050))
     assert lost(numbering, 1054, 1) == 3
 
 
-def test_a_publisher_that_begins_anew_loses_nothing() -> None:
+def test_a_publisher_that_restarts_loses_nothing() -> None:
     numbering = SequenceTracker()
     for _ in range(40):
         assert not any(lost(numbering, k, 1) for k in range(1, 20))

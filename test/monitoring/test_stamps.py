@@ -38,7 +38,7 @@ class Line:
     offset : int
         Its clock less ours [ns].
     delay : int
-        Least time underway [ns].
+        Shortest delay [ns].
 
     """
 
@@ -129,7 +129,7 @@ def test_any_mixture_takes_what_is_fresh_and_nothing_else(
     """Check every state of runs, outages and stalls against how late it truly was."""
     line = Line(period, offset)
     line.go(1)
-    told = MS + sum(length for _, length in story)
+    duration = MS + sum(length for _, length in story)
     for kind, length in story:
         if kind == 'run':
             verdicts = line.go(length // (5 * period))
@@ -143,7 +143,7 @@ def test_any_mixture_takes_what_is_fresh_and_nothing_else(
                 assert verdict in {NEXT, GAP, STALE}
                 if late <= LIMIT:
                     assert verdict != STALE
-                if late > LIMIT + told // 1000:
+                if late > LIMIT + duration // 1000:
                     assert verdict == STALE
 
 
@@ -202,7 +202,7 @@ def test_lateness_is_measured_by_the_new_clock(jump: int) -> None:
 
 @pytest.mark.parametrize('again', [False, True])
 def test_a_simulation_that_is_reset(again: bool) -> None:
-    """Check time that begins at 0 anew, also by a plant that says its first state again."""
+    """Check time that begins at 0 again, also by a plant that says its first state again."""
     stamps = Stamps(LIMIT)
     for k in range(1000):
         assert stamps.classify(k * MS, 7 * k, True) == (NEXT if k else RESTART)
@@ -214,7 +214,7 @@ def test_a_simulation_that_is_reset(again: bool) -> None:
 @given(st.integers(2, 60), st.integers(-10 ** 12, -LIMIT) | st.integers(2 * LIMIT, 10 ** 12),
        st.booleans())
 def test_a_single_message_out_of_order(at: int, away: int, simulated: bool) -> None:
-    """Check that it is refused and disturbs nobody, wherever it points to but shortly ahead."""
+    """Check that it is refused and disturbs no other, wherever it points to but shortly ahead."""
     line = Line()
     line.go(at, simulated)
     now = line.t + line.delay + 1000
@@ -330,13 +330,3 @@ def test_nothing_is_taken_twice(steps: Sequence[tuple[int, int]], simulated: boo
             assert (verdict == REPEATED) == (t == last)
             assert verdict != BACKWARD or t < last
             assert verdict not in (JUMP, STALE) or t > last
-
-
-def test_forget_takes_anything_as_the_first() -> None:
-    """Check that a stamp far back begins anew at once, and with its own delay."""
-    line = Line()
-    line.go(10)
-    line.stamps.forget()
-    line.t += MS
-    assert line.say(jump=-10 ** 15) == RESTART
-    assert line.go(5) == [NEXT] * 5

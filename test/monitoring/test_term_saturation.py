@@ -72,7 +72,7 @@ def loop(switching: str, ka: float, **plant: Any) -> list[Saturation]:
 
 @pytest.mark.parametrize('switching', ['sign', 'boundary_layer', 'implicit', 'implicit_observer'])
 def test_the_cause_in_closed_loop(switching: str) -> None:
-    """Check friction below, at and above ka, and noise: each is told apart on joint 2."""
+    """Check friction below, at and above ka, and noise: each is recognized on joint 2."""
     assert [x.cause for x in loop(switching, 12.0)] == ['', '']
     assert loop(switching, 8.0)[1].cause == 'ka too small'
     noisy = loop(switching, 12.0, velocity_noise=(0.02, 0.02))

@@ -107,7 +107,7 @@ def heard(ownership: TopicOwnership, *parts: tuple[str, ...]) -> bool:
     return ownership.admits(None, 2 * SECOND, 0)
 
 
-@pytest.mark.parametrize('order', itertools.permutations((ARM, GRIPPER, CAMERA)))
+@pytest.mark.parametrize('order', [*itertools.permutations((ARM, GRIPPER, CAMERA))])
 def test_publishers_of_other_joints_share_a_topic(order: tuple[tuple[str, ...], ...]) -> None:
     ownership = TopicOwnership()
     ownership.update(3, 0)
@@ -129,7 +129,7 @@ def test_a_second_publisher_of_our_joints_does_not(second: tuple[tuple[str, ...]
     assert heard(ownership, ARM)
 
 
-def test_a_publisher_of_two_parts_shares_with_nobody() -> None:
+def test_a_publisher_of_two_parts_shares_with_none() -> None:
     """Arm and gripper from one, and then a second arm: there are two parts and two publishers."""
     ownership = TopicOwnership()
     ownership.update(1, 0)
@@ -153,7 +153,7 @@ def test_after_one_has_left_all_parts_must_be_heard_again() -> None:
 A, B = b'a', b'b'
 
 
-def told(ownership: TopicOwnership, publisher: bytes, now: int) -> bool:
+def accepts(ownership: TopicOwnership, publisher: bytes, now: int) -> bool:
     """Return whether a message is obeyed of which the publisher is known, and use it."""
     admitted = ownership.admits(publisher, now, now)
     if admitted:
@@ -174,7 +174,7 @@ def test_the_first_publisher_keeps_control_where_it_is_told(
             owner = publisher
         if publisher == owner:
             last = now
-        assert told(ownership, publisher, now) == (publisher == owner)
+        assert accepts(ownership, publisher, now) == (publisher == owner)
         assert ownership.owner == owner
 
 
@@ -182,15 +182,15 @@ def test_a_message_that_was_not_used_gives_no_control() -> None:
     ownership = TopicOwnership()
     ownership.update(2, 0)
     assert ownership.admits(A, 0, 0)  # And then it turns out to be no good.
-    assert told(ownership, B, MS)
-    assert not told(ownership, A, 2 * MS)
+    assert accepts(ownership, B, MS)
+    assert not accepts(ownership, A, 2 * MS)
 
 
 def test_a_publisher_alone_is_obeyed_at_once() -> None:
     """The owner has left: its lease is of no matter."""
     ownership = TopicOwnership()
     ownership.update(2, 0)
-    assert told(ownership, A, 0)
-    assert not told(ownership, B, MS)
+    assert accepts(ownership, A, 0)
+    assert not accepts(ownership, B, MS)
     ownership.update(1, MS)
-    assert told(ownership, B, 2 * MS)
+    assert accepts(ownership, B, 2 * MS)

@@ -58,7 +58,7 @@ def test_a_controller_that_missed_states_can_be_disabled_and_enabled() -> None:
         it.start('reference')
         it.until(lambda: states and any(states[-1].effort), 'motion')
         plant.signal(signal.SIGSTOP)
-        it.until(lambda: any('no state for' in line for line in it.lines), 'the silence')
+        it.until(lambda: any('; no torque' in line for line in it.lines), 'the silence')
         plant.signal(signal.SIGCONT)
         for wanted in (False, True, False, True):
             response = it.call(SetBool, 'controller/enable', SetBool.Request(data=wanted))

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.ros
 
 def test_the_controller_finds_its_joints_by_name() -> None:
     """Extra joints, any order, no efforts, a reference in another order: the law's torque."""
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(20)]
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(20)]
     law = Controller(ControllerConfig())
     with probe() as it:
         controller = ControllerUnderTest(it)
@@ -49,7 +49,7 @@ def test_the_controller_finds_its_joints_by_name() -> None:
 
 
 def test_a_state_waits_for_its_reference_and_bad_states_are_passed_over() -> None:
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(5)]
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(5)]
     law = Controller(ControllerConfig())
     with probe() as it:
         controller = ControllerUnderTest(it)
@@ -70,7 +70,7 @@ def test_a_state_waits_for_its_reference_and_bad_states_are_passed_over() -> Non
 
 
 def test_the_state_topics_say_what_the_torque_is_made_of() -> None:
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(5)]
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(5)]
     law = Controller(ControllerConfig())
     with probe() as it:
         heard = {name: it.listen(JointState, f'controller/{name}')
@@ -99,8 +99,8 @@ def test_the_state_topics_say_what_the_torque_is_made_of() -> None:
 
 
 def test_a_law_set_in_mid_run_takes_effect_at_the_next_sample() -> None:
-    """As `ros2 param set` would: the chattering term goes and comes, v lives on."""
-    motion = [Sinusoid(ReferenceConfig()).at(k * 1e-3) for k in range(40)]
+    """As `ros2 param set` would: the chattering term goes and comes, v is preserved."""
+    motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(40)]
     law = Controller(ControllerConfig())
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     with probe() as it:
@@ -241,7 +241,7 @@ def test_the_plant_in_lockstep_takes_torques_by_label_and_holds_time() -> None:
 def test_the_reference_follows_the_clock_ahead_of_time() -> None:
     motion = Sinusoid(ReferenceConfig(phase=(0.3, 0.4), control_period=2e-3))
     with probe() as it:
-        pieces = it.listen(JointTrajectory, 'reference')
+        chunks = it.listen(JointTrajectory, 'reference')
         clock = it.node.create_publisher(Clock, 'clock', 10)
         it.start('reference', '-p', 'phase:=[0.3, 0.4]', '-p', 'control_period:=0.002',
                  '-p', 'horizon:=0.2')
@@ -250,7 +250,7 @@ def test_the_reference_follows_the_clock_ahead_of_time() -> None:
         def known() -> dict[int, JointTrajectoryPoint]:
             return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
                     + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
-                    for m in pieces for p in m.points}
+                    for m in chunks for p in m.points}
         for now in (0, 50 * MS, 90 * MS, 1_500 * MS):
             clock.publish(Clock(clock=stamp(now)))
             it.until(lambda: known() and max(known()) >= now + 190 * MS, 'the motion ahead')
@@ -258,7 +258,7 @@ def test_the_reference_follows_the_clock_ahead_of_time() -> None:
         assert all(t % (2 * MS) == 0 for t in points)
         assert all(t in points for t in range(0, 290 * MS, 2 * MS))
         for t, point in points.items():
-            q_d, dq_d, ddq_d = motion.at(t / 1e9)
+            q_d, dq_d, ddq_d = motion.at(t)
             assert list(point.positions) == list(q_d)
             assert list(point.velocities) == list(dq_d)
             assert list(point.accelerations) == list(ddq_d)
@@ -270,7 +270,7 @@ def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> No
     changed = ReferenceConfig(
         amplitude=(0.2, 0.9), center=(1.0, -1.0), frequency=(0.4, 1.7), control_period=1e-2)
     with probe() as it:
-        pieces = it.listen(JointTrajectory, 'reference')
+        chunks = it.listen(JointTrajectory, 'reference')
         clock = it.node.create_publisher(Clock, 'clock', 10)
         it.start('reference', '-p', 'control_period:=0.01')
         it.until(clock.get_subscription_count, 'the reference')
@@ -279,7 +279,7 @@ def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> No
         def known() -> dict[int, JointTrajectoryPoint]:
             return {m.header.stamp.sec * 1000 * MS + m.header.stamp.nanosec
                     + p.time_from_start.sec * 1000 * MS + p.time_from_start.nanosec: p
-                    for m in pieces for p in m.points}
+                    for m in chunks for p in m.points}
 
         def run_to(end: int) -> None:
             nonlocal now
@@ -302,6 +302,6 @@ def test_a_sinusoid_that_is_changed_while_it_runs_goes_on_without_a_jump() -> No
                 assert b.positions[j] - a.positions[j] == pytest.approx(1e-2 * mean, abs=2e-4)
                 mean = 0.5 * (a.accelerations[j] + b.accelerations[j])
                 assert b.velocities[j] - a.velocities[j] == pytest.approx(1e-2 * mean, abs=2e-2)
-        last = Sinusoid(changed).at(times[-1] / 1e9)
+        last = Sinusoid(changed).at(times[-1])
         assert list(points[times[-1]].positions) == list(last[0])
         assert points[0].positions[0] == math.pi

@@ -55,7 +55,7 @@ class PlayedPlant:
         return list(self.commands[-1].data)
 
 
-def test_every_outage_begins_the_law_anew_and_a_motion_at_rest_is_held() -> None:
+def test_every_outage_restarts_the_law_and_a_motion_at_rest_is_held() -> None:
     """The last point of the reference, long past, is at rest: nothing is missing."""
     point, law = ([1.0, -0.5], ZERO, ZERO), Controller(ControllerConfig())
     with probe() as it:
@@ -115,10 +115,10 @@ def test_in_lockstep_time_goes_on_where_the_motion_ends_at_rest() -> None:
     with probe() as it:
         diagnostics = Diagnostics(it)
         states = it.listen(JointState, 'joint_states')
-        pieces = it.node.create_publisher(JointTrajectory, 'reference', 10)
+        chunks = it.node.create_publisher(JointTrajectory, 'reference', 10)
         it.start('controller')
-        it.until(pieces.get_subscription_count, 'the controller')
-        pieces.publish(reference(['joint1', 'joint2'], [
+        it.until(chunks.get_subscription_count, 'the controller')
+        chunks.publish(reference(['joint1', 'joint2'], [
             [[0.1 * k, 0.0], [0.1, 0.0] if k < 2 else ZERO, ZERO] for k in range(3)]))
         it.start('plant', '-p', 'pacing:=lockstep')
         it.until(lambda: states and ns(states[-1].header.stamp) > 300 * MS, 'time')

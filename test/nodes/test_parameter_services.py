@@ -120,7 +120,7 @@ class Loop:
         self.goes_on()
 
     def goes_on(self) -> None:
-        """Wait for torques and the states that answer them; nobody may have died or raised."""
+        """Wait for torques and the states that answer them; no node may have ended or raised."""
         it = self.probe
         stamps: set[tuple[int, int]] = set()
         torques: list[Float64MultiArray] = []
@@ -353,7 +353,7 @@ class Fuzzer:
         if self._future is not None:
             if not self._future.done():
                 return False
-            self._judge(self._future.result())
+            self._check(self._future.result())
             self._future = None
         if not self._left:
             return True
@@ -364,7 +364,7 @@ class Fuzzer:
         self._future = self.setter.send(kind, self._sent)
         return False
 
-    def _judge(self, answer: Any) -> None:
+    def _check(self, answer: Any) -> None:
         results = (answer.results if hasattr(answer, 'results')
                    else [answer.result] * len(self._sent))
         for parameter, result in zip(self._sent, results, strict=True):

@@ -71,7 +71,7 @@ def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
     assert_equal(result, expected)
     assert len(result.run.t) == 1001
     assert result.joint_names == tuple(joints)
-    assert (result.experiment, result.switching) == (name, 'implicit_observer')
+    assert (result.experiment, result.config.switching) == (name, 'implicit_observer')
     assert np.abs(result.terms.robust).max() > 0.0
     with closing(open_bag(bag)) as reader:
         told = [reader.deserialize(data, connection.msgtype).data
@@ -265,7 +265,7 @@ class Broadcaster:
 
 def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
     """
-    Other order, more joints, no efforts, no clock, stamps that are on nobody's grid.
+    Other order, more joints, no efforts, no clock, stamps on no grid.
 
     States that come at another period than `control_period` are answered by the same law, and a
     warning says that its filter takes them for something else.
@@ -273,7 +273,7 @@ def test_a_broadcaster_of_ros2_control_is_answered_by_the_law() -> None:
     period = 2 * MS
     law = Controller(ControllerConfig(control_period=2e-3))
     motion = Sinusoid(ReferenceConfig())
-    rows = [motion.at(k * 2e-3) for k in range(100)]
+    rows = [motion.at(k * period) for k in range(100)]
     rows.append((rows[-1][0], (0.0, 0.0), (0.0, 0.0)))
     with probe() as it:
         source = Broadcaster(it)

@@ -19,26 +19,26 @@ from trajectory_msgs.msg import JointTrajectory
 
 pytestmark = pytest.mark.ros
 JOINTS, ZERO = ['joint1', 'joint2'], [0.0, 0.0]
-PIECE = 1000
+CHUNK = 1000
 
 
 def ns(message: JointState) -> int:
     return int(message.header.stamp.sec) * 10 ** 9 + int(message.header.stamp.nanosec)
 
 
-def test_references_that_nobody_uses_are_forgotten() -> None:
+def test_unused_references_are_discarded() -> None:
     """Send more than a minute to a controller that is disabled, without a state and with one."""
     with probe() as it:
         reports = Diagnostics(it)
         states = it.node.create_publisher(JointState, 'joint_states', 10)
-        pieces = it.node.create_publisher(JointTrajectory, 'reference', 1000)
+        chunks = it.node.create_publisher(JointTrajectory, 'reference', 1000)
         it.start('controller', '-p', 'enabled:=false')
-        it.until(lambda: states.get_subscription_count() and pieces.get_subscription_count(),
+        it.until(lambda: states.get_subscription_count() and chunks.get_subscription_count(),
                  'the controller')
-        piece = reference(JOINTS, [[[0.1, 0.2], [0.3, 0.4], ZERO]] * PIECE)
+        chunk = reference(JOINTS, [[[0.1, 0.2], [0.3, 0.4], ZERO]] * CHUNK)
         for k in range(1, 71):
-            piece.header.stamp = stamp(k * PIECE * MS)
-            pieces.publish(piece)
+            chunk.header.stamp = stamp(k * CHUNK * MS)
+            chunks.publish(chunk)
         held = 'points of the reference'
         reports.until('controller', lambda r: r.count(held) == 60_000, 'a full memory')
         later = itertools.count(70_500)
@@ -46,7 +46,7 @@ def test_references_that_nobody_uses_are_forgotten() -> None:
         def ahead(report: Report) -> bool:
             # References may still be on their way: each state forgets what is past by then.
             states.publish(state(next(later) * MS, joint1=(0.0, 0.0), joint2=(0.0, 0.0)))
-            return 0 < report.count(held) <= PIECE
+            return 0 < report.count(held) <= CHUNK
 
         reports.until('controller', ahead, 'what is ahead')
 
@@ -62,14 +62,14 @@ def test_the_last_torque_does_not_wait_for_the_log() -> None:
     with probe() as it:
         commands = it.listen(Float64MultiArray, COMMANDS)
         states = it.node.create_publisher(JointState, 'joint_states', 10)
-        pieces = it.node.create_publisher(JointTrajectory, 'reference', 10)
+        chunks = it.node.create_publisher(JointTrajectory, 'reference', 10)
         process = subprocess.Popen(
             [sys.executable, '-m', 'ctc_chattering.cli.node', 'controller', '--ros-args', '-p',
              'state_timeout:=1.0'], stdout=sink, stderr=sink)
         try:
-            it.until(lambda: states.get_subscription_count() and pieces.get_subscription_count()
+            it.until(lambda: states.get_subscription_count() and chunks.get_subscription_count()
                      and it.node.count_publishers(COMMANDS), 'the controller')
-            pieces.publish(reference(JOINTS, [[[1.0, -0.5], ZERO, ZERO]]))
+            chunks.publish(reference(JOINTS, [[[1.0, -0.5], ZERO, ZERO]]))
             states.publish(state(time.time_ns(), joint1=(0.0, 0.0), joint2=(0.0, 0.0)))
             it.until(lambda: any(any(m.data) for m in commands), 'a torque')
             states.publish(JointState(name=['joint1', 'joint1']))  # That gives a line.

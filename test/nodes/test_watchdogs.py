@@ -1,4 +1,4 @@
-"""What stops the robot when somebody falls silent, and what starts it again: one graph for all."""
+"""What stops the robot when a publisher falls silent, and what starts it again."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Graph:
         self.diagnostics = Diagnostics(it)
         self.states = it.listen(JointState, 'joint_states', 10_000)
         self.commands = it.listen(Float64MultiArray, COMMANDS, 10_000)
-        self.pieces = it.listen(JointTrajectory, 'reference', 10_000)
+        self.chunks = it.listen(JointTrajectory, 'reference', 10_000)
         self.tracking = it.listen(JointState, 'controller/tracking')
         self.children: dict[str, child_process.Child] = {}
         self._begun: dict[str, int] = {}
@@ -96,7 +96,7 @@ def graph() -> Iterator[Graph]:
 
 
 @pytest.fixture(autouse=True)
-def nobody_else_dies(request: pytest.FixtureRequest) -> Iterator[None]:
+def no_other_node_ends(request: pytest.FixtureRequest) -> Iterator[None]:
     yield
     if 'graph' in request.fixturenames:
         children = request.getfixturevalue('graph').children
@@ -105,7 +105,7 @@ def nobody_else_dies(request: pytest.FixtureRequest) -> Iterator[None]:
 
 @pytest.mark.parametrize(
     'number', [signal.SIGSTOP, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])
-def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
+def test_without_states_the_torque_stops_and_restarts_without_a_bump(
         graph: Graph, number: signal.Signals) -> None:
     """One torque of zero, silence, an error; then the inverse dynamics, and on from there."""
     before = graph.diagnostics.next('controller')
@@ -124,7 +124,9 @@ def test_without_states_the_torque_stops_and_begins_anew_without_a_bump(
             graph.start('plant')
         plant.signal(signal.SIGCONT)
     assert report.count('timeouts, state') > before.count('timeouts, state')
-    graph.probe.until(lambda: graph.log('controller', 'no state for'), 'the line')
+    # After two seconds, which a machine that is late may take, the publisher's lease has run out.
+    graph.probe.until(lambda: graph.log('controller', 'no state for') or graph.log(
+        'controller', 'its publisher has left'), 'the line')
     graph.probe.until(lambda: len(graph.commands) > 10 and len(graph.states) > 10, 'torques')
     if number == signal.SIGSTOP:  # Of a new plant's states it is unknown which one is heard first.
         firsts = []
@@ -154,7 +156,7 @@ def test_without_a_reference_the_position_is_held(graph: Graph) -> None:
     # position within `restart_duration`, and stays there: only the last messages are sure of it.
     graph.probe.until(lambda: len(graph.tracking) > 5 and not any(
         any(m.velocity[:2]) for m in graph.tracking[-5:]), 'the hold')
-    last = graph.pieces[-1].points[-1]
+    last = graph.chunks[-1].points[-1]
     held = [q + REFERENCE_TIMEOUT * dq for q, dq in zip(last.positions, last.velocities)]
     for message in graph.tracking[-5:]:
         assert list(message.position[:2]) == held

@@ -18,3 +18,17 @@ def test_setup_runs_where_colcon_s_symlink_install_runs_it(tmp_path: Path) -> No
         capture_output=True, timeout=60, check=False)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith('ctc_chattering\n# ctc_chattering\n')
+
+
+def test_a_build_has_all_files_of_the_package(tmp_path: Path) -> None:
+    """Check the files that are no modules, such as the template of the page."""
+    subprocess.run([sys.executable, 'setup.py', '--quiet', 'build', '--build-base', tmp_path],
+                   cwd=ROOT, timeout=60, capture_output=True, check=True)
+
+    def contents(package: Path) -> set[Path]:
+        return {path.relative_to(package) for path in package.rglob('*')
+                if path.is_file() and path.suffix != '.pyc'}
+
+    built = contents(tmp_path / 'lib' / 'ctc_chattering')
+    assert built == contents(ROOT / 'ctc_chattering')
+    assert Path('analysis/page.html') in built

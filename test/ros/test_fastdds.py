@@ -49,7 +49,7 @@ def test_only_the_buffers_of_udp_sockets_are_enlarged_and_none_is_made_smaller()
 
 @pytest.mark.ros
 @pytest.mark.parametrize('theirs', [False, True])
-def test_nobody_writes_into_the_memory_of_a_node_unless_told_otherwise(
+def test_no_process_writes_into_the_memory_of_a_node_by_default(
         theirs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A node that has no port in shared memory cannot be cut off from it, nor hold others up."""
     if get_rmw_implementation_identifier() != 'rmw_fastrtps_cpp':

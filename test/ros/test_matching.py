@@ -66,7 +66,7 @@ def test_all_nodes_hear_best_effort_publishers(tmp_path: Path) -> None:
         # Never matched by our publisher, which keeps nothing; it must not be waited for.
         it.listen(Float64MultiArray, COMMANDS, LATCHED)
         torques = it.listen(Float64MultiArray, COMMANDS)
-        pieces = it.listen(JointTrajectory, 'reference')
+        chunks = it.listen(JointTrajectory, 'reference')
         clock = it.node.create_publisher(Clock, 'clock', LOSSY)
         states = it.node.create_publisher(JointState, 'joint_states', LOSSY)
         description = it.node.create_publisher(String, 'robot_description', PLAIN)
@@ -83,7 +83,7 @@ def test_all_nodes_hear_best_effort_publishers(tmp_path: Path) -> None:
             states.publish(state(t, a=(0.1, 0.0), b=(0.2, 0.0)))
             return len(torques) >= 10
         it.until(answered, 'torques')
-        assert pieces
+        assert chunks
         it.until(lambda: answered() and states.get_subscription_count() == 2
                  and clock.get_subscription_count() == 2
                  and description.get_subscription_count() == 2, 'the recorder')

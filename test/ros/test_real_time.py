@@ -93,7 +93,7 @@ def test_a_controller_has_priority_while_time_is_real() -> None:
 
 @pytest.mark.ros
 def test_the_parameters_and_a_refusal() -> None:
-    """One plant gets what its parameters ask for; another one is told why not, and runs on."""
+    """One plant gets what its parameters ask for; another one says why not, and runs on."""
     arguments = ('-p', 'pacing:=real_time', '-p', 'cpu_affinity:=0', '-p', 'thread_priority:=7')
     with probe() as it:
         child = with_rights(it.start, 'plant', *arguments, '-p', 'lock_memory:=false')

@@ -15,7 +15,7 @@ import sys
 from time import perf_counter
 from typing import Any
 
-from bags import Cdr, efforts, piece, state
+from bags import Cdr, chunk, efforts, state
 from builtin_interfaces.msg import Time
 from faults import KINDS, mutated
 from hypothesis import given, settings
@@ -28,7 +28,7 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.messages import message_type, nanoseconds_of, read_stamp, stamp
+from ctc_chattering.ros.messages import message_type, read_stamp, stamp
 from ctc_chattering.ros.serialization import (
     EffortReader,
     EffortWriter,
@@ -74,14 +74,14 @@ def efforts_by_us(reader: EffortReader, data: bytes) -> Answer:
     return e.names, bits(e.values)
 
 
-def piece_by_ros(data: bytes) -> Answer:
+def chunk_by_ros(data: bytes) -> Answer:
     m = deserialize_message(data, JointTrajectory)
     return tuple(m.joint_names), [
         (ns(m.header.stamp) + ns(p.time_from_start), bits(p.positions), bits(p.velocities),
          bits(p.accelerations)) for p in m.points]
 
 
-def piece_by_us(reader: TrajectoryReader, data: bytes) -> Answer:
+def chunk_by_us(reader: TrajectoryReader, data: bytes) -> Answer:
     p = reader.read(data)
     return p.names, [(t, *map(bits, rows)) for t, rows in zip(p.times, p.points, strict=True)]
 
@@ -89,7 +89,7 @@ def piece_by_us(reader: TrajectoryReader, data: bytes) -> Answer:
 Kind = tuple[Callable[[], Any], Callable[[Any, bytes], Answer], Callable[[bytes], Answer]]
 STATE: Kind = StateReader, state_by_us, state_by_ros
 EFFORTS: Kind = EffortReader, efforts_by_us, efforts_by_ros
-PIECE: Kind = TrajectoryReader, piece_by_us, piece_by_ros
+CHUNK: Kind = TrajectoryReader, chunk_by_us, chunk_by_ros
 
 
 def samples(names: Sequence[str], shift: float, count: int = 3) -> list[tuple[Kind, bytes]]:
@@ -97,7 +97,7 @@ def samples(names: Sequence[str], shift: float, count: int = 3) -> list[tuple[Ki
     rows = [[shift + i + 10.0 * k for i in range(len(names))] for k in range(3)]
     points, stamp = [((*rows, []), k // 2, k) for k in range(count)], (int(shift) - 5, int(shift))
     return [(STATE, state(names, rows, stamp)), (EFFORTS, efforts(names, rows[0])),
-            (EFFORTS, efforts([], rows[0])), (PIECE, piece(names, points, stamp))]
+            (EFFORTS, efforts([], rows[0])), (CHUNK, chunk(names, points, stamp))]
 
 
 @pytest.mark.parametrize('frame', ['', 'x', 'base', 'base_link'])
@@ -122,7 +122,7 @@ def test_what_ros_serializes(names: tuple[str, ...], frame: str) -> None:
             JointTrajectoryPoint(positions=rows[0], velocities=rows[1], accelerations=rows[2])
             for _ in range(1 + k % 2)])
         data = serialize_message(motion)
-        assert piece_by_us(readers[2], data) == piece_by_ros(data)
+        assert chunk_by_us(readers[2], data) == chunk_by_ros(data)
 
 
 @pytest.mark.parametrize('kind', range(4))
@@ -176,11 +176,11 @@ def any_piece(draw: Any) -> bytes:
     points = draw(st.lists(st.tuples(
         st.tuples(rows_of(len(names), 3), effort).map(lambda x: [*x[0], x[1]]),
         st.integers(-3, 2 ** 31 - 1), st.integers(0, 2 ** 32 - 1)), max_size=4))
-    return piece(names, points, draw(stamps), draw(frames), draw(orders))
+    return chunk(names, points, draw(stamps), draw(frames), draw(orders))
 
 
 @pytest.mark.parametrize(('kind', 'messages'), [
-    (STATE, any_state()), (EFFORTS, any_efforts()), (PIECE, any_piece())])
+    (STATE, any_state()), (EFFORTS, any_efforts()), (CHUNK, any_piece())])
 def test_any_sequence(kind: Kind, messages: st.SearchStrategy[bytes]) -> None:
     """Check that a reader returns what ROS returns, whatever it has read before."""
     make, ours, theirs = kind
@@ -228,11 +228,11 @@ import random, resource, sys
 from faults import KINDS, mutated
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, REFERENCE
 from ctc_chattering.ros import serialization
-from ctc_chattering.ros.messages import read_clock
+from ctc_chattering.ros.messages import read_stamp
 kind, dice, count = KINDS[sys.argv[1]], random.Random(1), 0
 reader = {JOINT_STATES: serialization.StateReader, COMMANDS: serialization.EffortReader,
           REFERENCE: serialization.TrajectoryReader}.get(kind.topic)
-read = reader().read if reader else read_clock
+read = reader().read if reader else read_stamp
 read(kind.valid)
 size = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (size + 2 ** 27, size + 2 ** 27))
@@ -263,7 +263,7 @@ def test_thousands_of_mutated_messages_do_no_harm(topic: str) -> None:
 def test_what_is_read_of_a_mutated_message_is_what_ros_reads(
         index: int, capfd: pytest.CaptureFixture[str]) -> None:
     """Check that we refuse what ROS reads only where it complains, or takes it for no CDR."""
-    make, ours, theirs = (STATE, EFFORTS, PIECE)[index]
+    make, ours, theirs = (STATE, EFFORTS, CHUNK)[index]
     reader, dice = make(), random.Random(index)
     for _ in range(1000):
         data = mutated(list(KINDS.values())[index], dice)
@@ -325,7 +325,7 @@ def test_every_byte_of_a_writer(fields: tuple[str, ...]) -> None:
         points: list[tuple[Any, int, int]] = [
             ((row, row, row, []), k, 5 * k) for k in range(3)]
         assert TrajectoryWriter(names, 3, 10 ** 9 + 5).write(
-            3 * 10 ** 9 + 4, [(row, row, row)] * 3) == piece(names, points, (3, 4))
+            3 * 10 ** 9 + 4, [(row, row, row)] * 3) == chunk(names, points, (3, 4))
 
 
 @pytest.mark.parametrize('index', range(4))
@@ -349,20 +349,25 @@ def test_writers_take_no_other_number_of_joints() -> None:
 
 
 def test_the_stamp_at_the_beginning() -> None:
-    """As ROS writes it; none where there is none, or no time."""
+    """As ROS writes it; refused where there is none, or no time."""
     for sec, nanosec, t in ((0, 0, 0), (3, 999_999_999, 3_999_999_999), (3, 10 ** 9, None),
                             (-1, 0, None), (2 ** 31 - 1, 0, None)):
         message = Time(sec=sec, nanosec=nanosec)
         for data in (serialize_message(Clock(clock=message)),
                      serialize_message(JointState(header=Header(stamp=message)))):
-            assert read_stamp(data) == t
-            assert read_stamp(data[:11]) is None
+            if t is None:
+                with pytest.raises(CtcError, match=f'{sec} s and {nanosec} ns are no time'):
+                    read_stamp(data)
+            else:
+                assert read_stamp(data) == t
+            with pytest.raises(CtcError, match='incomplete'):
+                read_stamp(data[:11])
 
 
 def test_stamp_and_message_type() -> None:
-    """Check both ways of a stamp, and a class by its name."""
+    """Check a stamp, and a class by its name."""
     for t in (0, -1, 1_234_567_890_123_456_789, -5 * 10 ** 9):
-        assert nanoseconds_of(stamp(t)) == t == ns(stamp(t))
+        assert ns(stamp(t)) == t
     assert message_type('sensor_msgs/msg/JointState') is JointState
 
 

@@ -38,7 +38,7 @@ def test_seeds() -> None:
     a, b, c = (_series(Sensor(*noise, seed), 200) for seed in (3, 3, 4))
     assert (a == b).all()
     assert (a[:, [0, 2, 3]] != c[:, [0, 2, 3]]).mean() > 0.99
-    assert (a[1:, [0, 2, 3]] != a[:-1, [0, 2, 3]]).all()  # every sample anew
+    assert (a[1:, [0, 2, 3]] != a[:-1, [0, 2, 3]]).all()  # different in every sample
 
 
 def test_statistics() -> None:

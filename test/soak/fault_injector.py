@@ -9,7 +9,7 @@ import signal
 import time
 from typing import Any, TYPE_CHECKING
 
-from bags import efforts, piece, state
+from bags import chunk, efforts, state
 from faults import JOINTS, Kind, KINDS, malformed
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -33,8 +33,8 @@ _TINY = 1e-12
 _BURST = 4
 #: Waypoints of joints that the robot does not have, so that no change makes them valid.
 _WAYPOINTS = Kind(plan.WAYPOINTS, JointTrajectory,
-                  piece(('a', 'b'), [([[0.0, 1.0], [], [], []], k, 0) for k in range(4)]),
-                  lambda rng: piece(('a', 'b'), [([[rng.random()], [], [], []], rng.randint(-1, 1),
+                  chunk(('a', 'b'), [([[0.0, 1.0], [], [], []], k, 0) for k in range(4)]),
+                  lambda rng: chunk(('a', 'b'), [([[rng.random()], [], [], []], rng.randint(-1, 1),
                                                   0)]))
 
 

@@ -244,7 +244,7 @@ def run(duration: float, seed: int, out: Path, control_period: float | None,
     with (tempfile.TemporaryDirectory() as scratch, probe() as it,
           (out / 'soak.log').open('w', encoding='utf-8', buffering=1) as log):
         file = Path(scratch) / 'params.yaml'
-        parameter_file.dump({name: setup.values[name] for name in PROCESSES}, '/', file)
+        parameter_file.dump({name: setup.values[name] for name in PROCESSES}, file)
         graph = Graph(it, file, bags, log, caught)
         faults: list[dict[str, Any]] = []
         rate = measurements.RATE / setup.plant.control_period

@@ -75,7 +75,7 @@ def efforts(names: Sequence[str], values: Sequence[float], order: str = '<') -> 
     return bytes(cdr.put('I', 0).row(values).data)
 
 
-def piece(names: Sequence[str], points: Sequence[tuple[Rows, int, int]],
+def chunk(names: Sequence[str], points: Sequence[tuple[Rows, int, int]],
           t: tuple[int, int] = (3, 4), frame: str = '', order: str = '<') -> bytes:
     cdr = Cdr(order).header(t, frame).texts(names).put('I', len(points))
     for rows, sec, nanosec in points:
@@ -105,7 +105,7 @@ def stamped(message: Any, t: int) -> Any:
 
 
 def parameters(node: str, t: int, values: dict[str, Any], first: bool) -> Entry:
-    """Return the news of a node's parameters."""
+    """Return the parameters of a node's parameters."""
     items = [Parameter(name, value=list(value) if isinstance(value, tuple) else value)
              .to_parameter_msg() for name, value in values.items()]
     event = ParameterEvent(node=f'/{node}')
@@ -126,7 +126,7 @@ def command(t: int, names: Sequence[str], tau: Row) -> Entry:
 
 
 def reference(times: Sequence[int], names: Sequence[str], rows: Sequence[Sequence[Row]]) -> Entry:
-    """Return a piece of the motion from its instants and its (q_d, dq_d, ddq_d)."""
+    """Return a chunk of the motion from its instants and its (q_d, dq_d, ddq_d)."""
     message = JointTrajectory(joint_names=list(names))
     for t, (q, dq, ddq) in zip(times, rows):
         point = JointTrajectoryPoint(positions=array('d', q), velocities=array('d', dq),
@@ -139,12 +139,12 @@ def reference(times: Sequence[int], names: Sequence[str], rows: Sequence[Sequenc
 
 
 def entries(result: Result, plant: Config, start: int = 0, order: Sequence[int] = (0, 1),
-            extra: Sequence[str] = (), piece: int = 25) -> list[Entry]:
+            extra: Sequence[str] = (), chunk: int = 25) -> list[Entry]:
     """
     Return what the nodes send in lockstep, from simulated time `start` [ns] on.
 
     States and commands have the joints in `order`, the states `extra` ones in front; the reference
-    has them the other way round, in pieces of so many points.
+    has them the other way round, in chunks of so many points.
     """
     run, names = result.run, result.joint_names
     ours = [names[i] for i in order]
@@ -152,10 +152,10 @@ def entries(result: Result, plant: Config, start: int = 0, order: Sequence[int] 
     times = [start + nanoseconds(t) for t in run.t]
     n, back = len(names), list(range(len(names)))[::-1]
     found = [parameters('plant', start, plant.as_mapping(), True)]
-    for i in range(0, len(times), piece):
+    for i in range(0, len(times), chunk):
         rows = [[x[k][back] for x in (run.q_d, run.dq_d, run.ddq_d)]
-                for k in range(i, min(i + piece, len(times)))]
-        found.append(reference(times[i:i + piece], [names[k] for k in back], rows))
+                for k in range(i, min(i + chunk, len(times)))]
+        found.append(reference(times[i:i + chunk], [names[k] for k in back], rows))
     due = list(result.configs)
     old: dict[str, Any] = {}
     applied = np.zeros(n)

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from typing import Any, NamedTuple
 
-from bags import Cdr, efforts, piece, state
+from bags import Cdr, chunk, efforts, state
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from processes import descendants, Probe
 from rosgraph_msgs.msg import Clock
@@ -109,7 +109,7 @@ def _efforts(dice: random.Random) -> bytes:
 
 def _piece(dice: random.Random) -> bytes:
     names = dice.choice(NAMES)
-    return piece(names, [
+    return chunk(names, [
         ([*(_row(dice, len(names)) for _ in range(3)), []], *_stamp(dice))
         for _ in range(dice.randrange(4))], _stamp(dice))
 
@@ -129,7 +129,7 @@ _ROWS = [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]]
 KINDS = {kind.topic: kind for kind in (
     Kind(JOINT_STATES, JointState, state(JOINTS, _ROWS, _LATE), _state),
     Kind(COMMANDS, Float64MultiArray, efforts(JOINTS[::-1], _ROWS[0]), _efforts),
-    Kind(REFERENCE, JointTrajectory, piece(
+    Kind(REFERENCE, JointTrajectory, chunk(
         JOINTS, [([*_ROWS, []], 0, 1_000_000 * k) for k in range(4)], _LATE), _piece),
     Kind(CLOCK, Clock, clock(*_LATE), _clock))}
 

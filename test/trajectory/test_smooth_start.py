@@ -18,7 +18,7 @@ from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import Limits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest, Sinusoid
 from ctc_chattering.trajectory.smooth_start import (
-    Braking,
+    braking,
     BRAKING_TIME,
     Motion,
     smooth_start,
@@ -152,7 +152,7 @@ def test_both_ends(q0: tuple[float, float], dq0: tuple[float, float], ddq0: tupl
 
 @pytest.mark.parametrize('motion', [
     smooth_start(Wave(), 0, ((1.0, 2.0), (-1.0, 0.3), (2.0, 0.0)), 1.5),
-    Transition(Wave(), Braking(0, (1.0, 2.0), (0.5, 0.0), (0.0, 1.0), 1.0), 0, 1.5)])
+    Transition(Wave(), braking(0, ((1.0, 2.0), (0.5, 0.0), (0.0, 1.0)), 1.0), 0, 1.5)])
 def test_velocity_and_acceleration_are_derivatives_and_nothing_jumps(motion: Motion) -> None:
     """Check both against finite differences, over the seams too."""
     step = 100_000
@@ -165,10 +165,10 @@ def test_velocity_and_acceleration_are_derivatives_and_nothing_jumps(motion: Mot
 
 def test_braking_ends_at_rest_after_half_the_way() -> None:
     """Check place, velocity and deceleration of a stop, without and with a first acceleration."""
-    plain = Braking(S, (1.0,), (2.0,), (0.0,), 0.5)
+    plain = braking(S, ((1.0,), (2.0,), (0.0,)), 0.5)
     assert [row[0] for row in plain.at(2 * S)] == pytest.approx([1.5, 0.0, 0.0])
     assert np.abs(_path(plain, S, 2 * S, 2001)[:, 2]).max() == pytest.approx(1.5 * 2.0 / 0.5, 1e-3)
-    speeding = Braking(S, (1.0,), (2.0,), (6.0,), 0.5)
+    speeding = braking(S, ((1.0,), (2.0,), (6.0,)), 0.5)
     path = _path(speeding, S, S + S // 2, 20_001)
     assert speeding.at(2 * S)[0][0] == pytest.approx(
         1.0 + np.trapezoid(path[:, 1, 0], dx=0.5 / 20_000), abs=1e-8)
@@ -268,8 +268,9 @@ def test_refusals_name_the_joint_and_by_how_much() -> None:
 def test_the_shortest_duration() -> None:
     """Check it against a rest-to-rest move, whose greatest velocity is 15/8 of the mean."""
     def move(duration: float) -> Transition:
-        rest = ((0.0,), (0.0,), (0.0,))
-        return Transition(Braking(0, *rest, 1.0), Braking(0, (3.0,), *rest[1:], 1.0), 0, duration)
+        first, last = (braking(0, ((q,), (0.0,), (0.0,)), 1.0) for q in (0.0, 3.0))
+        return Transition(first, last, 0, duration)
+
     needed = 3.0 * 1.875 / 1.5
     assert needed <= shortest(move, 0, 0.1, _limits(velocity=1.5)) <= 1.15 * needed
     assert shortest(move, 0, 5.0, _limits(velocity=1.5)) == 5.0
@@ -281,7 +282,7 @@ def test_extremes_of_a_sinusoid() -> None:
     config = ReferenceConfig(joint_names=('a', 'b', 'c'), center=(1.0, -2.0, 0.5),
                              amplitude=(0.5, -1.5, 2.0), frequency=(1.0, 0.3, 0.0),
                              phase=(0.0, 0.7, -2.0))
-    path = np.array([Sinusoid(config).at(t) for t in np.linspace(0.0, 20.0, 40_001).tolist()])
+    path = np.array([Sinusoid(config).at(t) for t in range(0, 20 * S + 1, S // 2000)])
     found = np.array(Sinusoid(config).extremes())
     assert found.max(axis=0) == pytest.approx(path.max(axis=0), abs=1e-4)
     assert found.min(axis=0) == pytest.approx(path.min(axis=0), abs=1e-4)

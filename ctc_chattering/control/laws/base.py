@@ -86,7 +86,7 @@ class Law(ABC):
     #: Whether it is law (2) or (6), and whether the filtered error v acts in it.
     of_the_paper: ClassVar[bool] = False
     acts_on_v: ClassVar[bool] = False
-    #: Whether its estimate is what acts until a torque arrives, for the delay prediction.
+    #: Whether the delay prediction takes its estimate for what acts until the torque arrives.
     predicts: ClassVar[bool] = True
     #: Whether it predicts the state in which a torque arrives by itself, in `foresee`.
     foresees: ClassVar[bool] = False

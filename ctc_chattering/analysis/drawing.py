@@ -1,8 +1,10 @@
-"""Style of all figures: sheets of panels, lines with gaps, axes, notes."""
+"""Style of all figures: sheets of panels, lines with gaps, axes, notes, files."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+import dataclasses
+from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -10,8 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 import numpy as np
-import numpy.typing as npt
 
+from ctc_chattering.analysis.output import writing
+from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array
 
 #: Colour of the reference and of marks.
@@ -20,14 +23,53 @@ REFERENCE = '#222222'
 SHOWN_GAP = 5
 #: Of a sheet, and between its panels [inch].
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, _SIDE = 11.0, 0.85, 0.25, 0.78, 0.55, 0.75, 0.85
-#: Dots per inch of a PNG.
-DOTS = 130
-_NOTE: dict[str, Any] = {'fontsize': 9, 'color': '#444444', 'zorder': 5}
 STEPS: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
+#: Metadata that name a date or a version are left out, so that equal runs give equal files.
+_PLAIN = {'svg': {'Date': None}, 'pdf': {'CreationDate': None}, 'png': {'Software': None}}
 
 
-def drawing(title: str, rows: int, widths: Sequence[float], height: float,
-            left: float = _LEFT) -> tuple[Figure, GridSpec]:
+@dataclasses.dataclass(frozen=True)
+class FigureFile:
+    """A figure on disk, its title and its caption."""
+
+    path: Path
+    title: str
+    caption: str
+
+
+def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Sequence[str]
+         ) -> list[FigureFile]:
+    """
+    Write figures.
+
+    Parameters
+    ----------
+    figures : iterable of (str, Figure, str)
+        File name without its ending, figure and caption.
+    directory : Path
+        Created if necessary.
+    kinds : sequence of str
+        ``svg``, ``pdf`` or ``png``; the files returned are those of the first.
+
+    Raises
+    ------
+    CtcError
+        If a file cannot be written.
+
+    """
+    files = []
+    with writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+        for stem, figure, caption in figures:
+            for kind in dict.fromkeys(kinds):
+                figure.savefig(directory / f'{stem}.{kind}', dpi=130, metadata=_PLAIN[kind])
+            files.append(FigureFile(
+                directory / f'{stem}.{kinds[0]}', figure.get_suptitle(), caption))
+    return files
+
+
+def sheet(title: str, rows: int, widths: Sequence[float], height: float,
+          left: float = _LEFT) -> tuple[Figure, GridSpec]:
     whole = _TOP + _BOTTOM + rows * height + (rows - 1) * _GAP
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
     FigureCanvasAgg(figure)
@@ -53,8 +95,7 @@ def panel(figure: Figure, cell: Any, title: str, ylabel: str, *times: Array) -> 
     return ax
 
 
-def line(ax: Axes, t: Array, y: Array, missing: npt.NDArray[np.int64] | None = None,
-         **style: Any) -> None:
+def line(ax: Axes, t: Array, y: Array, period: float, **style: Any) -> None:
     """
     Draw a line, with dots if it is too short to be seen, broken where samples are missing.
 
@@ -64,23 +105,27 @@ def line(ax: Axes, t: Array, y: Array, missing: npt.NDArray[np.int64] | None = N
         Axes to draw in.
     t, y : ndarray, shape (N,)
         Samples.
-    missing : ndarray, shape (N - 1,), optional
-        Number of samples missing after each but the last.
+    period : float
+        Sample period [s].
     style : dict
         Arguments of matplotlib.
 
     """
-    if missing is not None:
-        after = np.flatnonzero(missing >= SHOWN_GAP) + 1
-        t, y = np.insert(t, after, t[after - 1]), np.insert(y, after, np.nan)
-    ax.plot(t, y, **{'linewidth': 1.3, 'marker': '.' if len(t) < 4 else None, **style})
+    after = _gaps(t, period) + 1
+    ax.plot(np.insert(t, after, t[after - 1]), np.insert(y, after, np.nan),
+            **{'linewidth': 1.3, 'marker': '.' if len(t) < 4 else None, **style})
 
 
-def shade_gaps(ax: Axes, t: Array, missing: npt.NDArray[np.int64]) -> None:
+def shade_gaps(ax: Axes, t: Array, period: float) -> None:
     """Hatch where `SHOWN_GAP` samples or more are missing; arguments as `line` has them."""
-    for k in np.flatnonzero(missing >= SHOWN_GAP):
+    for k in _gaps(t, period):
         ax.axvspan(t[k], t[k + 1], facecolor='none', edgecolor='#999999', hatch='////', lw=0,
                    zorder=0)
+
+
+def _gaps(t: Array, period: float) -> Any:
+    """Return the indices of the samples after which `SHOWN_GAP` or more are missing."""
+    return np.flatnonzero(missing(t, period) >= SHOWN_GAP)
 
 
 def note(ax: Axes, text: str) -> None:
@@ -92,7 +137,7 @@ def note(ax: Axes, text: str) -> None:
 
 def label(ax: Axes, x: float, y: float, text: str, **style: Any) -> None:
     """Write `text` into the axes."""
-    ax.text(x, y, text, transform=ax.transAxes, **style, **_NOTE)
+    ax.text(x, y, text, transform=ax.transAxes, fontsize=9, color='#444444', zorder=5, **style)
 
 
 def mark(ax: Axes, time: float, name: str = '') -> None:
@@ -134,15 +179,15 @@ def steady_axis(ax: Axes, t: Array, y: Array) -> None:
     ax.set_ylim(low - 0.1 * span, high + 0.1 * span)
 
 
-def fit_titles(figure: Figure) -> None:
-    """Shorten the texts above each panel until they do not overlap."""
+def fit_titles(figure: Figure) -> Figure:
+    """Shorten the texts above each panel until they do not overlap; return `figure`."""
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
     for ax in figure.axes:
         room = ax.get_window_extent(renderer).width
-        titles = [ax.title, ax._left_title, ax._right_title]  # type: ignore[attr-defined]
-        titles = [title for title in titles if title.get_text()]
+        both = [ax._left_title, ax._right_title]  # type: ignore[attr-defined]
+        titles = [title for title in both if title.get_text()]
         while titles and sum(x.get_window_extent(renderer).width for x in titles) > (
                 room - 20 * (len(titles) - 1)):
             longest = max(titles, key=lambda x: len(x.get_text()))
@@ -152,3 +197,4 @@ def fit_titles(figure: Figure) -> None:
                 longest.set_text(longest.get_text().rstrip('…')[:-1] + '…')
             else:
                 break
+    return figure
