@@ -7,7 +7,12 @@ from oracles import Array
 import pytest
 
 from ctc_chattering.control.feasible_reference import (
-    Desired, Deviation, FeasibleReference, OVERSHOOT, ramp)
+    Desired,
+    Deviation,
+    FeasibleReference,
+    OVERSHOOT,
+    ramp,
+)
 
 H = 1e-3
 INERTIA, LEVEL, RATE = np.array([9.0, 0.62]), np.array([9.9, 9.9]), np.array([5e3, 1e3])

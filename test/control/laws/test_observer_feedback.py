@@ -107,8 +107,8 @@ class ByHand:
         torque: Array = M @ (point[2] + self.back(M) + u) + bias(q, dq) + bounded
         return torque
 
-    def step(self, measured: Array, dq0: Array, now: list[Array], point: list[Array]) -> Array:
-        """Return τ for a measured position, the reference now and at arrival."""
+    def step(self, measured: Array, dq0: Array, point: list[Array]) -> Array:
+        """Return τ for a measured position and the reference at arrival."""
         theta = math.exp(-W * H)
         if self.state is None:
             q, dq, P, slope = measured, dq0, np.zeros(2), np.zeros(2)
@@ -188,7 +188,7 @@ def test_a_copy_by_hand(level: float) -> None:
         offset = 0.98 * offset + 1e-4 * rng.normal(size=2)
         q = now[0] + offset
         sample = law.step(q, now[1], *now, [tuple(arriving)])  # type: ignore[arg-type]
-        np.testing.assert_allclose(sample.tau, copy.step(q, now[1], now, arriving), rtol=1e-5,
+        np.testing.assert_allclose(sample.tau, copy.step(q, now[1], arriving), rtol=1e-5,
                                    atol=2e-4)
 
 
