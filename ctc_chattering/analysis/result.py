@@ -140,18 +140,19 @@ class Result:
         How often the chattering term of each joint is at its bound within the window.
 
         The first `_REACHING` seconds after the start and after a change of parameters are not
-        counted. None without a sample under law ``chattering``.
+        counted. None without a sample under a law that takes ``ka``.
         """
         count = TermSaturation(len(self.joint_names))
         t = self.run.t
         inside = within(t, WINDOW)
         gaps = np.append(0, self.missing) > 0
         for (begin, config), (end, _) in pairwise([*self.configs, (np.inf, self.config)]):
-            if config.law == 'chattering':
+            if config.takes('ka'):
                 for k in np.flatnonzero(inside & (t >= begin + _REACHING) & (t < end)):
                     if gaps[k]:
                         count.pause()
-                    count.add(self.terms.robust[k].tolist(), config.ka, config.switching)
+                    count.add(self.terms.robust[k].tolist(), config.ka,
+                              config.switching_in_force)
         return count.found() if count.samples else None
 
     def metrics(self) -> dict[str, Any]:

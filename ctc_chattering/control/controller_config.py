@@ -156,6 +156,11 @@ class ControllerConfig(Config):
         return not laws or self.law in laws
 
     @property
+    def switching_in_force(self) -> str:
+        """The switching; empty under a law without one."""
+        return self.switching if self.takes('switching') else ''
+
+    @property
     def described(self) -> bool:
         """Whether a description of the robot is needed."""
         return self.model == 'urdf'

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import LARGEST
 
 #: In the place of a lag of 0 [s]: shorter than any period.
 _NO_LAG = 1e-12
@@ -61,7 +62,7 @@ class DriveModel:
         self._lagging, self._lag = lag > 0.0, np.maximum(lag, _NO_LAG)
         self._slope = np.where(rate < np.inf, rate, 0.0)
         self._decay = np.exp(-period / self._lag)
-        self.reach: Array = rate * (lag + period)
+        self.reach: Array = np.minimum(rate * (lag + period), LARGEST)
 
     def response(self, torque: Array, command: Array) -> Response:
         """Return what `torque` does over a period in which `command` is held, both (n,) [N·m]."""

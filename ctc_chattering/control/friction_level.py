@@ -1,9 +1,9 @@
 """
 The level of Coulomb's friction, learned from what an observer still has to add.
 
-Where the level K̂ is too low by ΔK, the estimate P̂ jumps by 2 ΔK, delayed by the observer, when the
-velocity changes its sign. K̂ follows the correlation of P̂ with the sign of the velocity, delayed
-alike (three lags of the observer's bandwidth ω) and both above the frequency w₀::
+Where the level K̂ is too low by ΔK, the estimate P̂ jumps by 2 ΔK, delayed by the observer, when
+the velocity changes its sign. K̂ follows the correlation of P̂ with the sign of the velocity,
+delayed alike (three lags of the observer's bandwidth ω), both above the frequency w₀::
 
     dK̂/dt = γ y φ,     y = HP(P̂),     φ = HP(LP³(sgn dq̂)),     0 <= K̂ <= Ka
 

@@ -4,7 +4,7 @@ An observer of position, velocity and perturbation that is driven by position an
 Its model has the drives (`drive_model`), so that it knows the torque that acts, and Coulomb's
 friction f of the level K̂, implicit as in docs/theory.md. Over a period::
 
-    f ∈ K̂ Sgn(dq⁺),   a = M⁻¹ (τ - C dq - G - f - P̂),   dq⁺ = dq + h a,   P̂⁺ = P̂ + h Ṗ̂          (1)
+    f ∈ K̂ Sgn(dq⁺),   a = M⁻¹ (τ - C dq - G - f - P̂),   dq⁺ = dq + h a,   P̂⁺ = P̂ + h Ṗ̂     (1)
 
 and q⁺ likewise, each with its own mean of the torque τ over the period. The measured position
 corrects this; the velocity is not measured. With ε = q - q̂ and θ = exp(-ω h)::
@@ -12,12 +12,11 @@ corrects this; the velocity is not measured. With ε = q - q̂ and θ = exp(-ω 
     q̂  += (1 - θ⁴) ε
     dq̂ += (1 - θ)² (11 + 14 θ + 11 θ²) ε / (6 h)
     P̂  -= M 2 (1 - θ)³ (1 + θ) ε / h²
-    Ṗ̂  -= M (1 - θ)⁴ ε / h³                                                               (2)
+    Ṗ̂  -= M (1 - θ)⁴ ε / h³                                                             (2)
 
 which puts the four poles of the error at θ: the cubic fading-memory filter (Morrison 1969).
 The slope Ṗ̂ leaves of a perturbation of the frequency w, for w « ω, 6 (w / ω)²; without it there
-would be 3 w / ω. P̂ is within ±Ka in the metric of M⁻¹, and where it is at a bound Ṗ̂ does not lead
-out.
+would be 3 w / ω. P̂ is within ±Ka in the metric of M⁻¹; at a bound, Ṗ̂ does not lead out.
 """
 
 from __future__ import annotations

@@ -68,8 +68,8 @@ class ControllerHealth:
         """Count a sample of the law."""
         self.robust = sample.robust
         self.saturated += sample.saturation_error is not None
-        if config.law == 'chattering':
-            self._term_saturation.add(sample.robust, config.ka, config.switching)
+        if config.takes('ka'):
+            self._term_saturation.add(sample.robust, config.ka, config.switching_in_force)
 
     def report(self, now: int, rejected: Mapping[str, int], simulated: bool
                ) -> list[tuple[int, str]]:

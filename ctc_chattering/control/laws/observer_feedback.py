@@ -5,10 +5,10 @@ An observer that has the perturbation as a state (Han, *From PID to active distu
 control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). At every sample, with what
 `state_observer`, `feasible_reference`, `friction_level` and `drive_model` define::
 
-    q̂, dq̂, P̂, Ṗ̂:  corrected by the measured q, then predicted until the torque arrives       (1)
-    τ* = M (ddq_r + Kv (dq_r - dq̂) + Kp (q_r - q̂)) + C dq̂ + G - z                            (2)
-    z  = -(P̂ + F), the nearest within ±Ka in the metric of M⁻¹                               (3)
-    τ  = the command by which the drives give τ* at arrival and a period later               (4)
+    q̂, dq̂, P̂, Ṗ̂:  corrected by the measured q, then predicted until the torque arrives     (1)
+    τ* = M (ddq_r + Kv (dq_r - dq̂) + Kp (q_r - q̂)) + C dq̂ + G - z                         (2)
+    z  = -(P̂ + F), the nearest within ±Ka in the metric of M⁻¹                             (3)
+    τ  = the command by which the drives give τ* at arrival and a period later             (4)
 
 q_r is the reference with the deviation that the drives need, F the friction it makes. τ is within
 R (T + h) of the torque of the drives, in the metric of M⁻¹: beyond it they are no faster. The
@@ -17,7 +17,7 @@ measured velocity is not used after the first sample.
 With M̂ = c M, drives without lag and limits, and no friction, (1) to (3) are linear. Their poles
 are within the unit circle, for Kp = p², Kv = 2 p, p = 100 rad/s, ω = 100 rad/s, h = 1 ms, if::
 
-    0.36 < c < 4.7                                                                            (5)
+    0.36 < c < 4.7                                                                         (5)
 """
 
 from __future__ import annotations

@@ -1,0 +1,251 @@
+"""Law observer_feedback against a copy by hand, and on an arm with real drives and encoders."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from laws import error, run, variation
+import numpy as np
+from oracles import Array, box_by_enumeration, paper_c, paper_g, paper_m
+import pytest
+
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.drive_model import DriveModel
+from ctc_chattering.control.state_observer import Observed, StateObserver
+from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+H, LAG, DELAY = 1e-3, 2e-3, 1
+RATE = np.array([5e3, 1e3])
+KA, W, GAMMA = np.array([60.0, 30.0]), 100.0, 20.0
+KP, KV = 1e4 * np.eye(2), 200.0 * np.eye(2)
+#: Drives and encoders as they are: every cell of the docs has these.
+REAL: dict[str, Any] = {
+    'actuator_lag': [LAG, LAG], 'torque_rate_limit': RATE.tolist(), 'input_delay': DELAY,
+    'encoder_resolution': [1e-5, 1e-5], 'velocity_sensor': 'difference'}
+KNOWN: dict[str, Any] = {
+    'actuator_lag': [LAG, LAG], 'torque_rate_limit': RATE.tolist(), 'input_delay': DELAY}
+GAINS: dict[str, Any] = {
+    'law': 'observer_feedback', 'kp': [1e4, 1e4], 'kv': [200.0, 200.0], 'ka': KA.tolist(),
+    'estimator_bandwidth': W, 'friction_learning': GAMMA}
+
+
+def nearest(mass: Array, point: Array, bound: Array) -> Array:
+    inverse = np.linalg.inv(mass).astype(np.float64)
+    found: Array = box_by_enumeration(inverse, -inverse @ point, bound)
+    return found
+
+
+def bias(q: Array, dq: Array) -> Array:
+    found: Array = paper_c(q.tolist(), dq.tolist()) @ dq + paper_g(q.tolist())
+    return found
+
+
+def drive(torque: Array, command: Array, parts: int = 100) -> tuple[Array, Array, Array]:
+    """Return end and the two means, by many small exact steps of a limited slope."""
+    x, small, mean, weighted = torque.copy(), H / parts, np.zeros(2), np.zeros(2)
+    for k in range(parts):
+        before = x
+        slope = np.clip((command - x) / LAG, -RATE, RATE)
+        x = x + small * np.clip((command - x - 0.5 * small * slope) / LAG, -RATE, RATE)
+        middle = 0.5 * (before + x)
+        mean += middle / parts
+        weighted += 2.0 * (1.0 - (k + 0.5) / parts) * middle / parts
+    return x, mean, weighted
+
+
+class ByHand:
+    """The law for the two-link arm, written down from its equations."""
+
+    def __init__(self) -> None:
+        zero = np.zeros(2)
+        self.K, self.lags, self.slow_x, self.slow_y = zero, [zero] * 3, zero, zero
+        self.torque, self.transit = zero, [zero] * DELAY
+        self.state: tuple[Array, ...] | None = None
+        self.x: tuple[Array, Array] | None = None
+        self.last: Array | None = None
+
+    def ahead(self, q: Array, dq: Array, torque: Array, P: Array, slope: Array, M: Array,
+              b: Array, command: Array) -> tuple[Array, ...]:
+        """Return (1) of the observer, one period on."""
+        end, mean, weighted = drive(torque, command)
+        f = nearest(M, M @ dq / H + mean - b - P, self.K)
+        a, a2 = (np.linalg.solve(M, x - b - P - f) for x in (mean, weighted))
+        return q + H * dq + 0.5 * H * H * a2, dq + H * a, end, P + H * slope, slope
+
+    def friction(self, dq: Array, ddq: Array, later: float) -> Array:
+        """Return F."""
+        F = np.zeros(2)
+        for i in (0, 1):
+            T = max(self.K[i] / RATE[i], 1e-6)
+            s = (dq[i] + (0.67 * T + later) * ddq[i]) / (abs(ddq[i]) * T)
+            size = abs(s)
+            phi = size if size <= 1.35 else max(2.7 - size, 1.0)
+            F[i] = self.K[i] * math.copysign(phi, s)
+        return F
+
+    def back(self, M: Array) -> Array:
+        """Return -2 w dx - w² x."""
+        assert self.x is not None
+        found = np.zeros(2)
+        for i in (0, 1):
+            x, dx = self.x[0][i], self.x[1][i]
+            J = 0.5 * RATE[i] / M[i, i]
+            w = min(0.6 * math.sqrt(KP[i, i]), 0.55 * RATE[i] / max(self.K[i], 1e-12),
+                    (J / max(abs(x), 1e-12)) ** (1 / 3), (J / max(abs(dx), 1e-12)) ** 0.5)
+            found[i] = -2.0 * w * dx - w * w * x
+        return found
+
+    def wanted(self, q: Array, dq: Array, P: Array, point: list[Array]) -> Array:
+        """Return τ*."""
+        assert self.x is not None
+        M = paper_m(q.tolist())
+        u = KV @ (point[1] + self.x[1] - dq) + KP @ (point[0] + self.x[0] - q)
+        bounded = nearest(M, P + self.friction(point[1], point[2], 0.0), KA)
+        torque: Array = M @ (point[2] + self.back(M) + u) + bias(q, dq) + bounded
+        return torque
+
+    def step(self, measured: Array, dq0: Array, point: list[Array]) -> Array:
+        """Return τ for a measured position and the reference at arrival."""
+        theta = math.exp(-W * H)
+        if self.state is None:
+            q, dq, P, slope = measured, dq0, np.zeros(2), np.zeros(2)
+        else:
+            q, dq, P, slope, M = self.state
+            e = measured - q
+            q = q + (1 - theta ** 4) * e
+            dq = dq + (1 - theta) ** 2 * (11 + 14 * theta + 11 * theta ** 2) / 6 / H * e
+            P = nearest(M, P - M @ e * 2 * (1 - theta) ** 3 * (1 + theta) / H ** 2, KA)
+            slope = slope - M @ e * (1 - theta) ** 4 / H ** 3
+            slope = np.where((np.abs(P) >= KA) & (slope * P > 0), 0.0, slope)
+        M0, b0 = paper_m(q.tolist()), bias(q, dq)
+        arrive = self.ahead(q, dq, self.torque, P, slope, M0, b0, self.transit[0])
+        qa, dqa, held, Pa, _ = arrive
+        if self.x is None:
+            self.x = qa - point[0], dqa - point[1]
+        tau0 = self.wanted(qa, dqa, Pa, point)
+        M, b = paper_m(qa.tolist()), bias(qa, dqa)
+        # The deviation a period later.
+        back, F = self.back(M), self.friction(point[1], point[2], 0.5 * H)
+        m = np.diag(M)
+        f = np.clip(m * ((point[1] + self.x[1]) / H + point[2] + back) + F, -self.K, self.K)
+        ddx = (F - f) / m + back
+        self.x = (self.x[0] + H * self.x[1] + H * H / 2 * ddx, self.x[1] + H * ddx)
+        # What is wanted a period later.
+        half = 0.5 * (held + tau0)
+        q1, dq1, _, P1, _ = self.ahead(qa, dqa, half, Pa, slope, M, b, half)
+        jerk = (0.0 if self.last is None else point[2] - self.last) / H
+        self.last = point[2]
+        tau1 = self.wanted(q1, dq1, P1, [
+            point[0] + H * point[1] + H ** 2 / 2 * point[2] + H ** 3 / 6 * jerk,
+            point[1] + H * point[2] + H ** 2 / 2 * jerk, point[2] + H * jerk])
+        E = math.exp(-H / LAG)
+        asked = (tau1 - E * tau0) / (1 - E)
+        tau = held + nearest(M, asked - held, RATE * (LAG + H))
+        missing = asked - tau
+        rest = missing - np.clip(missing, -4e-3 * RATE, 4e-3 * RATE)
+        self.x = self.x[0], self.x[1] - np.linalg.solve(M, rest) / np.diag(KV)
+        self.learn(dq, P)
+        state = self.ahead(q, dq, self.torque, P, slope, M0, b0, self.transit[0])
+        self.state, self.torque = (*state[:2], *state[3:], M0), state[2]
+        self.transit = [*self.transit[1:], tau]
+        return tau
+
+    def learn(self, dq: Array, P: Array) -> None:
+        """Advance K̂."""
+        x, go, slow = np.sign(dq) * (np.abs(dq) > 2e-3), 1 - math.exp(-W * H), 1 - math.exp(-0.06)
+        lags = []
+        for lag in self.lags:
+            lags.append(lag + go * (x - lag))
+            x = lags[-1]
+        self.lags = lags
+        self.slow_x = self.slow_x + slow * (x - self.slow_x)
+        self.slow_y = self.slow_y + slow * (P - self.slow_y)
+        self.K = np.clip(self.K + H * GAMMA * (x - self.slow_x) * (P - self.slow_y), 0.0, KA)
+
+
+def motion(t: float) -> list[Array]:
+    """Return a reference of 3 Hz."""
+    w = 6.0 * math.pi
+    s, c = math.sin(w * t), math.cos(w * t)
+    return [np.array([1.0 + 0.1 * s, 0.5 - 0.1 * s]), 0.1 * w * c * np.array([1.0, -1.0]),
+            -0.1 * w * w * s * np.array([1.0, -1.0])]
+
+
+@pytest.mark.parametrize('level', [0.0, 4.0])
+def test_a_copy_by_hand(level: float) -> None:
+    """Check 250 torques, on measurements with errors that reach every branch."""
+    rng = np.random.default_rng(2)
+    law = Controller(ControllerConfig.from_mapping({
+        **GAINS, **KNOWN, 'friction_level': [level, level]}))
+    copy = ByHand()
+    copy.K = np.full(2, level)
+    offset = np.array([0.02, -0.01])
+    for k in range(250):
+        now, arriving = motion(k * H), motion((k + 1) * H)
+        offset = 0.98 * offset + 1e-4 * rng.normal(size=2)
+        q = now[0] + offset
+        sample = law.step(q, now[1], *now, [tuple(arriving)])  # type: ignore[arg-type]
+        np.testing.assert_allclose(sample.tau, copy.step(q, now[1], arriving), rtol=1e-5,
+                                   atol=2e-4)
+
+
+def poles(scale: float) -> Array:
+    """Return the poles of one joint without friction, for M̂ = scale M, by unit vectors."""
+    drives = DriveModel(np.zeros(1), np.full(1, math.inf), H)
+    observer = StateObserver(drives, W, H, np.full(1, 1e12))
+    mass, none = np.full((1, 1), scale), np.zeros(1)
+    columns = []
+    for q, dq, q_o, dq_o, P, slope in np.eye(6):
+        at = observer.correct(Observed(*np.array([[q_o], [dq_o], [0.0], [P], [slope]])), mass,
+                              np.array([q]))
+        tau = scale * (-KV[0, 0] * at.dq - KP[0, 0] * at.q) + at.perturbation
+        at = observer.predict(at, mass, none, none, tau)
+        true = q + H * dq + 0.5 * H * H * tau[0], dq + H * tau[0]
+        columns.append([*true, at.q[0], at.dq[0], at.perturbation[0], at.slope[0]])
+    found: Array = np.abs(np.linalg.eigvals(np.array(columns).T))
+    return found
+
+
+def test_the_range_of_inertia_that_is_stable() -> None:
+    """Check what the law's page says: 0.36 < c < 4.7."""
+    with np.errstate(all='ignore'):
+        for scale, stable in ((0.34, False), (0.38, True), (1.0, True), (4.6, True),
+                              (4.8, False)):
+            assert (poles(scale).max() < 1.0) == stable, scale
+
+
+def real(law: dict[str, Any], scale: float, duration: float = 6.0, start: float = 0.0,
+         friction: float = 9.9, **plant: Any) -> Run:
+    """Simulate the arm as drives and encoders are, from rest at q = 0, with a wrong model."""
+    return simulate(
+        PlantConfig.from_mapping({'duration': duration, 'coulomb_friction': [friction] * 2,
+                                  **REAL, **plant}),
+        ControllerConfig.from_mapping(
+            {'inertia_scale': scale, 'gravity_scale': scale, 'input_delay': DELAY, **law}),
+        ReferenceConfig(start_duration=start), truth=True)
+
+
+@pytest.mark.parametrize('scale', [0.9, 1.1])
+def test_on_an_arm_as_drives_and_encoders_are(scale: float) -> None:
+    """Check error and variation; friction is unknown at first, and there is no smooth start."""
+    found = real({**GAINS, **KNOWN}, scale)
+    assert (error(found, 2.0) < [3.5e-5, 1.2e-4]).all()
+    assert (variation(found, 2.0) < [1300.0, 230.0]).all()
+
+
+def test_another_friction_and_rate() -> None:
+    """Check that nothing is made for one case."""
+    for friction, rate in ((3.0, RATE), (9.9, 100.0 * RATE), (0.0, RATE)):
+        limits = {'torque_rate_limit': rate.tolist()}
+        found = real({**GAINS, **KNOWN, **limits}, 1.1, friction=friction, **limits)
+        assert (error(found, 2.0) < 5e-5).all(), friction
+
+
+def test_default_parameters_on_a_clean_arm() -> None:
+    """Check the defaults of a robot of which nothing is known, from the reference on."""
+    found = run('observer_feedback', ka=[15.0, 15.0])
+    assert (error(found) < [1e-4, 1e-3]).all()
+    assert (variation(found) < [1100.0, 220.0]).all()

@@ -1,0 +1,109 @@
+"""The observer of state and perturbation, against poles, exact motions and enumeration."""
+
+import math
+
+import numpy as np
+from oracles import Array, box_by_enumeration, random_spd
+import pytest
+
+from ctc_chattering.control.drive_model import DriveModel
+from ctc_chattering.control.state_observer import Observed, StateObserver
+
+H, BANDWIDTH = 1e-3, 150.0
+WIDE = np.full(2, 1e9)
+MASS = np.array([[8.8, 0.9], [0.9, 0.6]])
+NONE = np.zeros(2)
+
+
+def observer(bound: Array = WIDE, lag: float = 0.0, bandwidth: float = BANDWIDTH
+             ) -> StateObserver:
+    return StateObserver(DriveModel(np.full(2, lag), np.full(2, math.inf), H), bandwidth, H,
+                         bound)
+
+
+def at(q: Array = NONE, dq: Array = NONE, P: Array = NONE, slope: Array = NONE,
+       torque: Array = NONE) -> Observed:
+    return Observed(q, dq, torque, P, slope)
+
+
+@pytest.fixture(autouse=True)
+def _quiet() -> object:
+    with np.errstate(all='ignore'):
+        yield
+
+
+def test_all_poles_are_where_the_bandwidth_says() -> None:
+    """Check (z - θ)⁴ on both joints, from the matrix of the error over a sample."""
+    made, columns = observer(), []
+    for unit in np.eye(8):
+        start = at(*unit.reshape(4, 2))
+        moved = made.predict(start, MASS, NONE, NONE, NONE)
+        columns.append(np.concatenate([*(made.correct(moved, MASS, NONE)[i]
+                                         for i in (0, 1, 3, 4))]))
+    pole = math.exp(-BANDWIDTH * H)
+    expected = np.poly(np.full(8, pole))
+    np.testing.assert_allclose(np.poly(np.array(columns).T), expected, rtol=1e-6)
+
+
+def test_a_perturbation_with_a_slope_is_found() -> None:
+    """Check velocity, P and its slope after a second, for an exact motion, and drives with lag."""
+    made, slope, start, tau = observer(lag=3e-3), np.array([2.0, -1.0]), np.array(
+        [5.0, 3.0]), np.array([1.0, 0.5])
+    state = at(torque=tau)
+    inverse = np.linalg.inv(MASS)
+    for k in range(1, 1001):
+        state = made.predict(state, MASS, NONE, NONE, tau)
+        t = k * H
+        q = inverse @ ((tau - start) * t * t / 2 - slope * t ** 3 / 6)
+        state = made.correct(state, MASS, q)
+    np.testing.assert_allclose(state.dq, inverse @ ((tau - start) - slope / 2), atol=1e-3)
+    np.testing.assert_allclose(state.perturbation, start + slope, atol=0.02)
+    np.testing.assert_allclose(state.slope, slope, atol=0.05)
+
+
+@pytest.mark.parametrize('frequency', [3.0, 6.0])
+def test_what_is_left_of_a_slow_perturbation(frequency: float) -> None:
+    """Check 6 (w / ω)² of its amplitude."""
+    made, state, left = observer(), at(), []
+    for k in range(1, 6001):
+        t, w = k * H, frequency
+        state = made.predict(state, np.eye(2), NONE, NONE, NONE)
+        state = made.correct(state, np.eye(2), np.full(2, math.sin(w * t) / w ** 2 - t / w))
+        if k > 3000:
+            left.append(state.perturbation[0] - math.sin(w * t))
+    assert np.abs(left).max() == pytest.approx(6.0 * (frequency / BANDWIDTH) ** 2, rel=0.1)
+
+
+def test_a_joint_rests_while_its_friction_holds() -> None:
+    made, level = observer(), np.array([10.0, 4.0])
+    held = made.predict(at(), MASS, NONE, level, np.array([8.0, -3.9]))
+    np.testing.assert_array_equal(held.dq, NONE)
+    sliding = made.predict(at(dq=np.array([1.0, -1.0])), MASS, NONE, level, NONE)
+    np.testing.assert_allclose(
+        (sliding.dq - [1.0, -1.0]) / H, np.linalg.solve(MASS, [-10.0, 4.0]), rtol=1e-9)
+
+
+def test_friction_that_does_not_hold_both_joints() -> None:
+    """Check dq⁺ = 0 or friction at its level, by enumeration over random coupled masses."""
+    rng, made, mixed = np.random.default_rng(3), observer(), 0
+    for _ in range(50):
+        mass, load, level = random_spd(rng, 2), 8.0 * rng.normal(size=2), rng.uniform(1, 9, 2)
+        dq = 1e-3 * rng.normal(size=2)
+        after = made.predict(at(dq=dq), mass, NONE, level, load).dq
+        inverse = np.linalg.inv(mass).astype(np.float64)
+        f = box_by_enumeration(inverse, -inverse @ (mass @ dq / H + load), level)
+        np.testing.assert_allclose(after, dq + H * inverse @ (load - f), atol=1e-12)
+        mixed += int((np.abs(f) < level).sum() == 1)
+    assert mixed > 5
+
+
+def test_the_estimate_keeps_its_bound_and_the_slope_does_not_push() -> None:
+    bound = np.array([4.0, 2.0])
+    made, state = observer(bound), at()
+    for k in range(1, 400):
+        state = made.predict(state, MASS, NONE, NONE, NONE)
+        t = k * H
+        state = made.correct(state, MASS, -np.linalg.solve(MASS, [30.0, 20.0]) * t * t / 2)
+        assert (np.abs(state.perturbation) <= bound).all()
+    np.testing.assert_allclose(state.perturbation, bound)
+    assert (state.slope <= 0.0).all()
