@@ -72,6 +72,8 @@ class ObserverFeedback(Law):
         self._reference = FeasibleReference(
             self._kp.diagonal(), self._kv.diagonal(), rate, period)
         self.friction.configure(config.friction_learning, bandwidth, period, self._ka)
+        if config.law != 'observer_feedback':
+            self._mass = None  # What was observed will be too old.
 
     def reset(self) -> None:
         """Forget state, deviation and what was learned."""
