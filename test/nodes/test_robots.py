@@ -487,8 +487,9 @@ def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
             assert_equal(result, simulated(parameter_file.load(file)))
             assert run.q_d[0].tolist() == run.q[0].tolist() == [0.4, -0.3]
             assert run.dq_d[0].tolist() == [0.0, 0.0]
-        # In real time the controller may be late by some tenths of a second, and miss samples.
-        assert run.q_d[0] == pytest.approx(run.q[0], abs=0.1)
+        # In real time the controller may be late and miss samples, but no joint is farther from
+        # the reference than that goes in half a second: the motion is 2.7 rad away, at 3.1 rad/s.
+        assert (np.abs(run.q_d[0] - run.q[0]) <= 1e-3 + 0.5 * np.abs(run.dq_d[0])).all()
         # A state that was not answered has no torque in the bag.
         assert np.nanmax(np.abs(run.tau)) < (300.0 if pacing == 'lockstep' else 1000.0)
 
