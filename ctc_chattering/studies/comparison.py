@@ -80,9 +80,9 @@ def run_variants(path: Path, backend: str | None, run: Runner) -> Iterator[Outco
         found = result.metrics()
         if found['rms_error_rad'] is None:
             raise CtcError(f'{path}: the run ends before the evaluated interval, 5 s to 10 s')
+        rms, variation, step, rate = (tuple(found[key]) for key in _PER_JOINT)
         yield Outcome(plant.experiment, plant.plant_backend, law, switching, result.joint_names,
-                      *(tuple(found[key]) for key in _PER_JOINT),
-                      float(abs(result.run.tau).max()))
+                      rms, variation, step, rate, float(abs(result.run.tau).max()))
 
 
 def over_simulation(path: Path, overrides: Overrides) -> Result:

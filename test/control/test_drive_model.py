@@ -42,10 +42,10 @@ def test_a_drive_without_lag_and_limit_gives_the_command() -> None:
 
 
 def test_a_drive_without_lag_rises_at_its_rate() -> None:
-    """Check a ramp of half a period to 2 N·m: the means are 1.5, and 2 (1 - 7/24)."""
+    """Check a ramp of half a period to 2 N·m: the means are 1.5, and 2 times 7/12."""
     found = DriveModel(np.zeros(1), np.array([4e3]), H).response(np.zeros(1), np.array([2.0]))
     np.testing.assert_allclose([x[0] for x in found],
-                               [2.0, 1.5, 2.0 * (1.0 - 7.0 / 12.0)], rtol=1e-7)
+                               [2.0, 1.5, 2.0 * 7.0 / 12.0], rtol=1e-7)
 
 
 def test_the_command_gives_the_wanted_torque() -> None:

@@ -57,6 +57,7 @@ class ObserverFeedback(Law):
     def __init__(self, filter_: ErrorFilter) -> None:
         super().__init__(filter_)
         self._given = self.zero
+        self._mass: Array | None = None
         self.friction = FrictionLevel(self.zero)
         self.reset()
 
@@ -79,7 +80,7 @@ class ObserverFeedback(Law):
         """Forget state, deviation and what was learned."""
         self.friction.reset(self._given)
         self._observed = Observed(*[self.zero] * 5)
-        self._mass: Array | None = None
+        self._mass = None
         self._forget_reference()
 
     def _forget_reference(self) -> None:

@@ -187,7 +187,7 @@ def test_a_copy_by_hand(level: float) -> None:
         now, arriving = motion(k * H), motion((k + 1) * H)
         offset = 0.98 * offset + 1e-4 * rng.normal(size=2)
         q = now[0] + offset
-        sample = law.step(q, now[1], *now, [tuple(arriving)])  # type: ignore[arg-type]
+        sample = law.step(q, now[1], *now, ahead=[tuple(arriving)])  # type: ignore
         np.testing.assert_allclose(sample.tau, copy.step(q, now[1], arriving), rtol=1e-5,
                                    atol=2e-4)
 
