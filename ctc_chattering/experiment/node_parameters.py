@@ -162,7 +162,7 @@ NODE_DESCRIPTIONS = {
 
 def parameter_help(node: str) -> str:
     """Return the parameters of an executable, one a line."""
-    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec)}): {spec.meaning}'
+    return '\n'.join(f'  {spec.name} ({spec.kind}, {_shown(spec.default)}): {spec.meaning}'
                      for spec in parameters_of(node).values())
 
 
@@ -181,7 +181,7 @@ def parameter_table() -> str:
             if spec.laws:
                 meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
             lines.append(
-                f'| {node} | `{spec.name}` | {spec.kind}{shape} | `{_shown(spec)}` | '
+                f'| {node} | `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | '
                 f'{spec.unit.replace("*", "·").replace("^2", "²").replace("^3", "³")} | '
                 f'{"" if spec.read_only else "yes"} | {meaning} |')
     return '\n'.join(lines)
