@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import dataclasses
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -154,7 +154,7 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     setup = parameter_file.load(task.path, runs[0])
     base, values = None, {}
     if task.budget:
-        base = measure(task.path, runs_of(task._replace(variant=BASE)), run)
+        base = _base(task._replace(variant=BASE), run)
     if base and task.budget and task.variant.settings == TUNED:
         values = _tuned(task, setup, runs, base, run)
     outcome = Outcome(task, setup.plant.experiment, setup.plant.plant_backend,
@@ -167,6 +167,12 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
         return dataclasses.replace(outcome, failure=str(error))
     return dataclasses.replace(outcome, found=found, cost=base and task.budget and tuning.cost(
         found, base, task.budget.weights))
+
+
+@lru_cache(maxsize=4)
+def _base(task: Task, run: Runner) -> Measurement:
+    """Return the numbers of `BASE`, which is that of all variants of a robot and condition."""
+    return measure(task.path, runs_of(task), run)
 
 
 def _tuned(task: Task, setup: Setup, runs: tuple[Overrides, ...], base: Measurement, run: Runner
