@@ -7,8 +7,9 @@ from typing import ClassVar
 
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.registry import check_model, locked_positions
+from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.numerics.time_grid import period_ns
-from ctc_chattering.parameters import Config, parameter
+from ctc_chattering.parameters import parameter
 
 #: Values of the parameter ``law``; each is a module of `control/laws`.
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
@@ -17,28 +18,11 @@ _PAPER = ('compensation', 'chattering')
 
 
 @dataclasses.dataclass(frozen=True)
-class ControllerConfig(Config):
+class ControllerConfig(RobotConfig):
     """Parameters of the laws, of the filter (3) and of the limits."""
 
     title: ClassVar[str] = 'controller'
 
-    joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'),
-        'Joints in the order of the model, of the gains and of the torques.', read_only=True)
-    model: str = parameter(
-        'model', 'str', 'two_link',
-        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
-    description: str = parameter(
-        'description', 'str', '',
-        "Model urdf: the robot's file, a path or package://NAME/PATH; empty for the topic "
-        'robot_description.', read_only=True)
-    locked: tuple[str, ...] = parameter(
-        'locked', 'str[]', ('',),
-        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
-        'left out.', shape='any', read_only=True)
-    gravity: float = parameter(
-        'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
-        read_only=True)
     law: str = parameter(
         'law', 'str', 'chattering',
         'Control law: docs/laws.md.', choices=LAWS)

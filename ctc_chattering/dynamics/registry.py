@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 import importlib
 from math import isfinite
 import re
-from typing import Protocol
 
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 
@@ -61,27 +61,7 @@ def make_model(name: str, gravity: float, joint_names: tuple[str, ...] = ('joint
     return _own(name, joint_names, gravity)
 
 
-class Described(Protocol):
-    """What a configuration says of its model."""
-
-    @property
-    def model(self) -> str:
-        """Name of the model."""
-
-    @property
-    def gravity(self) -> float:
-        """Acceleration of gravity [m/s²]."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Joints of the model."""
-
-    @property
-    def locked(self) -> tuple[str, ...]:
-        """Positions of joints that are locked."""
-
-
-def model_of(config: Described, description: str = '') -> Model:
+def model_of(config: RobotConfig, description: str = '') -> Model:
     """Return the model that a configuration names; `description` is the text of a URDF."""
     return make_model(config.model, config.gravity, config.joint_names, description,
                       locked_positions(config.locked))

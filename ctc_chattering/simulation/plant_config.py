@@ -7,9 +7,10 @@ from math import inf
 from typing import ClassVar
 
 from ctc_chattering.dynamics.registry import check_model, locked_positions
+from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples
-from ctc_chattering.parameters import Config, parameter
+from ctc_chattering.parameters import parameter
 from ctc_chattering.simulation.sensor import VELOCITY_SENSORS
 
 #: Values of the parameter ``pacing``.
@@ -19,32 +20,15 @@ BACKENDS = ('builtin', 'mujoco')
 
 
 @dataclasses.dataclass(frozen=True)
-class PlantConfig(Config):
+class PlantConfig(RobotConfig):
     """Parameters of the simulated plant and of the run."""
 
     title: ClassVar[str] = 'plant'
 
-    joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints in the order of the model.',
-        read_only=True)
-    model: str = parameter(
-        'model', 'str', 'two_link',
-        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
     plant_backend: str = parameter(
         'plant_backend', 'str', 'builtin',
         'What moves the robot: the equations of `model`, or MuJoCo from `description`.',
         choices=BACKENDS, read_only=True)
-    description: str = parameter(
-        'description', 'str', '',
-        "Model urdf or backend mujoco: the robot's file, a path or package://NAME/PATH; empty for "
-        'the topic robot_description.', read_only=True)
-    locked: tuple[str, ...] = parameter(
-        'locked', 'str[]', ('',),
-        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
-        'left out.', shape='any', read_only=True)
-    gravity: float = parameter(
-        'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
-        read_only=True)
     coulomb_friction: tuple[float, ...] = parameter(
         'coulomb_friction', 'float[]', 9.9, 'Coulomb friction Kf.', unit='N*m', minimum=0.0,
         shape='n')

@@ -1,0 +1,30 @@
+"""The parameters by which controller and plant name their model of the robot."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ctc_chattering.parameters import Config, parameter
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotConfig(Config):
+    """Joints and model; the base of the configurations that have a model."""
+
+    joint_names: tuple[str, ...] = parameter(
+        'joint_names', 'str[]', ('joint1', 'joint2'),
+        'Joints in the order of the model, of the gains and of the torques.', read_only=True)
+    model: str = parameter(
+        'model', 'str', 'two_link',
+        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
+    description: str = parameter(
+        'description', 'str', '',
+        "Model urdf or backend mujoco: the robot's file, a path or package://NAME/PATH; empty for "
+        'the topic robot_description.', read_only=True)
+    locked: tuple[str, ...] = parameter(
+        'locked', 'str[]', ('',),
+        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
+        'left out.', shape='any', read_only=True)
+    gravity: float = parameter(
+        'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
+        read_only=True)
