@@ -14,7 +14,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Overrides, Setup
 from ctc_chattering.studies import tuning
-from ctc_chattering.studies.conditions import Condition, condition
+from ctc_chattering.studies.conditions import ALL, Condition, condition, CONDITIONS
 from ctc_chattering.studies.measurement import (
     measure,
     Measurement,
@@ -70,10 +70,36 @@ class Task(NamedTuple):
 def tasks(paths: Sequence[Path], backends: Sequence[str | None],
           conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
           budget: Budget | None = None) -> list[Task]:
-    """Return what to run: every variant on every robot and plant under every condition."""
-    return [Task(path, backend, condition(name) if name else None, variant, budget)
-            for path in paths for backend in backends for name in conditions
+    """
+    Return what to run: every variant on every robot and plant under every condition.
+
+    Parameters
+    ----------
+    paths, backends : sequence
+        Parameter files; backends of the plant, None for the file's.
+    conditions : sequence of str or None
+        Names, `ALL` for each that the robot can have, None for the robot as it is in the file.
+    laws, budget
+        As `variants` and `Task` have them.
+
+    """
+    return [Task(path, backend, chosen, variant, budget)
+            for path in paths for backend in backends
+            for chosen in _conditions(conditions, path, backend)
             for variant in variants(laws, budget is not None)]
+
+
+def _conditions(names: Sequence[str | None], path: Path, backend: str | None
+                ) -> list[Condition | None]:
+    """Return the conditions that names mean on a robot."""
+    if ALL not in names:
+        return [condition(name) if name else None for name in names]
+    setup = parameter_file.load(path, _plain(backend))
+    return [x for x in CONDITIONS.values() if x.fits(setup)]
+
+
+def _plain(backend: str | None) -> Overrides:
+    return {'plant': {'plant_backend': backend} if backend else {}}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +163,7 @@ def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
 
 def runs_of(task: Task) -> tuple[Overrides, ...]:
     """Return the overrides of each run of a task, with the file's gains or the recommended."""
-    plain: Overrides = {'plant': {'plant_backend': task.backend} if task.backend else {}}
+    plain = _plain(task.backend)
     setup = parameter_file.load(task.path, plain)
     under = task.condition.overrides(setup) if task.condition else ({},)
     law: dict[str, Any] = {'controller': task.variant.values}
