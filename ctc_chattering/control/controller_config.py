@@ -52,8 +52,8 @@ class ControllerConfig(RobotConfig):
     observer_bandwidth: float = parameter(
         'observer_bandwidth', 'float', 200.0,
         'Switching implicit_observer: how fast the estimate of the perturbation follows; .inf '
-        'for within one sample. At most 0.3 / lag of the drives.', unit='rad/s', minimum=0.0, exclusive=True, infinite=True,
-        laws=('chattering',))
+        'for within one sample. At most 0.3 / lag of the drives.',
+        unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',))
     estimator_bandwidth: float = parameter(
         'estimator_bandwidth', 'float', 100.0,
         'How fast the observer of state and perturbation follows.', unit='rad/s', minimum=0.0,
