@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-load slow lint benchmark latency soak clean
+.PHONY: demo test test-load slow lint compare benchmark latency soak clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -37,6 +37,12 @@ lint: $(READY)
 	$(BIN)/flake8 .
 	$(BIN)/pydocstyle --config=setup.cfg ctc_chattering
 	$(BIN)/mypy ctc_chattering test
+
+# Every law tuned and compared like on a real arm: the tables of docs/comparison.md.
+COMPARE := $(BIN)/ctc compare --overwrite --condition
+compare: $(READY)
+	$(COMPARE) real_arm friction --trials 30 --out docs/comparison/two_link
+	$(COMPARE) real_arm panda ur5 --backend mujoco --trials 10 --out docs/comparison/urdf
 
 # Lockstep over ROS beside a bare ping-pong; a control step; a simulation.
 benchmark: $(READY)

@@ -45,8 +45,10 @@ setup(
         'mujoco': ['mujoco'],
         # The model urdf; of apt, ros-jazzy-pinocchio.
         'urdf': ['pin'],
-        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'pin', 'pytest', 'pytest-xdist',
-                 'scipy'],
+        # `ctc compare --trials`.
+        'tune': ['optuna'],
+        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'optuna', 'pin', 'pytest',
+                 'pytest-xdist', 'scipy'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,

@@ -56,17 +56,43 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
             for result, name in zip(results, names(results))]
     pairs = _pairs(results, runs)
     cards = [*map(_comparison, pairs), *_reachings(results, runs)]
-    shown = [_figure(i, figure, path.parent) for i, figure in enumerate(figures, 1)]
     links = ['<a href="metrics.json">metrics.json</a>'] + [
         f'<a href="{_url(bag)}">bag of {escape(run["name"])}</a>' for run, bag in zip(runs, bags)]
+    write_sections(path, _headline(pairs), _table(results, runs), figures, links,
+                   f'<div class="cards">{"".join(cards)}</div>' if cards else '')
+
+
+def write_sections(path: Path, headline: str, table: str, figures: Sequence[FigureFile],
+                   links: Sequence[str], cards: str = '') -> None:
+    """
+    Write a page of these parts, all in HTML.
+
+    Parameters
+    ----------
+    path : Path
+        The page.
+    headline, table, cards : str
+        Its title, its tables, and what stands above these.
+    figures : sequence of FigureFile
+        Linked relative to the page, the first at the top.
+    links : sequence of str
+        To data.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be written.
+
+    """
+    shown = [_figure(i, figure, path.parent) for i, figure in enumerate(figures, 1)]
     contents = ''.join(f'<li><a href="#figure{i}">{escape(figure.title)}</a></li>'
                        for i, figure in enumerate(figures, 1))
     write_text(path, _PAGE.substitute(
         LAW_COLOURS,
-        headline=_headline(pairs),
-        cards=f'<div class="cards">{"".join(cards)}</div>' if cards else '',
+        headline=headline,
+        cards=cards,
         first=''.join(shown[:1]),
-        table=_table(results, runs),
+        table=table,
         links=f'<p>Data: {" · ".join(links)}</p>',
         contents=f'<details><summary>All {len(figures)} figures</summary><ol>{contents}</ol>'
                  '</details>',

@@ -187,7 +187,8 @@ class Result:
                 yield f'{name}: {found}'
 
 
-def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> Result:
+def simulated(setup: Setup, progress: Callable[[float], None] | None = None,
+              truth: bool = False) -> Result:
     """
     Simulate what a parameter file describes.
 
@@ -197,9 +198,11 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None) -> 
         As `parameter_file.load` returns it.
     progress : callable, optional
         Called at intervals with the simulated time [s].
+    truth : bool
+        Record the true state in place of the one that the sensors show.
 
     """
-    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress,
+    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress, truth,
                    route=setup.route,
                    robot=make_plant(setup.plant, setup.descriptions.get('plant', '')),
                    model=model_of(setup.controller, setup.descriptions.get('controller', '')))

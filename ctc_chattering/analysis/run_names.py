@@ -11,7 +11,8 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.control.controller import LAWS
 
 #: Further colours, for runs of one experiment under the same law.
-_FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7')
+_FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7',
+            '#1B1B1B')
 #: Colour of each law, and of a run under several (after Okabe and Ito).
 LAW_COLOURS = dict(zip(LAWS, cycle(('#D55E00', '#0072B2', *_FURTHER))))
 MIXED = '#007A5A'

@@ -127,8 +127,7 @@ def study(options: argparse.Namespace) -> int:
     from ctc_chattering.studies.study import run_cases, to_csv, to_markdown
     from ctc_chattering.studies.study_figures import save_study_figures
 
-    jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs
-    _check('--jobs', jobs, 1)
+    jobs = _jobs(options.jobs)
     out = prepare(options.out, (_FIGURES, 'study.md', 'study.csv'), options.overwrite)
     start = time.monotonic()
     outcomes = list(progress_bar(run_cases(CASES, SWITCHINGS, jobs), desc='study', unit='run',
@@ -147,26 +146,32 @@ def study(options: argparse.Namespace) -> int:
 
 def compare(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
-    from ctc_chattering.studies.comparison import (
-        over_ros,
-        over_simulation,
-        run_variants,
-        to_markdown,
-        VARIANTS,
-    )
+    from ctc_chattering.cli import comparison_options as chosen
+    from ctc_chattering.studies import comparison
+    from ctc_chattering.studies.comparison_files import NAMES, write_comparison
+    from ctc_chattering.studies.comparison_tables import to_markdown
+    from ctc_chattering.studies.measurement import over_ros, over_simulation
 
+    todo = comparison.tasks(
+        [find_file(file) for file in options.files], options.backend or [None],
+        chosen.conditions(options), chosen.laws(options), chosen.budget(options))
     if options.out is not None:
-        prepare(options.out, ('compare.md',), options.overwrite)
-    pairs = [(find_file(file), backend) for file in options.files
-             for backend in options.backend or [None]]
-    run = over_ros if options.ros else over_simulation
-    outcomes = (outcome for file, backend in pairs for outcome in run_variants(file, backend, run))
-    text = to_markdown(list(progress_bar(
-        outcomes, unit='run', total=len(pairs) * len(VARIANTS))))
-    print(text)
+        prepare(options.out, NAMES, options.overwrite)
+    jobs = 1 if options.ros else _jobs(options.jobs)
+    outcomes = list(progress_bar(
+        comparison.compare(todo, jobs, over_ros if options.ros else over_simulation),
+        desc='compare', unit='law', total=len(todo)))
+    print(to_markdown(outcomes))
     if options.out is not None:
-        write_text(options.out / 'compare.md', text)
+        write_comparison(outcomes, options.out)
     return 0
+
+
+def _jobs(number: int | None) -> int:
+    """Return the number of processes; all processors by default."""
+    jobs = (os.cpu_count() or 1) if number is None else number
+    _check('--jobs', jobs, 1)
+    return jobs
 
 
 def replay(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from ctc_chattering import __version__
+from ctc_chattering.cli.comparison_options import add_comparison_options
 from ctc_chattering.cli.options import add_run_options, guarded
 
 
@@ -48,13 +49,9 @@ def _add_experiments(commands: Any) -> None:
     compare = _add(
         commands, 'compare', 'compare all laws joint by joint, on any robot',
         'Run every parameter file with every law and, under law chattering, every switching; '
-        'print the RMS error of each joint.')
-    compare.add_argument('files', nargs='+', metavar='F',
-                         help='parameter file, or the name of one of the package, such as panda')
-    compare.add_argument('--backend', action='append', metavar='X',
-                         help="plant in place of the file's: builtin | mujoco; may be repeated")
-    compare.add_argument('--ros', action='store_true',
-                         help='run the nodes and evaluate the bags, not the simulation')
+        'print the RMS error of each joint. Write compare.md, compare.csv, figures, index.html, '
+        'and a parameter file of every run.')
+    add_comparison_options(compare)
     _add_output(compare, None)
 
 

@@ -174,18 +174,3 @@ def _apply(event: Event, robot: Robot, law: Controller) -> None:
         robot.configure(robot.config.changed(event.values))
     else:
         law.configure(law.config.changed(event.values))
-
-
-def _answer(law: Controller, t: float, q: Vector, dq: Vector, desired: Point,
-            ahead: Sequence[Point]) -> Sample:
-    """Return the law's answer to a state at `t` [s]; raise `CtcError` where the nodes end."""
-    sample = law.try_step(q, dq, *desired, ahead)
-    if sample is None:
-        raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
-    config = law.config
-    i = joint_beyond(sample.e, config.error_limit)
-    if i is not None:
-        raise CtcError(
-            f'the position error of {config.joint_names[i]} at t = {t:g} s, '
-            f'{sample.e[i]:.4g} rad, exceeds error_limit, {config.error_limit[i]:g} rad')
-    return sample

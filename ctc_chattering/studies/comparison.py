@@ -1,130 +1,190 @@
-"""The original law against all others, joint by joint, on any robot and either plant."""
+"""All laws on any robot and plant, under conditions, with given, recommended or tuned gains."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
+from functools import partial
 from pathlib import Path
-import tempfile
+from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.output import markdown_table
-from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Overrides
+from ctc_chattering.experiment.parameter_file import Overrides, Setup
+from ctc_chattering.studies import tuning
+from ctc_chattering.studies.conditions import Condition, condition
+from ctc_chattering.studies.measurement import (
+    measure,
+    Measurement,
+    merged,
+    over_simulation,
+    Runner,
+)
+from ctc_chattering.studies.pool import in_parallel
+from ctc_chattering.studies.recommended import recommended
+from ctc_chattering.studies.tuning import Budget
 
-#: Every law and, of the one that takes it, every switching; '' for the others.
-VARIANTS = tuple((law, name) for law in LAWS for name in (
-    SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',)))
-#: Metrics of each joint, in the order of `Outcome`.
-_PER_JOINT = ('rms_error_rad', 'torque_variation_nm_per_s', 'max_torque_step_nm',
-              'max_torque_rate_nm_per_s')
-#: Runs a parameter file with some values overridden; returns what happened.
-Runner = Callable[[Path, Overrides], Result]
+#: Where gains come from.
+FILE, RECOMMENDED, TUNED = 'file', 'recommended', 'tuned'
+
+
+class Variant(NamedTuple):
+    """A law with its switching, '' for one without, and where its gains come from."""
+
+    law: str
+    switching: str
+    settings: str
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """What names the law, as parameters of the controller."""
+        return {'law': self.law, **({'switching': self.switching} if self.switching else {})}
+
+
+#: That to which all others are compared.
+BASE = Variant('compensation', '', FILE)
+
+
+def variants(laws: Sequence[str] = LAWS, tuned: bool = False) -> list[Variant]:
+    """Return the rows of a table: `BASE`, all laws and switchings, and what is recommended."""
+    settings = TUNED if tuned else FILE
+    found = [Variant(law, switching, settings) for law in LAWS if law in laws for switching in (
+        SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',))]
+    if 'observer_feedback' in laws:
+        found.append(Variant('observer_feedback', '', RECOMMENDED))
+    return [BASE, *(x for x in found if x != BASE)]
+
+
+class Task(NamedTuple):
+    """One row of a table; without a condition the robot is as in the file."""
+
+    path: Path
+    backend: str | None
+    condition: Condition | None
+    variant: Variant
+    budget: Budget | None
+
+
+def tasks(paths: Sequence[Path], backends: Sequence[str | None],
+          conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
+          budget: Budget | None = None) -> list[Task]:
+    """Return what to run: every variant on every robot and plant under every condition."""
+    return [Task(path, backend, condition(name) if name else None, variant, budget)
+            for path in paths for backend in backends for name in conditions
+            for variant in variants(laws, budget is not None)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
     """
-    One run.
+    What came of a task.
 
     Attributes
     ----------
-    experiment, backend, law, switching : str
+    task : Task
         What was run.
+    experiment, backend : str
+        Name of the experiment, and the plant's backend.
     joints : tuple of str, shape (n,)
         Names.
-    rms : tuple of float, shape (n,)
-        RMS of the position error [rad].
-    variation, step, rate : tuple of float, shape (n,)
-        Torque variation [N·m/s], and largest step [N·m] and rate [N·m/s] of the torque.
-    peak : float
-        Largest torque of any joint, at any time [N·m].
+    runs : tuple of mapping
+        The overrides of each run.
+    found : Measurement or None
+        The worst of the runs; None if one diverged.
+    failure : str
+        Why; empty if none did.
+    cost : float or None
+        Cost, where there is a budget.
 
     """
 
+    task: Task
     experiment: str
     backend: str
-    law: str
-    switching: str
     joints: tuple[str, ...]
-    rms: tuple[float, ...]
-    variation: tuple[float, ...]
-    step: tuple[float, ...]
-    rate: tuple[float, ...]
-    peak: float
+    runs: tuple[Overrides, ...]
+    found: Measurement | None
+    failure: str = ''
+    cost: float | None = None
 
 
-def run_variants(path: Path, backend: str | None, run: Runner) -> Iterator[Outcome]:
+def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
+            ) -> Iterator[Outcome]:
     """
-    Yield the outcome of every variant.
+    Yield the outcome of every task, in their order.
 
     Parameters
     ----------
-    path : Path
-        Parameter file.
-    backend : str or None
-        The plant's, in place of the file's.
+    todo : sequence of Task
+        As `tasks` returns them.
+    jobs : int
+        Processes; 1 for this one alone.
     run : callable
         `over_simulation`, or `over_ros`.
 
+    Raises
+    ------
+    CtcError
+        If parameters are not allowed; before anything is run. If `BASE` diverges.
+
     """
-    for law, switching in VARIANTS:
-        controller = {'law': law, 'switching': switching} if switching else {'law': law}
-        over = {'controller': controller,
-                'plant': {} if backend is None else {'plant_backend': backend}}
-        plant = parameter_file.load(path, over).plant
-        result = run(path, over)
-        found = result.metrics()
-        if found['rms_error_rad'] is None:
-            raise CtcError(f'{path}: the run ends before the evaluated interval, 5 s to 10 s')
-        rms, variation, step, rate = (tuple(found[key]) for key in _PER_JOINT)
-        yield Outcome(plant.experiment, plant.plant_backend, law, switching, result.joint_names,
-                      rms, variation, step, rate, float(abs(result.run.tau).max()))
+    for task in todo:
+        runs_of(task)
+    return in_parallel(partial(evaluate, run=run), todo, jobs)
 
 
-def over_simulation(path: Path, overrides: Overrides) -> Result:
-    """Simulate without ROS."""
-    return simulated(parameter_file.load(path, overrides))
+def runs_of(task: Task) -> tuple[Overrides, ...]:
+    """Return the overrides of each run of a task, with the file's gains or the recommended."""
+    plain: Overrides = {'plant': {'plant_backend': task.backend} if task.backend else {}}
+    setup = parameter_file.load(task.path, plain)
+    under = task.condition.overrides(setup) if task.condition else ({},)
+    law: dict[str, Any] = {'controller': task.variant.values}
+    runs = tuple(merged(plain, x, law) for x in under)
+    setups = [parameter_file.load(task.path, x) for x in runs]
+    if task.variant.settings == RECOMMENDED:
+        runs = _with(runs, recommended(setups[0]))
+    return runs
 
 
-def over_ros(path: Path, overrides: Overrides) -> Result:
-    """Run the nodes, record a bag, and return what it says."""
-    from ctc_chattering.bags.reader import read_bag
-    from ctc_chattering.launch.graph import run_graph
-    from ctc_chattering.ros.domain import own_domain
+def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
+    """Run a task, after a search for gains if its variant is to be tuned."""
+    runs = runs_of(task)
+    setup = parameter_file.load(task.path, runs[0])
+    base, values = None, {}
+    if task.budget:
+        base = measure(task.path, runs_of(task._replace(variant=BASE)), run)
+    if base and task.budget and task.variant.settings == TUNED:
+        values = _tuned(task, setup, runs, base, run)
+    outcome = Outcome(task, setup.plant.experiment, setup.plant.plant_backend,
+                      setup.plant.joint_names, _with(runs, values), None)
+    try:
+        found = measure(task.path, outcome.runs, run)
+    except CtcError as error:
+        if task.variant == BASE:
+            raise
+        return dataclasses.replace(outcome, failure=str(error))
+    return dataclasses.replace(outcome, found=found, cost=base and task.budget and tuning.cost(
+        found, base, task.budget.weights))
 
-    with own_domain(), tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
-        bag = Path(scratch) / 'bag'
-        run_graph(path, overrides, bag, show=lambda _: None)
-        return read_bag(bag)
+
+def _tuned(task: Task, setup: Setup, runs: tuple[Overrides, ...], base: Measurement, run: Runner
+           ) -> dict[str, Any]:
+    """Return the best gains that the budget finds, as parameters of the controller."""
+    budget, config, friction = task.budget, setup.controller, setup.plant.coulomb_friction
+    assert budget
+
+    def objective(numbers: dict[str, float]) -> float:
+        values = tuning.gains(numbers, config, friction)
+        found = tuning.attempted(lambda: measure(task.path, _with(runs, values), run))
+        return tuning.cost(found, base, budget.weights) if found else tuning.DIVERGED
+
+    first = tuning.starts(config, friction, recommended(setup))
+    best = tuning.search(objective, tuning.space(config), first, budget)
+    return tuning.gains(best, config, friction)
 
 
-def to_markdown(outcomes: Sequence[Outcome]) -> str:
-    """
-    Return two tables for each robot and plant: errors, and changes of the torque.
-
-    `least` is the smallest ratio of the errors of all joints.
-    """
-    lines: list[str] = []
-    for experiment, backend in dict.fromkeys((x.experiment, x.backend) for x in outcomes):
-        mine = [x for x in outcomes if (x.experiment, x.backend) == (experiment, backend)]
-        original = next(x for x in mine if x.law == 'compensation')
-        rows = []
-        for x in mine:
-            least = min(a / b for a, b in zip(original.rms, x.rms))
-            ratio = '' if x is original else f'{least:.0f}×'
-            rows.append([x.law, x.switching, *(f'{value:.2e}' for value in x.rms), ratio,
-                         f'{x.peak:.0f}'])
-        heads = ['law', 'switching', *original.joints]
-        changes = [[x.law, x.switching, *(
-            f'{a:.0f} / {b:.2g} / {c:.0f}' for a, b, c in zip(x.variation, x.step, x.rate))]
-            for x in mine]
-        title = f'**{experiment}, plant {backend}**'
-        lines += [f'{title}: RMS error [rad], 5 s ≤ t ≤ 10 s', '',
-                  *markdown_table([*heads, 'least', 'peak torque [N·m]'], rows), '',
-                  f'{title}: torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]',
-                  '', *markdown_table(heads, changes), '']
-    return '\n'.join(lines)
+def _with(runs: tuple[Overrides, ...], values: dict[str, Any]) -> tuple[Overrides, ...]:
+    """Return runs with further parameters of the controller."""
+    return tuple(merged(x, {'controller': values}) for x in runs)

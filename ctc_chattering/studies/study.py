@@ -9,16 +9,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 import csv
 import dataclasses
 import io
 import itertools
 import json
 import math
-from multiprocessing import get_context
-import signal
 
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.output import markdown_table
@@ -27,6 +23,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies.cases import Case, KA
+from ctc_chattering.studies.pool import in_parallel
 
 #: What the tables show: attribute, heading, unit, format.
 QUANTITIES = (('error', 'RMS e', 'rad', '.2e'),
@@ -73,6 +70,10 @@ def evaluate(case: Case, switching: str, setup: Setup) -> Outcome:
                                variation=tuple(m['torque_variation_nm_per_s']))
 
 
+def _evaluate(task: tuple[Case, str, Setup]) -> Outcome:
+    return evaluate(*task)
+
+
 def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1
               ) -> Iterator[Outcome]:
     """
@@ -94,17 +95,7 @@ def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, job
     setups = [case.setup() for case in cases]
     tasks = [(case, switching, setup)
              for case, setup in zip(cases, setups) for switching in switchings]
-    if jobs == 1:
-        yield from itertools.starmap(evaluate, tasks)
-        return
-    try:
-        # A fork of a process that has threads may wait for ever for what they hold. The processes
-        # leave Ctrl-C to this one.
-        with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
-                                 (signal.SIGINT, signal.SIG_IGN)) as pool:
-            yield from pool.map(evaluate, *zip(*tasks))
-    except BrokenProcessPool:
-        raise CtcError('a process of the study was killed; try fewer --jobs') from None
+    yield from in_parallel(_evaluate, tasks, jobs)
 
 
 def rows(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:

@@ -1,0 +1,150 @@
+"""Figures of a comparison: errors of all joints, and error against torque variation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+import numpy as np
+
+from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.run_names import LAW_COLOURS
+from ctc_chattering.studies.comparison import Outcome, RECOMMENDED, Variant
+from ctc_chattering.studies.comparison_tables import groups, heading
+
+#: Panels of a figure beside each other.
+_COLUMNS = 3
+
+
+def label(variant: Variant) -> str:
+    """Return law, switching and settings for a figure."""
+    return ', '.join(filter(None, (variant.switching or variant.law, variant.settings)))
+
+
+def styles(variants: Sequence[Variant]) -> dict[Variant, dict[str, Any]]:
+    """Return colour of the law and mark of each variant."""
+    markers = {law: cycle('osD^v') for law in LAW_COLOURS}
+    return {x: {'color': LAW_COLOURS[x.law], 'markeredgecolor': 'white', 'linestyle': '',
+                'marker': '*' if x.settings == RECOMMENDED else next(markers[x.law]),
+                'markersize': 15 if x.settings == RECOMMENDED else 8}
+            for x in dict.fromkeys(variants)}
+
+
+def errors(group: Sequence[Outcome]) -> Figure:
+    """Draw RMS error and torque variation under one condition: a row a variant, a dot a joint."""
+    figure, grid = drawing.sheet(
+        f'{heading(group[0])}: error and torque variation (number: joint)', 1, (1.0, 1.0),
+        0.36 * len(group) + 0.3, left=2.9)
+    for column, (quantity, unit, values) in enumerate((
+            ('RMS error', 'rad', [x.found.rms if x.found else () for x in group]),
+            ('torque variation', 'N·m/s', [x.found.variation if x.found else () for x in group]))):
+        ax = drawing.panel(figure, grid[0, column], f'{quantity}, 5 s to 10 s', '')
+        ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(group) - 0.4, -0.6))
+        for y, (outcome, row) in enumerate(zip(group, values)):
+            colour = LAW_COLOURS[outcome.task.variant.law]
+            ax.plot(row, [y] * len(row), 'o', color=colour, markersize=12,
+                    markeredgecolor='white')
+            for i, x in enumerate(row, 1):
+                ax.text(x, y, str(i), color='white', fontsize=8, weight='bold', ha='center',
+                        va='center_baseline')
+            if not outcome.found:
+                ax.text(0.5, y, 'diverged', ha='center', va='center', fontsize=9,
+                        color='#444444', transform=ax.get_yaxis_transform())
+        _decades(ax, 'x', [x for row in values for x in row])
+        names = [label(x.task.variant) for x in group]
+        ax.set_yticks(range(len(group)), [''] * len(names) if column else names,
+                      parse_math=False)
+    return figure
+
+
+def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
+    """Draw error against torque variation, means of the joints, a panel for each condition."""
+    parts = groups(outcomes)
+    look = styles([x.task.variant for x in outcomes])
+    columns = min(_COLUMNS, len(parts))
+    rows = -(-len(parts) // columns)
+    figure, grid = drawing.sheet(title, rows, (1.0,) * columns, 3.6)
+    for k, group in enumerate(parts):
+        ax = drawing.panel(figure, grid[k // columns, k % columns],
+                           heading(group[0]).rpartition(', ')[2], 'RMS error [rad]')
+        ax.set(xlabel='torque variation [N·m/s]', xscale='log', yscale='log')
+        for x in group:
+            if x.found:
+                ax.plot([_mean(x.found.variation)], [_mean(x.found.rms)],
+                        **look[x.task.variant])
+        for axis, key in (('x', 'variation'), ('y', 'rms')):
+            _decades(ax, axis, [_mean(getattr(x.found, key)) for x in group if x.found])
+    handles = [Line2D([], [], label=label(variant), **style) for variant, style in look.items()]
+    _legend_below(figure, handles)
+    return figure
+
+
+def _legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """Put a legend below the panels, on paper that is added for it."""
+    width, height = figure.get_size_inches()
+    more = 0.24 * -(-len(handles) // 4) + 0.15
+    for ax in figure.axes:
+        _raise(ax, height, more)
+    figure.set_size_inches(width, height + more)
+    figure.legend(handles=list(handles), loc='lower center', ncol=4, frameon=False, fontsize=9)
+
+
+def _raise(ax: Axes, height: float, more: float) -> None:
+    """Keep the place of a panel while `more` inches of paper come in below."""
+    box = ax.get_position()
+    scale = height / (height + more)
+    ax.set_position((box.x0, (box.y0 * height + more) / (height + more), box.width,
+                     box.height * scale))
+
+
+def _decades(ax: Axes, axis: str, values: Sequence[float]) -> None:
+    """Let an axis begin and end at whole decades, with labels at these only."""
+    positive = [x for x in values if 0.0 < x < np.inf]
+    if positive:
+        ax.set(**{f'{axis}lim': (10.0 ** np.floor(np.log10(min(positive) / 1.1)),
+                                 10.0 ** np.ceil(np.log10(max(positive) * 1.1)))})
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Return the geometric mean."""
+    return float(np.exp(np.mean(np.log(np.maximum(values, 1e-300)))))
+
+
+def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path
+                            ) -> list[drawing.FigureFile]:
+    """
+    Write the figures of a comparison as SVG; return them in the order in which to show them.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        Result of `compare`.
+    directory : Path
+        Created if necessary.
+
+    Raises
+    ------
+    CtcError
+        If a file cannot be written.
+
+    """
+    return drawing.save(_all(outcomes), directory, ('svg',))
+
+
+def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
+    robots: dict[tuple[str, str], list[Outcome]] = {}
+    for x in outcomes:
+        robots.setdefault((x.experiment, x.backend), []).append(x)
+    for (experiment, backend), mine in robots.items():
+        yield f'{experiment}_{backend}', trade_off(
+            mine, f'{experiment}, plant {backend}: error and torque variation'), (
+            'Geometric means over the joints; lower left is better.')
+        for group in groups(mine):
+            condition = group[0].task.condition
+            yield '_'.join((experiment, backend, *([condition.name] if condition else []))), (
+                errors(group)), (f'{condition.title}.' if condition else 'As in the file.')

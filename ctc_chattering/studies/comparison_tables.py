@@ -1,0 +1,123 @@
+"""The outcomes of a comparison in tables and as CSV; the best is bold, whoever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import csv
+from functools import partial
+import io
+import itertools
+import json
+from typing import NamedTuple
+
+from ctc_chattering.analysis.output import markdown_table
+from ctc_chattering.analysis.result import finite
+from ctc_chattering.studies.comparison import BASE, Outcome
+
+#: A number with the text that shows it.
+Number = tuple[float, str]
+_HEAD = ['law', 'switching', 'settings']
+
+
+class Table(NamedTuple):
+    """A table with its title; in Markdown, as are its cells."""
+
+    title: str
+    heads: list[str]
+    rows: list[list[str]]
+
+
+def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
+    """
+    Yield two tables for each robot, plant and condition: errors, and changes of the torque.
+
+    `least` is the smallest ratio of the errors of all joints, to that of `BASE`.
+    """
+    for group in groups(outcomes):
+        title, joints = f'**{heading(group[0])}**', list(group[0].joints)
+        scored = group[0].cost is not None
+        yield Table(
+            f'{title}: RMS error [rad], 5 s ≤ t ≤ 10 s',
+            [*_HEAD, *joints, 'least', 'peak torque [N·m]', *(['cost'] if scored else [])],
+            _rows(group, partial(_errors, base=group[0])))
+        yield Table(
+            f'{title}: torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]',
+            [*_HEAD, *joints], _rows(group, _changes))
+
+
+def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
+    """Return the outcomes of each robot, plant and condition."""
+    return [list(group) for _, group in itertools.groupby(
+        outcomes, lambda x: (x.task.path, x.backend, x.task.condition))]
+
+
+def heading(outcome: Outcome) -> str:
+    """Return robot, plant and condition of an outcome."""
+    condition = outcome.task.condition
+    return f'{outcome.experiment}, plant {outcome.backend}' + (
+        f', {condition.name}' if condition else '')
+
+
+def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
+    """Return the numbers of each cell of the first table; the smallest is the best."""
+    found, original = outcome.found, base.found
+    assert found and original
+    least = min(a / b if b else float('inf') for a, b in zip(original.rms, found.rms))
+    ratio = '' if outcome.task.variant == BASE else f'{least:.3g}×' if least < 10.0 else (
+        f'{least:.0f}×')
+    cells = [*((x, f'{x:.2e}') for x in found.rms), (-least, ratio),
+             (max(found.peak), f'{max(found.peak):.0f}')]
+    if outcome.cost is not None:
+        cells.append((outcome.cost, f'{outcome.cost:.2f}'))
+    return [[cell] for cell in cells]
+
+
+def _changes(outcome: Outcome) -> list[list[Number]]:
+    """Return the numbers of each cell of the second table."""
+    found = outcome.found
+    assert found
+    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}')]
+            for a, b, c in zip(found.variation, found.step, found.rate)]
+
+
+def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
+          ) -> list[list[str]]:
+    """Return the rows of a table, the smallest number of every column bold."""
+    content = [cells(x) if x.found else [] for x in group]
+    complete = [row for row in content if row]
+    best = [[min(value for value, _ in numbers) for numbers in zip(*column)]
+            for column in zip(*complete)]
+
+    def row(outcome: Outcome, numbers: list[list[Number]]) -> list[str]:
+        texts = [' / '.join(f'**{text}**' if value == least and text else text
+                            for (value, text), least in zip(cell, leasts))
+                 for cell, leasts in zip(numbers, best)]
+        return [*outcome.task.variant, *(texts or ['diverged'] * len(best))]
+
+    return [row(outcome, numbers) for outcome, numbers in zip(group, content)]
+
+
+def to_markdown(outcomes: Sequence[Outcome]) -> str:
+    """Return all tables."""
+    return '\n'.join(line for table in tables(outcomes) for line in (
+        f'{table.title}', '', *markdown_table(table.heads, table.rows), ''))
+
+
+def to_csv(outcomes: Sequence[Outcome]) -> str:
+    """Return one line per run and joint, with a header; numbers in full, empty if it diverged."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow((
+        'experiment', 'backend', 'condition', 'law', 'switching', 'settings', 'joint',
+        'rms_error', 'torque_variation_per_s', 'max_torque_step', 'max_torque_rate_per_s',
+        'max_torque', 'cost', 'trials', 'seed', 'failure', 'controller'))
+    for x in outcomes:
+        task, budget = x.task, x.task.budget
+        for i, joint in enumerate(x.joints):
+            writer.writerow((
+                x.experiment, x.backend, task.condition.name if task.condition else '',
+                *task.variant, joint, *([row[i] for row in x.found] if x.found else [''] * 5),
+                '' if x.cost is None else x.cost, budget.trials if budget else '',
+                budget.seed if budget else '', x.failure, json.dumps(
+                    finite(x.runs[0].get('controller', {})), sort_keys=True)))
+    return text.getvalue()

@@ -1,0 +1,125 @@
+"""
+Conditions of a comparison: drives, sensors and errors of the model, on any robot.
+
+A condition replaces what the parameter file has of drives, sensors, network and model error, so
+that a condition means the same on every robot; friction, disturbance, elasticity and limits of the
+torque stay those of the file. What a lab can know of the drives, delay, lag and rate limit, the
+controller is given; a law takes of it what it can use.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from math import inf
+from typing import Any, TYPE_CHECKING
+
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.errors import UsageError
+
+if TYPE_CHECKING:
+    from ctc_chattering.experiment.parameter_file import Overrides, Setup
+
+#: Time in which a drive goes from no torque to its limit [s], where no rate limit is given.
+_RISE = 0.05
+#: Rate limit of the drives of the paper's arm, of which no effort limits are known [N·m/s].
+_TWO_LINK_RATES = (5_000.0, 1_000.0)
+#: Shortest smooth start [s], and error that counts as divergence [rad or m].
+_START, _DIVERGED = 2.0, 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Condition:
+    """
+    What differs from an ideal robot.
+
+    Attributes
+    ----------
+    name, title : str
+        For the command line; for headings.
+    lag : float
+        Time constant of the drives [s].
+    rate_limited : bool
+        Whether the drives have the rate limit of `torque_rates`.
+    delay : int
+        Input delay, in samples.
+    resolution : float
+        Of the encoders [rad or m]; the velocity is then the difference of positions. 0 for none.
+    noise : float
+        Standard deviation of the noise on the velocity [rad/s or m/s].
+    factors : tuple of float
+        Of M, C and G in the controller's model; a run for each.
+
+    """
+
+    name: str
+    title: str
+    lag: float = 0.0
+    rate_limited: bool = False
+    delay: int = 0
+    resolution: float = 0.0
+    noise: float = 0.0
+    factors: tuple[float, ...] = (1.0,)
+
+    def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
+        """
+        Return what replaces values of a parameter file, for each run.
+
+        Parameters
+        ----------
+        setup : Setup
+            The file's.
+
+        """
+        n = len(setup.plant.joint_names)
+        rates = torque_rates(setup) if self.rate_limited else (inf,) * n
+        drives: dict[str, Any] = {
+            'actuator_lag': [self.lag] * n, 'torque_rate_limit': list(rates),
+            'input_delay': self.delay}
+        plant = {
+            **drives, 'torque_resolution': [0.0] * n, 'position_noise': [0.0] * n,
+            'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
+            'velocity_sensor': 'difference' if self.resolution else 'exact',
+            'sample_loss': 0.0, 'late_samples': 0.0}
+        common = {**drives, 'error_limit': [
+            min(x, _DIVERGED) for x in setup.controller.error_limit]}
+        start = max(setup.reference.start_duration, _START)
+        return tuple({
+            'plant': plant, 'reference': {'start_duration': start}, 'bringup': {'events': ['']},
+            'controller': {**common, 'inertia_scale': factor, 'gravity_scale': factor}}
+            for factor in self.factors)
+
+
+#: All conditions by name.
+CONDITIONS = {condition.name: condition for condition in (
+    Condition('clean', 'ideal drives and sensors, exact model'),
+    Condition('lag', 'drives with a lag of 2 ms', lag=2e-3),
+    Condition('encoder', 'velocity differenced from encoders of 1e-5 rad', resolution=1e-5),
+    Condition('noise', 'velocity noise of 5e-3 rad/s', noise=5e-3),
+    Condition('delay', 'input delay of 1 sample', delay=1),
+    Condition('model_error', 'model × 0.9 and × 1.1', factors=(0.9, 1.1)),
+    Condition('real_arm', 'like a real arm: lag of 2 ms, rate limits, delay of 1 sample, velocity '
+              'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1', lag=2e-3,
+              rate_limited=True, delay=1, resolution=1e-5, factors=(0.9, 1.1)))}
+
+
+def condition(name: str) -> Condition:
+    """Return the condition of this name; raise `UsageError` if there is none."""
+    if name not in CONDITIONS:
+        raise UsageError(f'no condition is called {name}; allowed: {", ".join(CONDITIONS)}')
+    return CONDITIONS[name]
+
+
+def torque_rates(setup: Setup) -> tuple[float, ...]:
+    """
+    Return the rate limit of the drives, shape (n,) [N·m/s].
+
+    That of the plant in the file; where it has none, 5000 and 1000 N·m/s for the paper's arm, and
+    the effort limit of the description within 50 ms for others. inf where nothing is known.
+    """
+    plant = setup.plant
+    if min(plant.torque_rate_limit) < inf:
+        return plant.torque_rate_limit
+    if setup.controller.model == 'two_link':
+        return _TWO_LINK_RATES
+    model = model_of(setup.controller, setup.descriptions.get('controller', ''))
+    return tuple(x / _RISE for x in model.effort_limits) or (inf,) * model.n

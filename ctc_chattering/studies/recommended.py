@@ -1,0 +1,46 @@
+"""The recommended settings of `observer_feedback`, by one rule for every robot; docs/theory.md."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.trajectory.reference import make_motion
+
+#: Double pole of the error, and pole of the observer, unless the drives are slower [rad/s].
+POLE = 100.0
+#: Most that pole times lag and delay may be.
+_SLOWNESS = 0.4
+#: Part of the model's torque that may be wrong, and instants at which it is evaluated.
+_MODEL_ERROR, _INSTANTS = 0.2, 500
+
+
+def recommended_pole(setup: Setup) -> float:
+    """Return p [rad/s], with p (T + h (1 + delay)) at most 0.4 and at most `POLE`."""
+    config = setup.controller
+    late = max(config.actuator_lag) + config.control_period * (1 + config.input_delay)
+    return min(POLE, _SLOWNESS / late)
+
+
+def recommended_ka(setup: Setup) -> list[float]:
+    """Return the file's ka and 20 % of the largest torque that the model takes, shape (n,)."""
+    config, plant = setup.controller, setup.plant
+    model = model_of(config, setup.descriptions.get('controller', ''))
+    motion = make_motion(setup.reference, setup.route, dict(zip(
+        plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
+    order = [setup.reference.joint_names.index(name) for name in config.joint_names]
+    largest = np.zeros(model.n)
+    for t in np.linspace(0.0, 1e9 * plant.duration, _INSTANTS).astype(int).tolist():
+        q, dq, ddq = ([row[i] for i in order] for row in motion.at(t))
+        largest = np.maximum(largest, np.abs(model.inverse_dynamics(q, dq, ddq)))
+    return [float(f'{a + _MODEL_ERROR * b:.3g}') for a, b in zip(config.ka, largest)]
+
+
+def recommended(setup: Setup) -> dict[str, Any]:
+    """Return the recommended settings for a robot whose drives are known, by parameter."""
+    n, pole = len(setup.controller.joint_names), recommended_pole(setup)
+    return {'law': 'observer_feedback', 'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
+            'estimator_bandwidth': pole, 'ka': recommended_ka(setup)}
