@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import UsageError
-from ctc_chattering.studies.conditions import CONDITIONS
+from ctc_chattering.studies.conditions import ALL, CONDITIONS
 
 if TYPE_CHECKING:
     from ctc_chattering.studies.tuning import Budget
@@ -22,7 +22,7 @@ def add_comparison_options(parser: argparse.ArgumentParser) -> None:
                         help="plant in place of the file's: builtin | mujoco; may be repeated")
     parser.add_argument('--condition', action='append', metavar='X',
                         help='drives, sensors and model error in place of those of the file: '
-                             f'{" | ".join(CONDITIONS)} | all; may be repeated')
+                             f'{" | ".join((*CONDITIONS, ALL))}; may be repeated')
     parser.add_argument('--laws', metavar='A,B', default=','.join(LAWS),
                         help='laws to run, all by default')
     parser.add_argument('--trials', type=int, metavar='N',
@@ -40,8 +40,7 @@ def add_comparison_options(parser: argparse.ArgumentParser) -> None:
 
 def conditions(options: argparse.Namespace) -> list[str | None]:
     """Return the names of the conditions; None for the robot as it is in the file."""
-    names: list[str | None] = options.condition or [None]
-    return list(CONDITIONS) if 'all' in names else names
+    return options.condition or [None]
 
 
 def laws(options: argparse.Namespace) -> list[str]:

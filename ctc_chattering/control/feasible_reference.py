@@ -17,13 +17,16 @@ reference q_d. A feedback that insists on it makes the joint stick until the tor
 2 K̂. So the feedback gets q_d + x; x is what the ramp does to the joint, and returns to 0::
 
     ddx = (F - f) / M_ii - 2 w dx - w² x,     f ∈ K̂ Sgn(dq_d + dx)⁺, implicit                (3)
-    w = min(0.6 √Kp_ii, 0.55 / T, (J / |x|)^⅓, (J / |dx|)^½),     J = ½ R / M_ii             (4)
+    w = min(0.6 √Kp_ii, ½ / h, 0.55 / T, (J / |x|)^⅓, (J / |dx|)^½),     J = ½ R / M_ii      (4)
 
 J is half of the jerk that the drive can give the joint. x begins at the distance of the robot from
 q_d: the start is smooth from anywhere. Where the drives give less than what is asked for by more
-than 4 ms R, the rest is taken from dx, which keeps the loop from winding up::
+than 10 ms R, the rest is taken from dx, which keeps the loop from winding up::
 
-    dx -= M⁻¹ (rest) / Kv_ii                                                                 (5)
+    dx -= M⁻¹ (rest) / (Kv_ii + T_a Kp_ii)                                                   (5)
+
+T_a is the lag of the drive. What (4) of `observer_feedback` asks for changes with dx by about the
+divisor, in the metric of M; with less of it (5) would overshoot.
 """
 
 from __future__ import annotations
@@ -34,11 +37,11 @@ import numpy as np
 
 from ctc_chattering.numerics.linear_algebra import Array
 
-#: β of (2); the lead of (1), in T; the two factors of w in (4), and the part of the jerk.
+#: β of (2); the lead of (1), in T; of (4), the factors of √Kp, 1 / T, R / M_ii and 1 / h.
 OVERSHOOT, _LEAD = 0.35, 0.67
-_RETURN, _RAMP_RETURN, _PART = 0.6, 0.55, 0.5
+_RETURN, _RAMP_RETURN, _PART, _STEP = 0.6, 0.55, 0.5, 0.5
 #: How far the drives may be behind before (5) acts [s].
-_BEHIND = 4e-3
+_BEHIND = 10e-3
 #: The shortest ramp [s], and what keeps a quotient finite.
 _LEAST, _TINY = 1e-6, 1e-12
 
@@ -68,13 +71,16 @@ class FeasibleReference:
         Diagonals of Kp [1/s²] and Kv [1/s].
     rate : array, shape (n,)
         R [N·m/s]; inf for none.
+    lag : array, shape (n,)
+        T_a [s].
     period : float
         h [s].
 
     """
 
-    def __init__(self, kp: Array, kv: Array, rate: Array, period: float) -> None:
-        self._fastest, self._kv, self._rate, self._period = _RETURN * np.sqrt(kp), kv, rate, period
+    def __init__(self, kp: Array, kv: Array, rate: Array, lag: Array, period: float) -> None:
+        self._fastest = np.minimum(_RETURN * np.sqrt(kp), _STEP / period)
+        self._relief, self._rate, self._period = kv + lag * kp, rate, period
 
     def friction(self, at: Desired, level: Array, ahead: float = 0.0) -> Array:
         """Return F of (1), shape (n,) [N·m], at `ahead` [s] after the point `at`."""
@@ -113,7 +119,7 @@ class FeasibleReference:
         rest = missing - np.minimum(np.maximum(missing, -slack), slack)
         if not rest.any():
             return by
-        return Deviation(by.x, by.dx - np.linalg.solve(mass, rest) / self._kv)
+        return Deviation(by.x, by.dx - np.linalg.solve(mass, rest) / self._relief)
 
     def _return(self, by: Deviation, inertia: Array, level: Array) -> Array:
         """Return -2 w dx - w² x of (3), shape (n,) [rad/s²]."""

@@ -55,6 +55,7 @@ class Handover:
 
         """
         law.initialize(now, before.estimate(now))
+        before.suspend()
         if self.sent is not None and not (before.of_the_paper and law.of_the_paper):
             self._samples = self._left = max(round(FADE / period), 1)
             self._fresh = True

@@ -6,7 +6,7 @@ friction f of the level K̂, implicit as in docs/theory.md. Over a period::
 
     f ∈ K̂ Sgn(dq⁺),   a = M⁻¹ (τ - C dq - G - f - P̂),   dq⁺ = dq + h a,   P̂⁺ = P̂ + h Ṗ̂     (1)
 
-and q⁺ likewise, each with its own mean of the torque τ over the period. The measured position
+and q⁺ likewise, each with its own mean of τ and P̂ over the period. The measured position
 corrects this; the velocity is not measured. With ε = q - q̂ and θ = exp(-ω h)::
 
     q̂  += (1 - θ⁴) ε
@@ -89,9 +89,11 @@ class StateObserver:
         """
         h, drive = self._period, self._drives.response(at.torque, command)
         load = bias + at.perturbation
-        friction = nearest(mass, mass.dot(at.dq) / h + drive.mean - load, level)
+        mean = drive.mean - (load + 0.5 * h * at.slope)
+        friction = nearest(mass, mass.dot(at.dq) / h + mean, level)
+        weighted = drive.weighted - (load + h / 3.0 * at.slope)
         a, weighted = np.linalg.solve(
-            mass, np.array((drive.mean, drive.weighted)).T - (load + friction)[:, np.newaxis]).T
+            mass, np.array((mean - friction, weighted - friction)).T).T
         return Observed(at.q + h * at.dq + 0.5 * h * h * weighted, at.dq + h * a, drive.end,
                         at.perturbation + h * at.slope, at.slope)
 

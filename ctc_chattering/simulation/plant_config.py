@@ -29,6 +29,9 @@ class PlantConfig(RobotConfig):
         'plant_backend', 'str', 'builtin',
         'What moves the robot: the equations of `model`, or MuJoCo from `description`.',
         choices=BACKENDS, read_only=True)
+    payload: float = parameter(
+        'payload', 'float', 0.0, 'Mass at the end of the arm, which the model lacks; for a robot '
+        'in a URDF.', unit='kg', minimum=0.0, read_only=True)
     coulomb_friction: tuple[float, ...] = parameter(
         'coulomb_friction', 'float[]', 9.9, 'Coulomb friction Kf.', unit='N*m', minimum=0.0,
         shape='n')
@@ -155,6 +158,8 @@ class PlantConfig(RobotConfig):
         elif any(self.stribeck_friction):
             raise ParameterError('stribeck_friction', self.stribeck_friction,
                                  f'0 with plant_backend {self.plant_backend}')
+        if self.payload and not self.described:
+            raise ParameterError('payload', self.payload, '0 without a description of the robot')
         self._check_elasticity()
         locked_positions(self.locked)
         samples(self.duration, period_ns(self.control_period))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import locked_positions, model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant import Plant
@@ -44,6 +45,8 @@ def make_plant(config: PlantConfig, description: str = '') -> Robot:
 
     """
     check_start(config, description)
+    if config.payload:
+        description = with_payload(description, config.joint_names, config.payload)
     if config.plant_backend == 'builtin':
         return Plant(config, model_of(config, description))
     if not description:

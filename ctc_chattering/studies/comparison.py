@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import dataclasses
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Overrides, Setup
 from ctc_chattering.studies import tuning
-from ctc_chattering.studies.conditions import Condition, condition
+from ctc_chattering.studies.conditions import ALL, Condition, condition, CONDITIONS
 from ctc_chattering.studies.measurement import (
     measure,
     Measurement,
@@ -70,10 +70,36 @@ class Task(NamedTuple):
 def tasks(paths: Sequence[Path], backends: Sequence[str | None],
           conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
           budget: Budget | None = None) -> list[Task]:
-    """Return what to run: every variant on every robot and plant under every condition."""
-    return [Task(path, backend, condition(name) if name else None, variant, budget)
-            for path in paths for backend in backends for name in conditions
+    """
+    Return what to run: every variant on every robot and plant under every condition.
+
+    Parameters
+    ----------
+    paths, backends : sequence
+        Parameter files; backends of the plant, None for the file's.
+    conditions : sequence of str or None
+        Names, `ALL` for each that the robot can have, None for the robot as it is in the file.
+    laws, budget
+        As `variants` and `Task` have them.
+
+    """
+    return [Task(path, backend, chosen, variant, budget)
+            for path in paths for backend in backends
+            for chosen in _conditions(conditions, path, backend)
             for variant in variants(laws, budget is not None)]
+
+
+def _conditions(names: Sequence[str | None], path: Path, backend: str | None
+                ) -> list[Condition | None]:
+    """Return the conditions that names mean on a robot."""
+    if ALL not in names:
+        return [condition(name) if name else None for name in names]
+    setup = parameter_file.load(path, _plain(backend))
+    return [x for x in CONDITIONS.values() if x.fits(setup)]
+
+
+def _plain(backend: str | None) -> Overrides:
+    return {'plant': {'plant_backend': backend} if backend else {}}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,7 +163,7 @@ def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
 
 def runs_of(task: Task) -> tuple[Overrides, ...]:
     """Return the overrides of each run of a task, with the file's gains or the recommended."""
-    plain: Overrides = {'plant': {'plant_backend': task.backend} if task.backend else {}}
+    plain = _plain(task.backend)
     setup = parameter_file.load(task.path, plain)
     under = task.condition.overrides(setup) if task.condition else ({},)
     law: dict[str, Any] = {'controller': task.variant.values}
@@ -154,7 +180,7 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     setup = parameter_file.load(task.path, runs[0])
     base, values = None, {}
     if task.budget:
-        base = measure(task.path, runs_of(task._replace(variant=BASE)), run)
+        base = _base(task._replace(variant=BASE), run)
     if base and task.budget and task.variant.settings == TUNED:
         values = _tuned(task, setup, runs, base, run)
     outcome = Outcome(task, setup.plant.experiment, setup.plant.plant_backend,
@@ -167,6 +193,12 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
         return dataclasses.replace(outcome, failure=str(error))
     return dataclasses.replace(outcome, found=found, cost=base and task.budget and tuning.cost(
         found, base, task.budget.weights))
+
+
+@lru_cache(maxsize=4)
+def _base(task: Task, run: Runner) -> Measurement:
+    """Return the numbers of `BASE`, which is that of all variants of a robot and condition."""
+    return measure(task.path, runs_of(task), run)
 
 
 def _tuned(task: Task, setup: Setup, runs: tuple[Overrides, ...], base: Measurement, run: Runner

@@ -19,6 +19,8 @@ from ctc_chattering.errors import UsageError
 if TYPE_CHECKING:
     from ctc_chattering.experiment.parameter_file import Overrides, Setup
 
+#: Name of all conditions that a robot can have.
+ALL = 'all'
 #: Time in which a drive goes from no torque to its limit [s], where no rate limit is given.
 _RISE = 0.05
 #: Rate limit of the drives of the paper's arm, of which no effort limits are known [N·m/s].
@@ -46,6 +48,8 @@ class Condition:
         Of the encoders [rad or m]; the velocity is then the difference of positions. 0 for none.
     noise : float
         Standard deviation of the noise on the velocity [rad/s or m/s].
+    payload : float
+        Mass at the end of the arm that the controller's model lacks [kg].
     factors : tuple of float
         Of M, C and G in the controller's model; a run for each.
 
@@ -58,7 +62,12 @@ class Condition:
     delay: int = 0
     resolution: float = 0.0
     noise: float = 0.0
+    payload: float = 0.0
     factors: tuple[float, ...] = (1.0,)
+
+    def fits(self, setup: Setup) -> bool:
+        """Return whether the robot of a parameter file can have it."""
+        return not self.payload or setup.plant.described
 
     def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
         """
@@ -69,7 +78,14 @@ class Condition:
         setup : Setup
             The file's.
 
+        Raises
+        ------
+        UsageError
+            If the robot cannot have the condition.
+
         """
+        if not self.fits(setup):
+            raise UsageError(f'condition {self.name} needs a robot in a URDF')
         n = len(setup.plant.joint_names)
         rates = torque_rates(setup) if self.rate_limited else (inf,) * n
         drives: dict[str, Any] = {
@@ -79,7 +95,7 @@ class Condition:
             **drives, 'torque_resolution': [0.0] * n, 'position_noise': [0.0] * n,
             'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
             'velocity_sensor': 'difference' if self.resolution else 'exact',
-            'sample_loss': 0.0, 'late_samples': 0.0}
+            'sample_loss': 0.0, 'late_samples': 0.0, 'payload': self.payload}
         common = {**drives, 'error_limit': [
             min(x, _DIVERGED) for x in setup.controller.error_limit]}
         start = max(setup.reference.start_duration, _START)
@@ -96,6 +112,7 @@ CONDITIONS = {condition.name: condition for condition in (
     Condition('encoder', 'velocity differenced from encoders of 1e-5 rad', resolution=1e-5),
     Condition('noise', 'velocity noise of 5e-3 rad/s', noise=5e-3),
     Condition('delay', 'input delay of 1 sample', delay=1),
+    Condition('payload', 'payload of 1 kg', payload=1.0),
     Condition('model_error', 'model × 0.9 and × 1.1', factors=(0.9, 1.1)),
     Condition('real_arm', 'like a real arm: lag of 2 ms, rate limits, delay of 1 sample, velocity '
               'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1', lag=2e-3,

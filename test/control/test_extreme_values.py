@@ -99,12 +99,20 @@ def arrays() -> Model:
 @LIMITED
 @given(values(ControllerConfig), values(ControllerConfig), seeds)
 def test_the_law(model: str, first: dict[str, Any], second: dict[str, Any], seed: int) -> None:
-    """Every torque is finite and within its limit, also after a change of the parameters."""
+    """
+    Every torque is finite and within its limit, also after a change of the parameters.
+
+    A law with a model of its own to predict by may overflow: then there is no torque.
+    """
     config = accepted(ControllerConfig, first)
     law = Controller(config, arrays() if model == 'arrays' else TwoLink())
     for _ in range(2):
         for q, dq, q_d, dq_d, ddq_d in islice(rows(seed), STEPS):
-            sample = law.step(q, dq, q_d, dq_d, ddq_d)
+            foresees = law.laws[config.law].foresees
+            sample = (law.try_step if foresees else law.step)(q, dq, q_d, dq_d, ddq_d)
+            if sample is None:
+                law.reset()
+                continue
             assert math.isfinite(sum(sample.tau) + sum(sample.v))
             assert all(abs(x) <= limit for x, limit in zip(sample.tau, config.effort_limit))
             assert config.law != 'chattering' or all(

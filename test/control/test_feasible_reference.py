@@ -14,12 +14,12 @@ from ctc_chattering.control.feasible_reference import (
     ramp,
 )
 
-H = 1e-3
+H, LAG = 1e-3, np.array([2e-3, 0.0])
 INERTIA, LEVEL, RATE = np.array([9.0, 0.62]), np.array([9.9, 9.9]), np.array([5e3, 1e3])
 
 
 def reference(kp: float = 1e4, rate: Array = RATE) -> FeasibleReference:
-    return FeasibleReference(np.full(2, kp), np.full(2, 2.0 * math.sqrt(kp)), rate, H)
+    return FeasibleReference(np.full(2, kp), np.full(2, 2.0 * math.sqrt(kp)), rate, LAG, H)
 
 
 def sinusoid(t: float, amplitude: float = 0.5, w: float = 2.0 * math.pi) -> Desired:
@@ -101,10 +101,10 @@ def test_the_way_back_is_smooth_from_anywhere(distance: float) -> None:
 
 
 def test_what_the_drives_miss_by_far_moves_the_reference() -> None:
-    """Check dx -= M⁻¹ rest / Kv for what exceeds 4 ms R, and nothing below."""
+    """Check dx -= M⁻¹ rest / (Kv + T_a Kp) for what exceeds 10 ms R, and nothing below."""
     made, by = reference(), Deviation(np.zeros(2), np.zeros(2))
     mass = np.array([[9.0, 0.8], [0.8, 0.62]])
-    assert made.relieved(by, np.array([19.0, -3.9]), mass) is by
-    moved = made.relieved(by, np.array([30.0, -9.0]), mass)
-    np.testing.assert_allclose(mass @ moved.dx * -200.0, [10.0, -5.0])
+    assert made.relieved(by, np.array([49.0, -9.9]), mass) is by
+    moved = made.relieved(by, np.array([60.0, -15.0]), mass)
+    np.testing.assert_allclose(mass @ (moved.dx * [-220.0, -200.0]), [10.0, -5.0])
     np.testing.assert_array_equal(moved.x, 0.0)

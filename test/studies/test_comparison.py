@@ -84,8 +84,9 @@ def assert_gains(outcomes: list[Outcome]) -> None:
         variant = outcome.task.variant
         if variant.law == 'chattering' or variant.settings == RECOMMENDED:
             least = min(a / b for a, b in zip(original.rms, measured(outcome).rms))
-            clean = variant.switching == 'implicit_observer' or variant.settings == RECOMMENDED
-            assert least >= (1000.0 if clean else 10.0), outcome
+            claimed = 500.0 if variant.settings == RECOMMENDED else (
+                1000.0 if variant.switching == 'implicit_observer' else 10.0)
+            assert least >= claimed, outcome
 
 
 def measured(outcome: Outcome) -> Measurement:

@@ -16,13 +16,14 @@ from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.studies.comparison import tasks
 from ctc_chattering.studies.conditions import condition, CONDITIONS, torque_rates
 
 FRICTION = CONFIG / 'friction.yaml'
 #: What a condition may set, and what it is when nothing is set.
 OF_THE_PLANT = ('actuator_lag', 'torque_rate_limit', 'torque_resolution', 'input_delay',
                 'encoder_resolution', 'position_noise', 'velocity_noise', 'velocity_sensor',
-                'sample_loss', 'late_samples')
+                'sample_loss', 'late_samples', 'payload')
 OF_THE_CONTROLLER = ('actuator_lag', 'torque_rate_limit', 'input_delay', 'inertia_scale',
                      'gravity_scale')
 #: What differs from that, of the plant and, in each run, of the controller.
@@ -63,7 +64,7 @@ def setups(file: Path, name: str) -> list[Setup]:
 
 
 def test_there_is_no_other_condition() -> None:
-    assert list(SET) == list(CONDITIONS)
+    assert [x for x in CONDITIONS if x != 'payload'] == list(SET)
     with pytest.raises(UsageError, match='no condition is called rain; allowed: clean, lag'):
         condition('rain')
 
@@ -110,3 +111,15 @@ def test_rate_limits_are_the_file_s_the_paper_s_or_those_of_the_description() ->
     assert torque_rates(parameter_file.load(FRICTION, own)) == (300.0, inf)
     panda = parameter_file.load(CONFIG / 'panda.yaml')
     assert torque_rates(panda) == pytest.approx((87.0 / 0.05,) * 4 + (12.0 / 0.05,) * 3)
+
+
+def test_a_payload_is_for_robots_of_a_urdf() -> None:
+    """Check that the plant has it and the controller has not, and that `all` is what fits."""
+    with pytest.raises(UsageError, match='condition payload needs a robot in a URDF'):
+        setups(FRICTION, 'payload')
+    (setup,) = setups(CONFIG / 'panda.yaml', 'payload')
+    assert setup.plant.payload == 1.0
+    found = {path.stem: [x.condition.name for x in tasks(
+        [path], [None], ['all'], ['compensation']) if x.condition]
+        for path in (FRICTION, CONFIG / 'panda.yaml')}
+    assert found == {'friction': list(SET), 'panda': list(CONDITIONS)}

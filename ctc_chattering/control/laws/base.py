@@ -116,6 +116,9 @@ class Law(ABC):
 
         """
 
+    def suspend(self) -> None:  # noqa: B027
+        """Note that another law has taken over."""
+
     def observe(self, q: Array, dq: Array, held: Array) -> tuple[Array, Array]:
         """
         Return position and velocity as the law takes them, before all else of a sample.

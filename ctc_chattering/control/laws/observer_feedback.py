@@ -17,7 +17,7 @@ measured velocity is not used after the first sample.
 With M̂ = c M, drives without lag and limits, and no friction, (1) to (3) are linear. Their poles
 are within the unit circle, for Kp = p², Kv = 2 p, p = 100 rad/s, ω = 100 rad/s, h = 1 ms, if::
 
-    0.36 < c < 4.7                                                                         (5)
+    0.47 < c < 3.1                                                                         (5)
 """
 
 from __future__ import annotations
@@ -68,13 +68,12 @@ class ObserverFeedback(Law):
         self._kp, self._kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
         self._period, self._given = period, np.array(config.friction_level)
         self._lagging = any(config.actuator_lag)
-        self._drives = DriveModel(np.array(config.actuator_lag), rate, period)
+        lag = np.array(config.actuator_lag)
+        self._drives = DriveModel(lag, rate, period)
         self._observer = StateObserver(self._drives, bandwidth, period, self._ka)
         self._reference = FeasibleReference(
-            self._kp.diagonal(), self._kv.diagonal(), rate, period)
+            self._kp.diagonal(), self._kv.diagonal(), rate, lag, period)
         self.friction.configure(config.friction_learning, bandwidth, period, self._ka)
-        if config.law != 'observer_feedback':
-            self._mass = None  # What was observed will be too old.
 
     def reset(self) -> None:
         """Forget state, deviation and what was learned."""
@@ -93,6 +92,10 @@ class ObserverFeedback(Law):
             P = nearest(now.M, estimate - self.friction.level * np.sign(now.dq), self._ka)
             self._observed = self._observed._replace(perturbation=P)
         self._forget_reference()
+
+    def suspend(self) -> None:
+        """Have the state observed again from the measured one, once this law comes back."""
+        self._mass = None
 
     def observe(self, q: Array, dq: Array, held: Array) -> tuple[Array, Array]:
         """Return q̂ and dq̂, corrected by the measured position; see `Law.observe`."""

@@ -17,7 +17,7 @@ PARAMETERS = ControllerConfig.parameters()
 #: Values with which every parameter of the law matters, the limits included.
 BASE: dict[str, Any] = {
     'effort_limit': [400.0, 15.0], 'friction_level': [3.0, 2.0], 'boundary_layer': 0.5,
-    'actuator_lag': [2e-3, 3e-3], 'torque_rate_limit': [1e4, 4e3]}
+    'actuator_lag': [2e-3, 3e-3], 'torque_rate_limit': [1e6, 4e5]}
 #: Another value where the default times 1.3 is none, or would not matter.
 OTHER: dict[str, Any] = {
     'switching': 'boundary_layer', 'anti_windup': False, 'effort_limit': [300.0, 10.0],

@@ -19,7 +19,7 @@ def test_a_position_is_held_as_friction_lets_it() -> None:
     """Check that an offset is gone without friction, and with it within Kf / (D Kp)."""
     free = error(run('pd_gravity', 6.0, 0.0, 0.1, 0.0))
     assert (free < 1e-5).all()
-    held = run('pd_gravity', 4.0, 9.9, 0.4, 0.0)
+    held = run('pd_gravity', 8.0, 9.9, 0.4, 0.0)
     inertia = 1.0 / np.diag(np.linalg.inv(paper_m(held.q[-1].tolist())))
     assert (error(held) < 9.91 / (inertia * 100.0)).all()
     assert (error(held) > 1e-4).any()
