@@ -24,7 +24,8 @@ from ctc_chattering.parameters import matrix
 
 #: Largest product of `observer_bandwidth` and the lag of the drives.
 LAG_RATIO = 0.3
-_UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
+#: Laws without a bound of what they estimate.
+UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 
 
 def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
@@ -40,7 +41,7 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
         for name, ki, most in zip(config.joint_names, config.ki, kp * (kv - lag * kp)):
             if ki >= most:
                 yield f'{name}: ki is {ki:g}; the loop is unstable from {max(most, 0.0):g} on'
-    if config.law in _UNBOUNDED and any(
+    if config.law in UNBOUNDED and any(
             ours > drives for ours, drives in zip(
                 config.effort_rate_limit, config.torque_rate_limit)):
         yield ('effort_rate_limit exceeds torque_rate_limit; where drives are slower than the '

@@ -11,23 +11,26 @@ import pytest
 
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.paper import EXPERIMENTS
-from ctc_chattering.studies import cases
+from ctc_chattering.studies import cases, law_study
 from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.study import evaluate, Outcome, to_csv, to_markdown
+from ctc_chattering.studies.recommended import recommended_setup
+from ctc_chattering.studies.study import evaluate, Outcome, run_setup, to_csv, to_markdown
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
 README = (DOCS.parent / 'README.md').read_text(encoding='utf-8')
 STUDY = (DOCS / 'study' / 'study.csv').read_text(encoding='utf-8')
+LAW_STUDY = (DOCS / 'study' / 'laws.csv').read_text(encoding='utf-8')
 #: A start that differs by 1e-12 rad changes five chaotic rows of the study by 1 % to 2 %, all
 #: others by less than 1e-8; so may the sine of another processor.
 TOLERANCE = 0.05
 
 
-def documented() -> list[Outcome]:
-    """Return the outcomes that docs/study/study.csv has, in order."""
+def documented(text: str, variant: str) -> list[Outcome]:
+    """Return the outcomes that a CSV of docs/study has, in order."""
     known = {(case.group, case.name): case for case in cases.CASES}
 
     def pair(line: dict[str, str], name: str) -> tuple[float, float] | None:
@@ -35,13 +38,16 @@ def documented() -> list[Outcome]:
         return (float(texts[0]), float(texts[1])) if all(texts) else None
 
     return [Outcome(
-        known[line['group'], line['case']], line['switching'], float(line['control_period_s']),
+        known[line['group'], line['case']], line[variant], float(line['control_period_s']),
         (float(line['ka_1_nm']), float(line['ka_2_nm'])), pair(line, 'rms_error_{}_rad'),
         pair(line, 'torque_variation_{}_nm_per_s'), line['failure'])
-        for line in csv.DictReader(STUDY.splitlines())]
+        for line in csv.DictReader(text.splitlines())]
 
 
-ROWS = documented()
+ROWS = documented(STUDY, 'switching')
+LAW_ROWS = documented(LAW_STUDY, 'law')
+#: Another case for each law.
+LAW_SAMPLE = [LAW_ROWS[(9 * k + 5) * len(LAWS) + k] for k in range(len(LAWS))]
 #: One case of each group, and another switching each time.
 SAMPLE = [
     next(row for row in ROWS[::-1] if row.case.group == group and row.variant == switching)
@@ -55,7 +61,9 @@ def name_of(row: Outcome) -> str:
 
 def check(row: Outcome) -> None:
     """Compare a row with a run of today."""
-    again = evaluate(row.case, row.variant, row.case.setup())
+    setup = row.case.setup()
+    again = evaluate(row.case, row.variant, setup) if row.variant in SWITCHINGS else run_setup(
+        row.case, row.variant, recommended_setup(setup, row.variant))
     if row.failure:
         assert again.failure
         return
@@ -73,13 +81,21 @@ def test_the_study_has_every_case_and_both_files_have_the_same_numbers() -> None
     assert text.startswith(to_markdown(ROWS) + '\n## Figures\n')
 
 
-@pytest.mark.parametrize('row', SAMPLE[::2], ids=name_of)
+def test_the_study_of_laws_has_every_case_and_both_files_have_the_same_numbers() -> None:
+    assert [(row.case, row.variant) for row in LAW_ROWS] == [
+        (case, law) for case in cases.CASES for law in LAWS]
+    assert to_csv(LAW_ROWS, 'law') == LAW_STUDY
+    text = (DOCS / 'study' / 'laws.md').read_text(encoding='utf-8')
+    assert text == law_study.to_markdown(LAW_ROWS)
+
+
+@pytest.mark.parametrize('row', [*SAMPLE[::2], *LAW_SAMPLE], ids=name_of)
 def test_a_row_of_the_study(row: Outcome) -> None:
     check(row)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('row', ROWS, ids=name_of)
+@pytest.mark.parametrize('row', [*ROWS, *LAW_ROWS], ids=name_of)
 def test_every_row_of_the_study(row: Outcome) -> None:
     check(row)
 
