@@ -39,7 +39,7 @@ def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
             '' if ': torque variation' in line else title)
         cells = [x.strip() for x in line.strip('|').split('|')]
         if title and len(cells) > 3:
-            shown[(title, *cells[:3])] = cells[3:]
+            shown[(title, cells[0], cells[1], cells[2])] = cells[3:]
     assert lines
     for x in lines:
         title = f'{x["experiment"]}, plant {x["backend"]}, {x["condition"]}'
