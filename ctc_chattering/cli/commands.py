@@ -17,6 +17,7 @@ from ctc_chattering.analysis.result import Result, simulated, write_metrics
 from ctc_chattering.analysis.run_names import names
 from ctc_chattering.cli.options import find_file, overrides
 from ctc_chattering.cli.progress import Progress, progress_bar
+from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
@@ -123,24 +124,34 @@ def _present(results: Sequence[Result], bags: Sequence[Path], out: Path,
 
 def study(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
+    from ctc_chattering.studies import law_study
+    from ctc_chattering.studies import study as switching_study
     from ctc_chattering.studies.cases import CASES
-    from ctc_chattering.studies.study import run_cases, to_csv, to_markdown
     from ctc_chattering.studies.study_figures import save_study_figures
 
-    jobs = _jobs(options.jobs)
-    out = prepare(options.out, (_FIGURES, 'study.md', 'study.csv'), options.overwrite)
-    start = time.monotonic()
-    outcomes = list(progress_bar(run_cases(CASES, SWITCHINGS, jobs), desc='study', unit='run',
-                                 total=len(CASES) * len(SWITCHINGS)))
-    write_text(out / 'study.csv', to_csv(outcomes))
-    print('drawing ...', flush=True)
-    figures = save_study_figures(outcomes, out / _FIGURES)
-    images = ''.join(f'\n![{figure.caption}]({figure.path.relative_to(out)})\n'
-                     for figure in figures)
-    write_text(out / 'study.md', f'{to_markdown(outcomes)}\n## Figures\n{images}')
+    jobs, start = _jobs(options.jobs), time.monotonic()
+    variants: Sequence[str] = LAWS if options.laws else SWITCHINGS
+    if options.laws:
+        out = prepare(options.out, ('laws.md', 'laws.csv'), options.overwrite)
+        page, runs = out / 'laws.md', law_study.run_laws(CASES, jobs=jobs)
+    else:
+        out = prepare(options.out, (_FIGURES, 'study.md', 'study.csv'), options.overwrite)
+        page, runs = out / 'study.md', switching_study.run_cases(CASES, SWITCHINGS, jobs)
+    outcomes = list(progress_bar(runs, desc=page.stem, unit='run',
+                                 total=len(CASES) * len(variants)))
+    write_text(page.with_suffix('.csv'),
+               switching_study.to_csv(outcomes, 'law' if options.laws else 'switching'))
+    if options.laws:
+        text = law_study.to_markdown(outcomes)
+    else:
+        print('drawing ...', flush=True)
+        text = switching_study.to_markdown(outcomes) + '\n## Figures\n' + ''.join(
+            f'\n![{figure.caption}]({figure.path.relative_to(out)})\n'
+            for figure in save_study_figures(outcomes, out / _FIGURES))
+    write_text(page, text)
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s: '
-          f'open {out / "study.md"}')
+          f'open {page}')
     return 0
 
 

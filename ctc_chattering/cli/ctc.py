@@ -43,6 +43,8 @@ def _add_experiments(commands: Any) -> None:
         commands, 'study', 'compare the switchings over sample period, gain and imperfections',
         'Simulate them and write study.md, study.csv and figures.')
     _add_output(study, 'study')
+    study.add_argument('--laws', action='store_true',
+                       help='every law with its recommended settings, against compensation')
     study.add_argument('--jobs', type=int, metavar='N',
                        help='processes, as many as there are processors by default')
 

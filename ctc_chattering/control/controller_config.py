@@ -50,10 +50,10 @@ class ControllerConfig(RobotConfig):
         'boundary_layer', 'float', 0.05, 'Switching boundary_layer: half its width.',
         unit='rad/s', minimum=0.0, exclusive=True, laws=('chattering',))
     observer_bandwidth: float = parameter(
-        'observer_bandwidth', 'float', 1200.0,
+        'observer_bandwidth', 'float', 200.0,
         'Switching implicit_observer: how fast the estimate of the perturbation follows; .inf '
-        'for within one sample.', unit='rad/s', minimum=0.0, exclusive=True, infinite=True,
-        laws=('chattering',))
+        'for within one sample. At most 0.3 / lag of the drives.',
+        unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',))
     estimator_bandwidth: float = parameter(
         'estimator_bandwidth', 'float', 100.0,
         'How fast the observer of state and perturbation follows.', unit='rad/s', minimum=0.0,

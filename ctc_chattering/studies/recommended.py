@@ -1,7 +1,8 @@
-"""The recommended settings of `observer_feedback`, by one rule for every robot; docs/theory.md."""
+"""The recommended settings of the laws, by one rule for every robot; docs/laws.md."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ POLE = 100.0
 _SLOWNESS = 0.4
 #: Part of the model's torque that may be wrong, and instants at which it is evaluated.
 _MODEL_ERROR, _INSTANTS = 0.2, 500
+#: Triple pole of `integral`, over that pole, and the smooth start that it needs [s].
+_INTEGRAL, _START = 0.6, 2.0
 
 
 def recommended_pole(setup: Setup) -> float:
@@ -44,3 +47,28 @@ def recommended(setup: Setup) -> dict[str, Any]:
     n, pole = len(setup.controller.joint_names), recommended_pole(setup)
     return {'law': 'observer_feedback', 'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
             'estimator_bandwidth': pole, 'ka': recommended_ka(setup)}
+
+
+def recommended_setup(setup: Setup, law: str) -> Setup:
+    """
+    Return a setup with a law and the settings that docs/laws.md recommends for it.
+
+    What is known of drives and friction is taken from the plant. Laws that are not named here keep
+    the gains of the file.
+    """
+    plant, config, reference = setup.plant, setup.controller, setup.reference
+    config = config.changed({'law': law, 'actuator_lag': plant.actuator_lag,
+                             'torque_rate_limit': plant.torque_rate_limit})
+    setup = dataclasses.replace(setup, controller=config)
+    values: dict[str, Any] = {}
+    if law == 'observer_feedback':
+        values = recommended(setup)
+    elif law == 'chattering':
+        values = {'switching': 'implicit_observer'}
+    elif law == 'integral':
+        n, p = len(config.joint_names), _INTEGRAL * recommended_pole(setup)
+        values = {'kp': [3.0 * p ** 2] * n, 'kv': [3.0 * p] * n, 'ki': [p ** 3] * n}
+        reference = reference.changed({'start_duration': max(reference.start_duration, _START)})
+    elif config.takes('friction_level'):
+        values = {'friction_level': plant.coulomb_friction}
+    return dataclasses.replace(setup, controller=config.changed(values), reference=reference)

@@ -38,8 +38,12 @@ class Outcome:
 
     Attributes
     ----------
-    case, switching, control_period, ka
-        What was run; h [s], gains [N·m].
+    case : Case
+        What was run.
+    variant : str
+        Switching, or law.
+    control_period, ka
+        h [s], gains [N·m].
     error, variation : (float, float), optional
         True RMS error [rad] and torque variation [N·m/s] of joints 1 and 2.
     failure : str
@@ -48,7 +52,7 @@ class Outcome:
     """
 
     case: Case
-    switching: str
+    variant: str
     control_period: float
     ka: tuple[float, ...]
     error: Pair | None = None
@@ -59,8 +63,13 @@ class Outcome:
 def evaluate(case: Case, switching: str, setup: Setup) -> Outcome:
     """Run `setup`, which is ``case.setup()``, under `switching`; return its numbers."""
     controller = setup.controller.changed({'switching': switching})
-    outcome = Outcome(case, switching, controller.control_period, controller.ka)
-    end = setup.plant.duration
+    return run_setup(case, switching, dataclasses.replace(setup, controller=controller))
+
+
+def run_setup(case: Case, variant: str, setup: Setup) -> Outcome:
+    """Run `setup`, made of a case for a switching or a law; return its numbers."""
+    controller, end = setup.controller, setup.plant.duration
+    outcome = Outcome(case, variant, controller.control_period, controller.ka)
     try:
         run = simulate(setup.plant, controller, setup.reference, setup.events, truth=True)
     except CtcError as failure:
@@ -104,17 +113,27 @@ def rows(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
         outcomes, lambda outcome: (outcome.case.group, outcome.case.name))]
 
 
-def to_csv(outcomes: Sequence[Outcome]) -> str:
-    """Return one line per run, with a header; numbers in full, empty where there is none."""
+def to_csv(outcomes: Sequence[Outcome], variant: str = 'switching') -> str:
+    """
+    Return one line per run, with a header; numbers in full, empty where there is none.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        One a line.
+    variant : str
+        What their variants are.
+
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow((
-        'group', 'case', 'x', 'switching', 'control_period_s', 'ka_1_nm', 'ka_2_nm',
+        'group', 'case', 'x', variant, 'control_period_s', 'ka_1_nm', 'ka_2_nm',
         'rms_error_1_rad', 'rms_error_2_rad', 'torque_variation_1_nm_per_s',
         'torque_variation_2_nm_per_s', 'failure', 'file', 'overrides'))
     for o in outcomes:
         writer.writerow((
-            o.case.group, o.case.name, o.case.x, o.switching, o.control_period, *o.ka,
+            o.case.group, o.case.name, o.case.x, o.variant, o.control_period, *o.ka,
             *(o.error or ('', '')), *(o.variation or ('', '')), o.failure, o.case.file,
             json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True)))
     return text.getvalue()
@@ -128,7 +147,7 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
              'every other parameter has its default. Bold: the best of a row.']
     for group, members in itertools.groupby(rows(outcomes), lambda row: row[0].case.group):
         cells = [line for row in members for line in _lines(row)]
-        heads = ['case', 'quantity', *dict.fromkeys(o.switching for o in outcomes)]
+        heads = ['case', 'quantity', *dict.fromkeys(o.variant for o in outcomes)]
         lines += ['', f'## {group}', '', *markdown_table(heads, cells)]
     return '\n'.join([*lines, *_ranking(rows(outcomes)), ''])
 
@@ -146,15 +165,15 @@ def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
 
 def _ranking(table: Sequence[Sequence[Outcome]]) -> Iterator[str]:
     """Yield the section on how often each switching is best and worst."""
-    counts = Counter(('runs that diverged', o.switching) for row in table for o in row
+    counts = Counter(('runs that diverged', o.variant) for row in table for o in row
                      if o.failure)
     for row, (key, quantity, _, _), joint in itertools.product(table, QUANTITIES, (0, 1)):
         ranked = sorted(row, key=lambda o: (getattr(o, key) or (math.inf, math.inf))[joint])
-        counts[f'smallest {quantity}', ranked[0].switching] += 1
-        counts[f'largest {quantity}', ranked[-1].switching] += 1
+        counts[f'smallest {quantity}', ranked[0].variant] += 1
+        counts[f'largest {quantity}', ranked[-1].variant] += 1
     heads = [*(f'{extreme} {quantity}' for extreme in ('smallest', 'largest')
                for _, quantity, _, _ in QUANTITIES), 'runs that diverged']
     yield from ('', '## Ranking', '',
                 f'{2 * len(table)} comparisons: {len(table)} cases with two joints each.', '')
     yield from markdown_table(['switching', *heads], (
-        [o.switching, *(str(counts[head, o.switching]) for head in heads)] for o in table[0]))
+        [o.variant, *(str(counts[head, o.variant]) for head in heads)] for o in table[0]))

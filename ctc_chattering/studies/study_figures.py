@@ -50,13 +50,13 @@ def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel
         ax.set(xlabel=xlabel, xscale='log', yscale='log')
         for switching, style in STYLES.items():
             points = [(o.case.x, value[1]) for o in mine
-                      if o.switching == switching and o.case.x and (value := getattr(o, key))]
+                      if o.variant == switching and o.case.x and (value := getattr(o, key))]
             ax.plot([x for x, _ in points], [y for _, y in points], **style, linewidth=1.5,
                     markersize=5.5, markeredgewidth=0.6)
         xs = sorted({o.case.x for o in mine if o.case.x})
         ax.set_xticks(xs, [f'{x:g}' for x in xs])  # Those that were run, and no others.
         ax.set_xticks([], minor=True)
-        failed = [f'{o.switching} at {o.case.x:g}' for o in mine if o.failure]
+        failed = [f'{o.variant} at {o.case.x:g}' for o in mine if o.failure]
         if failed:
             drawing.label(ax, 0.01, 0.04, 'diverged: ' + ', '.join(failed))
     for column in (0, 1):
@@ -76,7 +76,7 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
         ax = drawing.panel(figure, grid[0, column], name, '')
         ax.set(xlabel=f'{name} [{unit}]', xscale='log', ylim=(len(table) - 0.4, -0.6))
         for y, row in enumerate(table):
-            values = {o.switching: value[1] for o in row if (value := getattr(o, key))}
+            values = {o.variant: value[1] for o in row if (value := getattr(o, key))}
             if values:
                 ax.plot([min(values.values()), max(values.values())], [y, y], color='#dddddd',
                         linewidth=5.0, zorder=1, solid_capstyle='round')
@@ -85,7 +85,7 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
                     ax.plot([values[switching]], [y + 0.2 * (k - 1.5)], **style,
                             markersize=5.0 if style['marker'] == 'D' else 6.0,
                             markeredgewidth=0.6, zorder=3)
-            failed = [o.switching for o in row if o.failure]
+            failed = [o.variant for o in row if o.failure]
             if failed:
                 ax.text(0.995, y, 'diverged: ' + ', '.join(failed), ha='right', va='center',
                         fontsize=7.5, color='#444444', transform=ax.get_yaxis_transform())
@@ -174,7 +174,7 @@ def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
 
 
 def _legend(figure: Figure, outcomes: Sequence[Outcome]) -> None:
-    switchings = {o.switching for o in outcomes}
+    switchings = {o.variant for o in outcomes}
     handles = [Line2D([], [], label=name, **style) for name, style in STYLES.items()
                if name in switchings]
     figure.legend(handles=handles, loc='upper right', ncol=len(handles), frameon=False, fontsize=9)

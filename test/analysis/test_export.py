@@ -55,7 +55,7 @@ def test_npz(gantry: Result, tmp_path: Path) -> None:
         assert found['position_units'].tolist() == ['m', 'rad']
         assert found['torque_units'].tolist() == ['N', 'N·m']
         assert found['ka'].tolist() == [3.0, 4.0]
-        assert (found['switching'], found['observer_bandwidth']) == ('implicit_observer', 1200.0)
+        assert (found['switching'], found['observer_bandwidth']) == ('implicit_observer', 200.0)
 
 
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:

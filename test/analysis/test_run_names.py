@@ -52,5 +52,5 @@ def test_colours_differ_within_an_experiment() -> None:
 
 def test_gains_on_a_line() -> None:
     assert gains(run(switching='implicit_observer', ka=(8.0, 9.0))) == (
-        'Kp 100, Kv 50, Ka 8/9, λ 10, b 1, bandwidth 1200, h 1 ms')
+        'Kp 100, Kv 50, Ka 8/9, λ 10, b 1, bandwidth 200, h 1 ms')
     assert 'Ka' not in gains(run(law='compensation'))

@@ -289,9 +289,14 @@ def test_zero_gain_is_compensation(switching: str, delay: int) -> None:
 @pytest.mark.parametrize('before', SWITCHINGS)
 @pytest.mark.parametrize('after', SWITCHINGS)
 def test_switching_is_bumpless(before: str, after: str) -> None:
-    """Check that ξ, v and all but the term are bit-equal at the change, and ξ, v ever after."""
+    """
+    Check that ξ, v and all but the term are bit-equal at the change, and ξ, v ever after.
+
+    At a change the observer forgets one sample; with 1200 rad/s that has gone after five.
+    """
     rng = np.random.default_rng(12)
-    steady, changing = (Controller(_config(switching=before, **FULL)) for _ in range(2))
+    steady, changing = (Controller(_config(switching=before, observer_bandwidth=1200.0, **FULL))
+                        for _ in range(2))
     for _ in range(20):
         rows = _near(rng)
         steady.step(*rows)

@@ -44,18 +44,18 @@ def documented() -> list[Outcome]:
 ROWS = documented()
 #: One case of each group, and another switching each time.
 SAMPLE = [
-    next(row for row in ROWS[::-1] if row.case.group == group and row.switching == switching)
+    next(row for row in ROWS[::-1] if row.case.group == group and row.variant == switching)
     for group, switching in zip(dict.fromkeys(row.case.group for row in ROWS), itertools.cycle((
         'implicit_observer', 'sign', 'boundary_layer', 'implicit')))]
 
 
 def name_of(row: Outcome) -> str:
-    return f'{row.case.group}: {row.case.name}, {row.switching}'
+    return f'{row.case.group}: {row.case.name}, {row.variant}'
 
 
 def check(row: Outcome) -> None:
     """Compare a row with a run of today."""
-    again = evaluate(row.case, row.switching, row.case.setup())
+    again = evaluate(row.case, row.variant, row.case.setup())
     if row.failure:
         assert again.failure
         return
@@ -65,8 +65,8 @@ def check(row: Outcome) -> None:
 
 def test_the_study_has_every_case_and_both_files_have_the_same_numbers() -> None:
     """Every case under every switching of the study, with the parameters it has today."""
-    shown = [x for x in SWITCHINGS if any(row.switching == x for row in ROWS)]
-    assert len(shown) >= 4 and [(row.case, row.switching) for row in ROWS] == [
+    shown = [x for x in SWITCHINGS if any(row.variant == x for row in ROWS)]
+    assert len(shown) >= 4 and [(row.case, row.variant) for row in ROWS] == [
         (case, switching) for case in cases.CASES for switching in shown]
     assert to_csv(ROWS) == STUDY
     text = (DOCS / 'study' / 'study.md').read_text(encoding='utf-8')
@@ -87,7 +87,7 @@ def test_every_row_of_the_study(row: Outcome) -> None:
 def test_a_stale_row_is_found() -> None:
     """A default that has changed shows: without anti-windup the numbers are others."""
     row = next(row for row in ROWS if 'from the reference, known' in row.case.name
-               and row.case.name.startswith('200') and row.switching == 'sign')
+               and row.case.name.startswith('200') and row.variant == 'sign')
     case = row.case
     stale = Case(case.name, case.group, {**case.overrides, 'controller': {
         **case.overrides['controller'], 'anti_windup': False}})
@@ -119,5 +119,5 @@ def test_the_recommended_switchings_are_those_of_the_study() -> None:
     rows = {row[0]: row[1:3] for row in table(theory, '| `switching` | RMS')}
     for row in (row for row in ROWS if (row.case.group, row.case.name) == (cases.BASIC, 'clean')):
         assert row.error and row.variation
-        assert rows[row.switching] == [
+        assert rows[row.variant] == [
             f'{row.error[1]:.1e}'.replace('e-0', 'e-'), f'{row.variation[1]:.0f}']

@@ -49,20 +49,20 @@ def measured(case: Case, switching: str) -> tuple[float, float]:
 def test_numbers_are_those_of_the_simulation() -> None:
     """Check table and CSV against a simulation of their own, errors being the true ones."""
     outcomes = list(run_cases(SHORT, TWO))
-    assert [(o.case.name, o.switching) for o in outcomes] == [
+    assert [(o.case.name, o.variant) for o in outcomes] == [
         (case.name, switching) for case in SHORT for switching in TWO]
     lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
     text = to_markdown(outcomes).replace('**', '')
     for outcome, line in zip(outcomes, lines, strict=True):
         setup = outcome.case.setup()
-        run = simulate(setup.plant, setup.controller.changed({'switching': outcome.switching}),
+        run = simulate(setup.plant, setup.controller.changed({'switching': outcome.variant}),
                        setup.reference, truth=True)
         m = metrics(run, (0.5, 1.0))
         assert [float(line[f'rms_error_{i}_rad']) for i in (1, 2)] == m['rms_error_rad']
         assert [float(line[f'torque_variation_{i}_nm_per_s']) for i in (1, 2)
                 ] == m['torque_variation_nm_per_s']
         assert (line['switching'], line['control_period_s'], line['ka_2_nm'], line['failure']) == (
-            outcome.switching, '0.001', '12.0', '')
+            outcome.variant, '0.001', '12.0', '')
         assert ' / '.join(f'{x:.2e}' for x in m['rms_error_rad']) in text
         assert ' / '.join(f'{x:.0f}' for x in m['torque_variation_nm_per_s']) in text
 

@@ -1,0 +1,60 @@
+"""
+Every law with its recommended settings over the cases of the study, against `compensation`.
+
+A law whose errors are larger than those of the original law shows here: docs/laws.md says under
+which condition, and what to take instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import itertools
+import math
+
+from ctc_chattering.analysis.output import markdown_table
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.studies.cases import Case
+from ctc_chattering.studies.pool import in_parallel
+from ctc_chattering.studies.recommended import recommended_setup
+from ctc_chattering.studies.study import Outcome, rows, run_setup
+
+BASE = 'compensation'
+
+
+def run_laws(cases: Sequence[Case], laws: Sequence[str] = LAWS, jobs: int = 1
+             ) -> Iterator[Outcome]:
+    """Yield the outcome of every case under every law; arguments as of `study.run_cases`."""
+    yield from in_parallel(_evaluate, list(itertools.product(cases, laws)), jobs)
+
+
+def _evaluate(task: tuple[Case, str]) -> Outcome:
+    case, law = task
+    return run_setup(case, law, recommended_setup(case.setup(), law))
+
+
+def ratio(outcome: Outcome, base: Outcome) -> float:
+    """Return the RMS error over that of `base`, of the joint where it is larger; inf: diverged."""
+    if outcome.error is None or base.error is None:
+        return math.inf
+    return max(mine / theirs for mine, theirs in zip(outcome.error, base.error))
+
+
+def to_markdown(outcomes: Sequence[Outcome]) -> str:
+    """Return the table of ratios, and the cases in which a law is worse than `compensation`."""
+    table = [{o.variant: o for o in row} for row in rows(outcomes)]
+    laws = [law for law in table[0] if law != BASE]
+    lines = []
+    for row in table:
+        case, base = row[BASE].case, row[BASE]
+        cells = [ratio(row[law], base) for law in laws]
+        lines.append([f'{case.group}: {case.name}', *(
+            f'**{x:.2g}**' if x > 1.01 else f'{x:.2g}' for x in cells)])
+    return '\n'.join([
+        '# Study of the laws', '',
+        'Output of `ctc study --laws`: RMS error of each law with its recommended settings, over '
+        f'that of `{BASE}` with the gains of the paper; of the two joints the larger ratio. True '
+        'errors, the second half of each run. Delay, lag and rate limit of the drives are given '
+        'where a law takes them, unless the case says otherwise; Coulomb friction is given to '
+        '`slotine_li` and `friction_feedforward`. Bold: worse than '
+        f'`{BASE}` by more than 1 %; inf: diverged.', '',
+        *markdown_table(['case', *laws], lines), ''])

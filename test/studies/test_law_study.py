@@ -1,0 +1,89 @@
+"""The study of the laws: its numbers, its table, and what is recommended."""
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import pytest
+
+from ctc_chattering.analysis.metrics import metrics
+from ctc_chattering.cli.ctc import main
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.studies import cases
+from ctc_chattering.studies.cases import Case
+from ctc_chattering.studies.law_study import ratio, run_laws, to_markdown
+from ctc_chattering.studies.recommended import recommended_setup
+from ctc_chattering.studies.study import Outcome
+
+LAG = Case('2 ms', 'Drive lag', {
+    'plant': {'duration': 1.0, 'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3]},
+    'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
+
+
+def made_up(law: str, first: float, second: float) -> Outcome:
+    """Return the outcome of a run that was not made."""
+    return Outcome(LAG, law, 1e-3, (12.0, 12.0), (first, second), (1.0, 1.0))
+
+
+def test_the_numbers_are_those_of_the_simulation() -> None:
+    """Check two laws against a simulation of their own, on drives that the law knows."""
+    found = list(run_laws([LAG], ('compensation', 'observer_feedback')))
+    setup = LAG.setup()
+    errors = []
+    for law in ({'law': 'compensation'}, {
+            'law': 'observer_feedback', 'kp': [1e4, 1e4], 'kv': [200.0, 200.0],
+            'estimator_bandwidth': 100.0, 'ka': found[1].ka, 'actuator_lag': [2e-3, 2e-3],
+            'torque_rate_limit': [5e3, 1e3]}):
+        run = simulate(setup.plant, setup.controller.changed(law), setup.reference, truth=True)
+        errors.append(metrics(run, (0.5, 1.0))['rms_error_rad'])
+    assert [list(o.error or ()) for o in found] == errors
+    assert ratio(found[1], found[0]) == max(a / b for a, b in zip(errors[1], errors[0]))
+
+
+def test_what_is_worse_is_bold() -> None:
+    failed = Outcome(LAG, 'super_twisting', 1e-3, (12.0, 12.0), failure='diverged')
+    text = to_markdown([made_up('compensation', 2.0, 4.0), made_up('integral', 1.0, 3.0),
+                        made_up('pd_gravity', 1.0, 5.0), failed])
+    assert text.splitlines()[-1] == '| Drive lag: 2 ms | 0.75 | **1.2** | **inf** |'
+    assert ratio(failed, failed) == math.inf
+
+
+@pytest.mark.parametrize('h, lag, delay, pole', [
+    (1e-3, 0.0, 0, 100.0), (1e-3, 2e-3, 1, 100.0), (1e-2, 0.0, 0, 40.0),
+    (2e-3, 6e-3, 2, 100.0 / 3.0)])
+def test_gains_follow_what_is_slow(h: float, lag: float, delay: int, pole: float) -> None:
+    """Check p (T + h (1 + delay)) <= 0.4, and what is made of p."""
+    case = Case('x', 'y', {'/**': {'control_period': h}, 'controller': {'input_delay': delay},
+                           'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
+    config = recommended_setup(case.setup(), 'observer_feedback').controller
+    assert (config.kp[0], config.kv[0]) == pytest.approx((pole ** 2, 2.0 * pole))
+    assert config.estimator_bandwidth == pytest.approx(pole)
+    setup = recommended_setup(case.setup(), 'integral')
+    p = 0.6 * pole
+    assert (setup.controller.kp[0], setup.controller.kv[0], setup.controller.ki[0]
+            ) == pytest.approx((3.0 * p ** 2, 3.0 * p, p ** 3))
+    assert setup.reference.start_duration == 2.0
+
+
+def test_what_a_lab_knows_is_given() -> None:
+    """Check friction, lag and rate, and that every law can be recommended."""
+    for law in LAWS:
+        config = recommended_setup(LAG.setup(), law).controller
+        assert (config.law, config.actuator_lag) == (law, (2e-3, 2e-3))
+        assert config.friction_level == (
+            (9.9, 9.9) if law in ('slotine_li', 'friction_feedforward') else (0.0, 0.0))
+
+
+def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                 capsys: pytest.CaptureFixture[str]) -> None:
+    """Check that table and CSV have every law, and that the study itself is left alone."""
+    monkeypatch.setattr(cases, 'CASES', (LAG,))
+    (tmp_path / 'study.md').touch()
+    assert main(['study', '--laws', '--out', str(tmp_path)]) == 0
+    assert f'{len(LAWS)} runs, 0 diverged' in capsys.readouterr().out
+    lines = list(csv.DictReader(io.StringIO((tmp_path / 'laws.csv').read_text(encoding='utf-8'))))
+    assert [line['law'] for line in lines] == list(LAWS)
+    heads = (tmp_path / 'laws.md').read_text(encoding='utf-8').splitlines()[4]
+    assert heads == '| case | ' + ' | '.join(x for x in LAWS if x != 'compensation') + ' |'
