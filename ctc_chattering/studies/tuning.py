@@ -119,7 +119,8 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
         As `gains` has them; their numbers, those of joint 1, are the first.
     known : mapping
         What is recommended for `observer_feedback`, by parameter: of its `kp`, `kv` and `ka`, and
-        the triple pole of `integral`, are the second, with the first for all else.
+        the triple pole of `integral` and the observer of `chattering` for a robot, are the
+        second, with the first for all else.
 
     """
     kp, kv = config.kp[0], config.kv[0]
@@ -133,7 +134,8 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
     pole = math.sqrt(known['kp'][0])
     other = {'pole': pole, 'damping': 0.5 * known['kv'][0] / pole,
              'ka': known['ka'][0] / (config.ka[0] or 1.0), 'ki': 1.0 / 9.0,
-             'estimator_bandwidth': known['estimator_bandwidth']}
+             'estimator_bandwidth': known['estimator_bandwidth'],
+             'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
     return [{name: min(max(x.get(name, file[name]), limits.low), limits.high)
              for name, limits in space(config).items()} for x in ({}, other)]
 
