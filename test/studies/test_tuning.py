@@ -99,7 +99,8 @@ def test_the_worst_of_runs_counts_joint_by_joint() -> None:
 
 
 def config_of(variant: Variant) -> ControllerConfig:
-    return ControllerConfig(**variant.values, observer_bandwidth=1200.0, ka=(12.0, 3.0), kp=(225.0, 225.0), kv=(40.0, 40.0))
+    return ControllerConfig(**variant.values, observer_bandwidth=1200.0, ka=(12.0, 3.0),
+                            kp=(225.0, 225.0), kv=(40.0, 40.0))
 
 
 @pytest.mark.parametrize('variant', TUNED, ids=lambda x: x.switching or x.law)
