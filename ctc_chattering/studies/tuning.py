@@ -15,7 +15,7 @@ import math
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.errors import UsageError
 from ctc_chattering.studies.measurement import Measurement
 
 #: Cost of gains with which a run diverges; larger than that of any run that does not.
@@ -204,11 +204,3 @@ def require_optuna() -> Any:
         raise UsageError("--trials needs Optuna: pip install optuna, or '.[tune]' from the "
                          'checkout') from None
     return optuna
-
-
-def attempted(measure: Callable[[], Measurement]) -> Measurement | None:
-    """Return what was measured; None if the run diverged."""
-    try:
-        return measure()
-    except CtcError:
-        return None
