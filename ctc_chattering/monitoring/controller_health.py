@@ -1,4 +1,4 @@
-"""What goes wrong while a controller runs: rates of faults, sample rate, chattering term."""
+"""What goes wrong while a controller runs: rates of faults, sample rate, chattering term, settings."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ctc_chattering.control.controller import ControllerConfig, Sample
 from ctc_chattering.monitoring.sample_rate import SampleRate
+from ctc_chattering.monitoring.settings_check import unsafe_settings
 from ctc_chattering.monitoring.term_saturation import TermSaturation
 from ctc_chattering.monitoring.watchdog import HealthMonitor
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -49,6 +50,7 @@ class ControllerHealth:
         self.sample_rate = SampleRate(period)
         self._term_saturation = TermSaturation(len(names))
         self._rejected: Mapping[str, int] = {}
+        self._config: ControllerConfig | None = None
 
     def take(self, t: int) -> None:
         """Count a state of stamp `t` [ns]."""
@@ -66,7 +68,7 @@ class ControllerHealth:
 
     def add(self, sample: Sample, config: ControllerConfig) -> None:
         """Count a sample of the law."""
-        self.robust = sample.robust
+        self.robust, self._config = sample.robust, config
         self.saturated += sample.saturation_error is not None
         if config.takes('ka'):
             self._term_saturation.add(sample.robust, config.ka, config.switching_in_force)
@@ -101,4 +103,6 @@ class ControllerHealth:
         found += [(1, f'{name}: {joint}') for name, joint in zip(
             self._names, self._term_saturation.found()) if joint.cause]
         self._term_saturation.clear()
+        if self._config is not None:
+            found += [(1, text) for text in unsafe_settings(self._config)]
         return found

@@ -5,8 +5,8 @@ At its bound the term cannot cancel more of the perturbation P, and v leaves 0. 
 there at a stretch tells two causes apart:
 
 - |P| exceeds Ka: the term is held at one bound as long as P keeps its sign, hundreds of samples.
-- Noise of v, times inertia / h, exceeds what Ka has left (docs/theory.md), or a delay makes the
-  loop oscillate: the term meets the bound and leaves it again within a few samples.
+- Noise of v, times inertia / h, exceeds what Ka has left (docs/theory.md), or a lag or a delay
+  makes the loop oscillate: the term meets the bound and leaves it again within a few samples.
 
 Switching ``sign`` is always at a bound, for (Ka + |P|) / (Ka - |P|) samples at a stretch. Of it
 only stretches of `SIGN_STRETCH` samples and more count: |P| is then above 0.99 Ka.
@@ -49,7 +49,8 @@ class Saturation:
         """The reason that the numbers give; empty where the term is rarely at its bound."""
         if self.fraction <= WORTH_A_WORD:
             return ''
-        return 'ka too small' if self.stretch >= LONG_STRETCH else 'noise too large'
+        return ('ka too small' if self.stretch >= LONG_STRETCH
+                else 'noise, lag or delay too large')
 
     def __str__(self) -> str:
         """Say it on one line."""

@@ -59,9 +59,11 @@ def test_windows_and_gaps() -> None:
     assert count.found()[0].cause == 'ka too small'
 
 
-def loop(switching: str, ka: float, **plant: Any) -> list[Saturation]:
+def loop(switching: str, ka: float, observer_bandwidth: float = 200.0, **plant: Any
+         ) -> list[Saturation]:
     """Return what a simulated loop shows from 1 s to 3 s; its friction is 9.9 N·m."""
-    config = ControllerConfig(switching=switching, ka=(ka, ka))
+    config = ControllerConfig(
+        switching=switching, ka=(ka, ka), observer_bandwidth=observer_bandwidth)
     run = simulate(PlantConfig(duration=3.0, **plant), config, ReferenceConfig())
     count = TermSaturation(2)
     rows = terms(run, [(0.0, config)]).robust.tolist()
@@ -76,13 +78,20 @@ def test_the_cause_in_closed_loop(switching: str) -> None:
     assert [x.cause for x in loop(switching, 12.0)] == ['', '']
     assert loop(switching, 8.0)[1].cause == 'ka too small'
     noisy = loop(switching, 12.0, velocity_noise=(0.02, 0.02))
-    expected = '' if switching == 'sign' else 'noise too large'
+    expected = '' if switching == 'sign' else 'noise, lag or delay too large'
     assert [x.cause for x in noisy] == [expected, expected]
+
+
+@pytest.mark.parametrize('plant', [{'actuator_lag': (2e-3, 2e-3)}, {'input_delay': 1}])
+def test_a_loop_that_rattles_is_seen(plant: dict[str, Any]) -> None:
+    """Check a lag or a delay that the term does not tolerate, at 1200 rad/s."""
+    found = loop('implicit_observer', 12.0, observer_bandwidth=1200.0, **plant)
+    assert [x.cause for x in found] == ['noise, lag or delay too large'] * 2
 
 
 def test_words() -> None:
     assert str(Saturation(0.614, 203.4)) == (
         'chattering term at its bound for 61 % of the samples, 203 at a stretch: ka too small')
-    assert str(Saturation(0.9, 2.96)).endswith('90 % of the samples, 3.0 at a stretch: '
-                                               'noise too large')
+    assert str(Saturation(0.9, 2.96)).endswith(
+        '90 % of the samples, 3.0 at a stretch: noise, lag or delay too large')
     assert str(Saturation(0.02, 80.0)).endswith('for 2 % of the samples, 80 at a stretch')

@@ -1,0 +1,47 @@
+"""
+Settings of a law with which it is worse than law `compensation`, as far as they alone show it.
+
+`actuator_lag` T and `torque_rate_limit` say what is known of the drives; no lag and no limit, as
+by default, are taken for ideal drives.
+
+- Switching ``implicit_observer``: the term rattles where ω T exceeds `LAG_RATIO` (measured).
+- Law ``integral``: a joint with a lag has the poles of T s⁴ + s³ + Kv s² + Kp s + Ki, and is
+  unstable for Ki >= Kp (Kv - T Kp) (Routh).
+- Laws without a bound of what they estimate: drives with a limited rate that they do not know
+  let the estimate grow, until the loop diverges (measured).
+
+docs/safety.md has the measurements, and the conditions that settings do not show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.parameters import matrix
+
+#: Largest product of `observer_bandwidth` and the lag of the drives.
+LAG_RATIO = 0.3
+_UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
+
+
+def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
+    """Yield a line for each condition of this module that `config` meets."""
+    if config.switching_in_force == 'implicit_observer':
+        ratio = config.observer_bandwidth * max(config.actuator_lag)
+        if ratio > LAG_RATIO:
+            yield (f'observer_bandwidth times actuator_lag is {ratio:.2g}; the term rattles '
+                   f'above {LAG_RATIO:g}')
+    if config.law == 'integral':
+        n, lag = len(config.joint_names), np.array(config.actuator_lag)
+        kp, kv = (np.array(matrix(x, n)).diagonal() for x in (config.kp, config.kv))
+        for name, ki, most in zip(config.joint_names, config.ki, kp * (kv - lag * kp)):
+            if ki >= most:
+                yield f'{name}: ki is {ki:g}; the loop is unstable from {max(most, 0.0):g} on'
+    if config.law in _UNBOUNDED and any(
+            ours > drives for ours, drives in zip(
+                config.effort_rate_limit, config.torque_rate_limit)):
+        yield ('effort_rate_limit exceeds torque_rate_limit; where drives are slower than the '
+               f'torque that is sent, the estimate of {config.law} grows')

@@ -1,0 +1,86 @@
+"""Settings that the diagnostics warn of: each does what the line says, and others do not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from laws import run, variation
+import numpy as np
+import pytest
+
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.errors import CtcError
+from ctc_chattering.monitoring.controller_health import ControllerHealth
+from ctc_chattering.monitoring.settings_check import LAG_RATIO, unsafe_settings
+
+RATES = [5e3, 1e3]
+SECOND = 1_000_000_000
+
+
+def found(**values: Any) -> list[str]:
+    return list(unsafe_settings(ControllerConfig.from_mapping(values)))
+
+
+def test_the_defaults_of_every_law_are_not_warned_of() -> None:
+    for law in LAWS:
+        assert found(law=law, switching='implicit_observer') == []
+
+
+def test_the_bandwidth_that_a_lag_allows() -> None:
+    """Check 0.3 / lag, and that the torque varies more than twice as much at 1200 rad/s."""
+    values: dict[str, Any] = {'switching': 'implicit_observer', 'ka': [12.0, 12.0]}
+    lag = [1e-3, 2e-3]
+    known = {**values, 'actuator_lag': lag}
+    assert found(**known, observer_bandwidth=0.99 * LAG_RATIO / 2e-3) == []
+    text, = found(**known, observer_bandwidth=1200.0)
+    assert 'observer_bandwidth times actuator_lag is 2.4' in text
+    assert found(**{**known, 'switching': 'implicit'}, observer_bandwidth=1200.0) == []
+    assert found(**known, law='integral', observer_bandwidth=1200.0) == []
+    calm, loud = (variation(run('chattering', plant={'actuator_lag': [2e-3] * 2}, **values,
+                                observer_bandwidth=w)) for w in (140.0, 1200.0))
+    assert (loud > 2.0 * calm).all()
+
+
+@pytest.mark.parametrize('lag', [0.0, 1e-3, 5e-3])
+def test_the_largest_integral_gain(lag: float) -> None:
+    """Check the bound by the poles of T s⁴ + s³ + Kv s² + Kp s + Ki, joint by joint."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        kv = rng.uniform(10.0, 150.0, 2)
+        kp = kv * rng.uniform(1.0, 60.0, 2)
+        ki = kp * kv * rng.uniform(0.3, 1.2, 2)
+        stable = [np.roots([lag, 1.0, *row]).real.max() < 0.0 for row in zip(kv, kp, ki)]
+        texts = found(law='integral', kp=kp.tolist(), kv=kv.tolist(), ki=ki.tolist(),
+                      actuator_lag=[lag, lag])
+        assert len(texts) == stable.count(False)
+        assert all(f'joint{i + 1}: ki' in '; '.join(texts) for i in (0, 1) if not stable[i])
+
+
+@pytest.mark.parametrize('law', ['momentum_observer', 'super_twisting'])
+def test_drives_that_are_slower_than_a_law_knows(law: str) -> None:
+    """Check that the loop diverges, and does not with the limit that silences the line."""
+    assert found(law=law, torque_rate_limit=RATES) != []
+    assert found(law=law, torque_rate_limit=RATES, effort_rate_limit=RATES) == []
+    assert found(law='observer_feedback', torque_rate_limit=RATES) == []
+    plant = {'torque_rate_limit': RATES}
+    known = run(law, plant=plant, offset=0.1, effort_rate_limit=RATES)
+    assert np.abs(known.q_d - known.q)[-1000:].max() < 0.05
+    try:
+        wild = run(law, plant=plant, offset=0.1)
+    except CtcError:
+        return
+    assert np.abs(wild.q_d - wild.q)[-1000:].max() > 1.0
+
+
+def test_the_controller_reports_it() -> None:
+    """Check the level, once a law has answered with these settings, and only while it has."""
+    health = ControllerHealth(('joint1', 'joint2'), 1_000_000)
+    assert health.report(SECOND, {}, True) == []
+    config = ControllerConfig.from_mapping({'law': 'integral', 'ki': [1e4, 1.0]})
+    law = Controller(config)
+    sample = law.step([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
+    health.add(sample, config)
+    (level, text), = health.report(2 * SECOND, {}, True)
+    assert level == 1 and text == 'joint1: ki is 10000; the loop is unstable from 5000 on'
+    health.add(sample, config.changed({'ki': [1.0, 1.0]}))
+    assert health.report(3 * SECOND, {}, True) == []
