@@ -38,13 +38,13 @@ lint: $(READY)
 	$(BIN)/pydocstyle --config=setup.cfg ctc_chattering
 	$(BIN)/mypy ctc_chattering test
 
-# Every law tuned and compared like on a real arm, and as it is in the file under every condition:
-# the tables of docs/comparison.md, in about twenty minutes.
+# Every law tuned and compared like on a real arm: the tables of docs/comparison.md, in about
+# twenty minutes.
+TRIALS ?= 6
 COMPARE := $(BIN)/ctc compare --overwrite --condition
 compare: $(READY)
 	$(COMPARE) real_arm friction --trials 30 --out docs/comparison/two_link
-	$(COMPARE) real_arm panda ur5 --backend mujoco --trials 10 --out docs/comparison/urdf
-	$(COMPARE) all friction --out docs/comparison/conditions
+	$(COMPARE) real_arm panda ur5 --backend mujoco --trials $(TRIALS) --out docs/comparison/urdf
 	$(BIN)/python test/support/comparison_page.py
 
 # Lockstep over ROS beside a bare ping-pong; a control step; a simulation.

@@ -16,7 +16,7 @@ TEXT = PAGE.read_text(encoding='utf-8')
 
 def test_its_tables_are_those_that_were_written() -> None:
     assert filled(TEXT) == TEXT
-    assert TEXT.count('<!-- tables: ') == 3
+    assert TEXT.count('<!-- tables: ') == 2
 
 
 def test_it_has_every_condition_and_the_cost() -> None:
@@ -27,7 +27,7 @@ def test_it_has_every_condition_and_the_cost() -> None:
     assert f'costs {DIVERGED:g}' in TEXT
 
 
-@pytest.mark.parametrize('directory', ['two_link', 'urdf', 'conditions'])
+@pytest.mark.parametrize('directory', ['two_link', 'urdf'])
 def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
     """Check the RMS errors, row by row and joint by joint."""
     with (DOCS / 'comparison' / directory / 'compare.csv').open(encoding='utf-8') as stream:
