@@ -1,4 +1,4 @@
-"""What goes wrong while a controller runs: rates of faults, sample rate, chattering term, settings."""
+"""What goes wrong while a controller runs: rates, chattering term, settings."""
 
 from __future__ import annotations
 
