@@ -38,11 +38,14 @@ lint: $(READY)
 	$(BIN)/pydocstyle --config=setup.cfg ctc_chattering
 	$(BIN)/mypy ctc_chattering test
 
-# Every law tuned and compared like on a real arm: the tables of docs/comparison.md.
+# Every law tuned and compared like on a real arm: the tables of docs/comparison.md, in about
+# twenty minutes.
+TRIALS ?= 6
 COMPARE := $(BIN)/ctc compare --overwrite --condition
 compare: $(READY)
 	$(COMPARE) real_arm friction --trials 30 --out docs/comparison/two_link
-	$(COMPARE) real_arm panda ur5 --backend mujoco --trials 10 --out docs/comparison/urdf
+	$(COMPARE) real_arm panda ur5 --backend mujoco --trials $(TRIALS) --out docs/comparison/urdf
+	$(BIN)/python test/support/comparison_page.py
 
 # Lockstep over ROS beside a bare ping-pong; a control step; a simulation.
 benchmark: $(READY)

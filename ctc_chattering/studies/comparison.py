@@ -209,8 +209,11 @@ def _tuned(task: Task, setup: Setup, runs: tuple[Overrides, ...], base: Measurem
 
     def objective(numbers: dict[str, float]) -> float:
         values = tuning.gains(numbers, config, friction)
-        found = tuning.attempted(lambda: measure(task.path, _with(runs, values), run))
-        return tuning.cost(found, base, budget.weights) if found else tuning.DIVERGED
+        try:
+            found = measure(task.path, _with(runs, values), run)
+        except CtcError:
+            return tuning.DIVERGED
+        return tuning.cost(found, base, budget.weights)
 
     first = tuning.starts(config, friction, recommended(setup))
     best = tuning.search(objective, tuning.space(config), first, budget)

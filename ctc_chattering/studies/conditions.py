@@ -46,6 +46,8 @@ class Condition:
         Input delay, in samples.
     resolution : float
         Of the encoders [rad or m]; the velocity is then the difference of positions. 0 for none.
+    cutoff : float
+        Of a low-pass behind this difference [rad/s]; 0 for none.
     noise : float
         Standard deviation of the noise on the velocity [rad/s or m/s].
     payload : float
@@ -61,6 +63,7 @@ class Condition:
     rate_limited: bool = False
     delay: int = 0
     resolution: float = 0.0
+    cutoff: float = 0.0
     noise: float = 0.0
     payload: float = 0.0
     factors: tuple[float, ...] = (1.0,)
@@ -94,7 +97,8 @@ class Condition:
         plant = {
             **drives, 'torque_resolution': [0.0] * n, 'position_noise': [0.0] * n,
             'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
-            'velocity_sensor': 'difference' if self.resolution else 'exact',
+            'velocity_sensor': self._sensor(), **(
+                {'velocity_cutoff': self.cutoff} if self.cutoff else {}),
             'sample_loss': 0.0, 'late_samples': 0.0, 'payload': self.payload}
         common = {**drives, 'error_limit': [
             min(x, _DIVERGED) for x in setup.controller.error_limit]}
@@ -104,7 +108,15 @@ class Condition:
             'controller': {**common, 'inertia_scale': factor, 'gravity_scale': factor}}
             for factor in self.factors)
 
+    def _sensor(self) -> str:
+        """Return the plant's `velocity_sensor`."""
+        return 'filtered' if self.cutoff else 'difference' if self.resolution else 'exact'
 
+
+_REAL_ARM = Condition(
+    'real_arm', 'like a real arm: lag of 2 ms, rate limits, delay of 1 sample, velocity '
+    'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1', lag=2e-3, rate_limited=True,
+    delay=1, resolution=1e-5, factors=(0.9, 1.1))
 #: All conditions by name.
 CONDITIONS = {condition.name: condition for condition in (
     Condition('clean', 'ideal drives and sensors, exact model'),
@@ -114,9 +126,9 @@ CONDITIONS = {condition.name: condition for condition in (
     Condition('delay', 'input delay of 1 sample', delay=1),
     Condition('payload', 'payload of 1 kg', payload=1.0),
     Condition('model_error', 'model × 0.9 and × 1.1', factors=(0.9, 1.1)),
-    Condition('real_arm', 'like a real arm: lag of 2 ms, rate limits, delay of 1 sample, velocity '
-              'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1', lag=2e-3,
-              rate_limited=True, delay=1, resolution=1e-5, factors=(0.9, 1.1)))}
+    _REAL_ARM,
+    dataclasses.replace(_REAL_ARM, name='real_arm_filtered', cutoff=500.0,
+                        title=f'{_REAL_ARM.title}; velocity behind a low-pass of 500 rad/s'))}
 
 
 def condition(name: str) -> Condition:

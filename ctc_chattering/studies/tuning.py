@@ -15,7 +15,7 @@ import math
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.errors import UsageError
 from ctc_chattering.studies.measurement import Measurement
 
 #: Cost of gains with which a run diverges; larger than that of any run that does not.
@@ -119,7 +119,8 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
         As `gains` has them; their numbers, those of joint 1, are the first.
     known : mapping
         What is recommended for `observer_feedback`, by parameter: of its `kp`, `kv` and `ka`, and
-        the triple pole of `integral`, are the second, with the first for all else.
+        the triple pole of `integral` and the observer of `chattering` for a robot, are the
+        second, with the first for all else.
 
     """
     kp, kv = config.kp[0], config.kv[0]
@@ -133,7 +134,8 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
     pole = math.sqrt(known['kp'][0])
     other = {'pole': pole, 'damping': 0.5 * known['kv'][0] / pole,
              'ka': known['ka'][0] / (config.ka[0] or 1.0), 'ki': 1.0 / 9.0,
-             'estimator_bandwidth': known['estimator_bandwidth']}
+             'estimator_bandwidth': known['estimator_bandwidth'],
+             'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
     return [{name: min(max(x.get(name, file[name]), limits.low), limits.high)
              for name, limits in space(config).items()} for x in ({}, other)]
 
@@ -202,11 +204,3 @@ def require_optuna() -> Any:
         raise UsageError("--trials needs Optuna: pip install optuna, or '.[tune]' from the "
                          'checkout') from None
     return optuna
-
-
-def attempted(measure: Callable[[], Measurement]) -> Measurement | None:
-    """Return what was measured; None if the run diverged."""
-    try:
-        return measure()
-    except CtcError:
-        return None

@@ -39,6 +39,8 @@ SET: dict[str, tuple[dict[str, Any], list[dict[str, Any]]]] = {
          'encoder_resolution': (1e-5,) * 2, 'velocity_sensor': 'difference'},
         [{'actuator_lag': (2e-3,) * 2, 'torque_rate_limit': (5000.0, 1000.0), 'input_delay': 1,
           'inertia_scale': x, 'gravity_scale': x} for x in (0.9, 1.1)])}
+SET['real_arm_filtered'] = ({**SET['real_arm'][0], 'velocity_sensor': 'filtered'},
+                            SET['real_arm'][1])
 
 
 @pytest.fixture

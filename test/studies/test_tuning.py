@@ -99,7 +99,8 @@ def test_the_worst_of_runs_counts_joint_by_joint() -> None:
 
 
 def config_of(variant: Variant) -> ControllerConfig:
-    return ControllerConfig(**variant.values, ka=(12.0, 3.0), kp=(225.0, 225.0), kv=(40.0, 40.0))
+    return ControllerConfig(**variant.values, observer_bandwidth=1200.0, ka=(12.0, 3.0),
+                            kp=(225.0, 225.0), kv=(40.0, 40.0))
 
 
 @pytest.mark.parametrize('variant', TUNED, ids=lambda x: x.switching or x.law)
@@ -124,6 +125,8 @@ def test_the_first_trial_has_the_gains_of_the_file_the_second_those_that_are_rec
     assert second.kv == pytest.approx((200.0, 200.0))
     if config.takes('ka'):
         assert second.ka == pytest.approx((24.0, 6.0))
+    if variant.switching == 'implicit_observer':
+        assert second.observer_bandwidth == pytest.approx(200.0)
     if variant.law == 'observer_feedback':
         assert second.estimator_bandwidth == pytest.approx(90.0)
 
