@@ -13,6 +13,7 @@ import pytest
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import simulate
@@ -76,6 +77,29 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
         assert np.array_equal(result.run.q[k], without.q[k])
         other = terms(without, [(0.0, setup.controller), *result.configs[1:i + 1]])
         assert rest[k] == pytest.approx(other.tau[k] + other.robust[k], rel=1e-12)
+
+
+def test_every_law_one_after_another(tmp_path: Path) -> None:
+    """The law changes every tenth of a second; the graph equals the simulation to the last bit."""
+    file = tmp_path / 'params.yaml'
+    events = [f'{0.1 * k:.1f} controller law {law}' for k, law in enumerate(LAWS[1:], 1)]
+    file.write_text(f"""
+plant:
+  ros__parameters: {{pacing: lockstep, duration: 1.0, actuator_lag: [0.002, 0.002],
+    encoder_resolution: [1.0e-5, 1.0e-5], initial_position: [3.14159, 1.5708]}}
+controller:
+  ros__parameters: {{law: {LAWS[0]}, switching: implicit_observer, ka: [60.0, 30.0],
+    actuator_lag: [0.002, 0.002], friction_level: [9.0, 9.0]}}
+bringup:
+  ros__parameters:
+    events: {events}
+""")
+    status, output = run_bringup('--params-file', str(file), '--record', str(tmp_path / 'bag'))
+    assert status == 0, output
+    result, expected = read_bag(tmp_path / 'bag'), simulated(parameter_file.load(file))
+    assert [config.law for _, config in result.configs] == list(LAWS)
+    for field in FIELDS:
+        assert np.array_equal(getattr(result.run, field), getattr(expected.run, field)), field
 
 
 @pytest.mark.parametrize(
