@@ -13,8 +13,12 @@ import pytest
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.drive_model import DriveModel
 from ctc_chattering.control.state_observer import Observed, StateObserver
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 H, LAG, DELAY = 1e-3, 2e-3, 1
@@ -250,3 +254,36 @@ def test_default_parameters_on_a_clean_arm() -> None:
     found = run('observer_feedback', ka=[15.0, 15.0])
     assert (error(found) < [2e-4, 1e-3]).all()
     assert (variation(found) < [1100.0, 220.0]).all()
+
+
+#: Drives of other robots: limits of the rate [N·m/s], and half the rated torque [N·m].
+DRIVES = {'panda': ([1e3] * 7, [43.5] * 4 + [6.0] * 3),
+          'ur5': ([2e3, 2e3, 1e3, 5e2, 5e2, 5e2], [75.0] * 3 + [14.0] * 3)}
+
+
+def robot(name: str, **law: Any) -> Array:
+    """Return the RMS errors of a robot on MuJoCo like a real arm, 2.5 s ≤ t ≤ 4 s."""
+    rate, _ = DRIVES[name]
+    n = len(rate)
+    known: dict[str, Any] = {'input_delay': DELAY}
+    setup = parameter_file.load(config_directory() / f'{name}.yaml', {
+        'plant': {'plant_backend': 'mujoco', 'duration': 4.0, 'torque_rate_limit': rate,
+                  'actuator_lag': [LAG] * n, 'encoder_resolution': [1e-5] * n,
+                  'velocity_sensor': 'difference', **known},
+        'controller': {'inertia_scale': 0.9, 'gravity_scale': 0.9, **known, **law}})
+    found = simulate(
+        setup.plant, setup.controller, setup.reference, truth=True,
+        robot=make_plant(setup.plant, setup.descriptions['plant']),
+        model=model_of(setup.controller, setup.descriptions['controller']))
+    return error(found, 1.5)
+
+
+@pytest.mark.parametrize('name', [pytest.param('panda', marks=pytest.mark.slow), 'ur5'])
+def test_the_settings_of_the_docs_on_other_robots(name: str) -> None:
+    """Check a twentieth of the error of compensation on each joint, and friction unknown."""
+    rate, ka = DRIVES[name]
+    n = len(rate)
+    before = robot(name, law='compensation')
+    after = robot(name, law='observer_feedback', kp=[1e4] * n, kv=[200.0] * n, ka=ka,
+                  estimator_bandwidth=200.0, actuator_lag=[LAG] * n, torque_rate_limit=rate)
+    assert (after < before / 20.0).all()
