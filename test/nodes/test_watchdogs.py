@@ -48,7 +48,10 @@ class Graph:
     def start(self, name: str) -> None:
         more = {'controller': ('-p', f'state_timeout:={STATE_TIMEOUT}',
                                '-p', f'reference_timeout:={REFERENCE_TIMEOUT}'),
-                'plant': ('-p', f'command_timeout:={COMMAND_TIMEOUT}')}.get(name, ())
+                # Drives with a limit, as in the paper's files: where the machine leaves the loop
+                # without torques for most of the time, the motion must not grow without bound.
+                'plant': ('-p', f'command_timeout:={COMMAND_TIMEOUT}',
+                          '-p', 'torque_saturation:=[5100.0, 850.0]')}.get(name, ())
         period = () if name == 'reference' else ('-p', f'control_period:={PERIOD}')
         self._begun[name] = len(self.probe.lines)
         self.children[name] = self.probe.start(name, *period, *more)
