@@ -12,8 +12,10 @@ from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.settings_check import UNBOUNDED
 from ctc_chattering.trajectory.reference import make_motion
 
-#: Double pole of the error, and pole of the observer, unless the drives are slower [rad/s].
+#: Double pole of the error, unless the drives are slower [rad/s].
 POLE = 100.0
+#: ω over that pole, for an encoder of at most this resolution [rad], and for a coarser one.
+_FINE, _FAST, _SLOW = 2e-5, 2.0, 1.0
 #: Most that pole times lag and delay may be.
 _SLOWNESS = 0.4
 #: Part of the model's torque that may be wrong, and instants at which it is evaluated.
@@ -45,11 +47,17 @@ def recommended_ka(setup: Setup) -> list[float]:
     return [float(f'{a + _MODEL_ERROR * b:.3g}') for a, b in zip(config.ka, largest)]
 
 
+def recommended_bandwidth(setup: Setup) -> float:
+    """Return ω of the observer [rad/s]."""
+    coarsest = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
+    return (_FAST if coarsest <= _FINE else _SLOW) * recommended_pole(setup)
+
+
 def recommended(setup: Setup) -> dict[str, Any]:
     """Return the recommended settings for a robot whose drives are known, by parameter."""
     n, pole = len(setup.controller.joint_names), recommended_pole(setup)
     return {'law': 'observer_feedback', 'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
-            'estimator_bandwidth': pole, 'ka': recommended_ka(setup)}
+            'estimator_bandwidth': recommended_bandwidth(setup), 'ka': recommended_ka(setup)}
 
 
 def recommended_setup(setup: Setup, law: str) -> Setup:

@@ -34,7 +34,7 @@ def test_the_numbers_are_those_of_the_simulation() -> None:
     errors = []
     for law in ({'law': 'compensation'}, {
             'law': 'observer_feedback', 'kp': [1e4, 1e4], 'kv': [200.0, 200.0],
-            'estimator_bandwidth': 100.0, 'ka': found[1].ka, 'actuator_lag': [2e-3, 2e-3],
+            'estimator_bandwidth': 200.0, 'ka': found[1].ka, 'actuator_lag': [2e-3, 2e-3],
             'torque_rate_limit': [5e3, 1e3]}):
         run = simulate(setup.plant, setup.controller.changed(law), setup.reference, truth=True)
         errors.append(metrics(run, (0.5, 1.0))['rms_error_rad'])
@@ -59,7 +59,11 @@ def test_gains_follow_what_is_slow(h: float, lag: float, delay: int, pole: float
                            'plant': {'actuator_lag': [lag, lag], 'duration': 1.0}})
     config = recommended_setup(case.setup(), 'observer_feedback').controller
     assert (config.kp[0], config.kv[0]) == pytest.approx((pole ** 2, 2.0 * pole))
-    assert config.estimator_bandwidth == pytest.approx(pole)
+    assert config.estimator_bandwidth == pytest.approx(2.0 * pole)
+    coarse = Case('x', 'y', {**case.overrides, 'plant': {
+        **case.overrides['plant'], 'encoder_resolution': [1e-4, 0.0]}})
+    assert recommended_setup(coarse.setup(), 'observer_feedback'
+                             ).controller.estimator_bandwidth == pytest.approx(pole)
     setup = recommended_setup(case.setup(), 'integral')
     p = 0.6 * pole
     assert (setup.controller.kp[0], setup.controller.kv[0], setup.controller.ki[0]

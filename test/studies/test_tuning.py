@@ -165,7 +165,7 @@ def test_recommended_settings_follow_lag_delay_and_the_model() -> None:
     pole = 0.4 / (0.006 + 2 * 0.001)
     assert found['kp'] == pytest.approx([pole ** 2] * 2)
     assert found['kv'] == pytest.approx([2.0 * pole] * 2)
-    assert found['estimator_bandwidth'] == pytest.approx(pole)
+    assert found['estimator_bandwidth'] == pytest.approx(2.0 * pole)
     known = parameter_file.load(CONFIG / 'friction.yaml')
     assert recommended(known)['kp'] == [1e4, 1e4]
     t = np.linspace(0.0, 1.0, 2001)
