@@ -84,8 +84,8 @@ def assert_gains(outcomes: list[Outcome]) -> None:
         variant = outcome.task.variant
         if variant.law == 'chattering' or variant.settings == RECOMMENDED:
             least = min(a / b for a, b in zip(original.rms, measured(outcome).rms))
-            claimed = 500.0 if variant.settings == RECOMMENDED else (
-                1000.0 if variant.switching == 'implicit_observer' else 10.0)
+            best = variant.switching == 'implicit_observer' or variant.settings == RECOMMENDED
+            claimed = 1000.0 if best else 10.0
             assert least >= claimed, outcome
 
 
@@ -96,13 +96,13 @@ def measured(outcome: Outcome) -> Measurement:
 
 @pytest.fixture(scope='module')
 def outcomes() -> Iterator[list[Outcome]]:
-    """Yield what becomes of the Panda, moved by MuJoCo, under the laws that take little time."""
-    yield compared('panda', 'mujoco', [law for law in LAWS if law != 'observer_feedback'])
+    """Yield what becomes of the Panda, moved by MuJoCo, under three laws."""
+    yield compared('panda', 'mujoco', ['compensation', 'chattering', 'slotine_li'])
 
 
 def test_every_switching_wins_ten_times_on_every_joint(outcomes: list[Outcome]) -> None:
     """The claims themselves are in `compared`."""
-    assert [x.experiment for x in outcomes] == ['panda'] * 11
+    assert [x.experiment for x in outcomes] == ['panda'] * 6
 
 
 @pytest.mark.slow

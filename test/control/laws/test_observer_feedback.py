@@ -241,12 +241,14 @@ def test_on_an_arm_as_drives_and_encoders_are(scale: float) -> None:
     assert (variation(found, 2.0) < [1300.0, 230.0]).all()
 
 
-def test_another_friction_and_rate() -> None:
+@pytest.mark.parametrize(('friction', 'rate'), [
+    (3.0, RATE), pytest.param(9.9, 100.0 * RATE, marks=pytest.mark.slow),
+    pytest.param(0.0, RATE, marks=pytest.mark.slow)])
+def test_another_friction_and_rate(friction: float, rate: Array) -> None:
     """Check that nothing is made for one case."""
-    for friction, rate in ((3.0, RATE), (9.9, 100.0 * RATE), (0.0, RATE)):
-        limits = {'torque_rate_limit': rate.tolist()}
-        found = real({**GAINS, **KNOWN, **limits}, 1.1, friction=friction, **limits)
-        assert (error(found, 2.0) < 5e-5).all(), friction
+    limits = {'torque_rate_limit': rate.tolist()}
+    found = real({**GAINS, **KNOWN, **limits}, 1.1, friction=friction, **limits)
+    assert (error(found, 2.0) < 5e-5).all()
 
 
 def test_default_parameters_on_a_clean_arm() -> None:
