@@ -89,7 +89,7 @@ def test_the_study_of_laws_has_every_case_and_both_files_have_the_same_numbers()
     assert text == law_study.to_markdown(LAW_ROWS)
 
 
-@pytest.mark.parametrize('row', [*SAMPLE[::2], *LAW_SAMPLE], ids=name_of)
+@pytest.mark.parametrize('row', [*SAMPLE[::4], *LAW_SAMPLE[::2]], ids=name_of)
 def test_a_row_of_the_study(row: Outcome) -> None:
     check(row)
 

@@ -34,7 +34,7 @@ def test_how_many_samples_are_lost(probability: float) -> None:
 
     From one that is sent to the next, 0, 1 or 2 are lost with 1 - p, p (1 - p) and p².
     """
-    count = 20_000
+    count = 8_000
     plant = Plant(PlantConfig(duration=1e-3 * count, sample_loss=probability, noise_seed=3,
                               coulomb_friction=(0.0, 0.0)), Masses([[1.0, 0.0], [0.0, 1.0]]))
     sent = [0]

@@ -181,14 +181,14 @@ def motion(t: float) -> list[Array]:
 
 @pytest.mark.parametrize('level', [0.0, 4.0])
 def test_a_copy_by_hand(level: float) -> None:
-    """Check 250 torques, on measurements with errors that reach every branch."""
+    """Check 150 torques, on measurements with errors that reach every branch."""
     rng = np.random.default_rng(2)
     law = Controller(ControllerConfig.from_mapping({
         **GAINS, **KNOWN, 'friction_level': [level, level]}))
     copy = ByHand()
     copy.K = np.full(2, level)
     offset = np.array([0.02, -0.01])
-    for k in range(250):
+    for k in range(150):
         now, arriving = motion(k * H), motion((k + 1) * H)
         offset = 0.98 * offset + 1e-4 * rng.normal(size=2)
         q = now[0] + offset
@@ -241,9 +241,9 @@ def test_on_an_arm_as_drives_and_encoders_are(scale: float) -> None:
     assert (variation(found, 2.0) < [1300.0, 230.0]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('friction', 'rate'), [
-    (3.0, RATE), pytest.param(9.9, 100.0 * RATE, marks=pytest.mark.slow),
-    pytest.param(0.0, RATE, marks=pytest.mark.slow)])
+    (3.0, RATE), (9.9, 100.0 * RATE), (0.0, RATE)])
 def test_another_friction_and_rate(friction: float, rate: Array) -> None:
     """Check that nothing is made for one case."""
     limits = {'torque_rate_limit': rate.tolist()}
@@ -280,7 +280,8 @@ def robot(name: str, **law: Any) -> Array:
     return error(found, 1.5)
 
 
-@pytest.mark.parametrize('name', [pytest.param('panda', marks=pytest.mark.slow), 'ur5'])
+@pytest.mark.slow
+@pytest.mark.parametrize('name', DRIVES)
 def test_the_settings_of_the_docs_on_other_robots(name: str) -> None:
     """Check a twentieth of the error of compensation on each joint, and friction unknown."""
     rate, ka = DRIVES[name]
