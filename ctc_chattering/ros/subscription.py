@@ -82,7 +82,7 @@ class ValidatedSubscription(Generic[T]):
         self.rejected: Counter[str] = Counter()
         self._reported = 0
         self.ownership = TopicOwnership()
-        self._was_contested = False
+        self._contention = ''
         self.subscription = MatchingSubscription(
             node, kind, topic, with_info(self.receive), profile)
 
@@ -131,17 +131,21 @@ class ValidatedSubscription(Generic[T]):
         return [name for _, name in sorted(found)]
 
     def contention(self, names: list[str]) -> str:
-        """Return what to report of several contenders among `names`, and log a change."""
+        """
+        Return what to report of several contenders among `names`, and log a change.
+
+        The middleware may know of a publisher before it knows the name of its node.
+        """
         self.ownership.update(
             self.subscription.current.get_publisher_count(), time.time_ns())
-        contested, known = self.ownership.contested, self.ownership.owner is not None
         message = ''
-        if contested:
+        if self.ownership.contested:
+            known = self.ownership.owner is not None
             obeyed = 'only the first is obeyed' if known else 'none is obeyed'
             message = f'{self.topic} has several publishers, {obeyed}: {", ".join(names)}'
-        if contested != self._was_contested:
-            self._was_contested = contested
-            if contested:
+        if message != self._contention:
+            self._contention = message
+            if message:
                 self._node.get_logger().error(message)
             else:
                 self._node.get_logger().info(
