@@ -178,15 +178,14 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     """Run a task, after a search for gains if its variant is to be tuned."""
     runs = runs_of(task)
     setup = parameter_file.load(task.path, runs[0])
-    base, values = None, {}
-    if task.budget:
-        base = _base(task._replace(variant=BASE), run)
-    if base and task.budget and task.variant.settings == TUNED:
-        values = _tuned(task, setup, runs, base, run)
+    base = _base(task._replace(variant=BASE), run) if task.budget else None
+    values = _tuned(task, setup, runs, base, run) if (
+        base and task.variant.settings == TUNED) else {}
     outcome = Outcome(task, setup.plant.experiment, setup.plant.plant_backend,
                       setup.plant.joint_names, _with(runs, values), None)
     try:
-        found = measure(task.path, outcome.runs, run)
+        found = base if base and task.variant == BASE else measure(
+            task.path, outcome.runs, run)
     except CtcError as error:
         if task.variant == BASE:
             raise

@@ -40,7 +40,7 @@ def ratio(outcome: Outcome, base: Outcome) -> float:
 
 
 def to_markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return the table of ratios, and the cases in which a law is worse than `compensation`."""
+    """Return the table of ratios; a law that is worse than `compensation` in a case is bold."""
     table = [{o.variant: o for o in row} for row in rows(outcomes)]
     laws = [law for law in table[0] if law != BASE]
     lines = []

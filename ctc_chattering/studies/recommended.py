@@ -10,6 +10,7 @@ import numpy as np
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.settings_check import UNBOUNDED
+from ctc_chattering.studies.tuning import KNOW_FRICTION
 from ctc_chattering.trajectory.reference import make_motion
 
 #: Double pole of the error, unless the drives are slower [rad/s].
@@ -20,8 +21,6 @@ _FINE, _FAST, _SLOW = 2e-5, 2.0, 1.0
 _SLOWNESS = 0.4
 #: Part of the model's torque that may be wrong, and instants at which it is evaluated.
 _MODEL_ERROR, _INSTANTS = 0.2, 500
-#: `observer_bandwidth` for drives of which nothing is known [rad/s].
-_BANDWIDTH = 200.0
 #: Triple pole of `integral`, over that pole, and the smooth start that it needs [s].
 _INTEGRAL, _START = 0.6, 2.0
 
@@ -75,12 +74,13 @@ def recommended_setup(setup: Setup, law: str) -> Setup:
     if law == 'observer_feedback':
         values = recommended(setup)
     elif law == 'chattering':
-        values = {'switching': 'implicit_observer', 'observer_bandwidth': _BANDWIDTH}
+        values = {'switching': 'implicit_observer',
+                  'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
     elif law == 'integral':
         n, p = len(config.joint_names), _INTEGRAL * recommended_pole(setup)
         values = {'kp': [3.0 * p ** 2] * n, 'kv': [3.0 * p] * n, 'ki': [p ** 3] * n}
         reference = reference.changed({'start_duration': max(reference.start_duration, _START)})
-    elif config.takes('friction_level'):
+    elif law in KNOW_FRICTION:
         values = {'friction_level': plant.coulomb_friction}
     if law in UNBOUNDED:
         values['effort_rate_limit'] = plant.torque_rate_limit

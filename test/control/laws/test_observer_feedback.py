@@ -10,15 +10,14 @@ import numpy as np
 from oracles import Array, box_by_enumeration, paper_c, paper_g, paper_m
 import pytest
 
+from ctc_chattering.analysis.result import simulated
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.drive_model import DriveModel
 from ctc_chattering.control.state_observer import Observed, StateObserver
-from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
 H, LAG, DELAY = 1e-3, 2e-3, 1
@@ -273,11 +272,7 @@ def robot(name: str, **law: Any) -> Array:
                   'actuator_lag': [LAG] * n, 'encoder_resolution': [1e-5] * n,
                   'velocity_sensor': 'difference', **known},
         'controller': {'inertia_scale': 0.9, 'gravity_scale': 0.9, **known, **law}})
-    found = simulate(
-        setup.plant, setup.controller, setup.reference, truth=True,
-        robot=make_plant(setup.plant, setup.descriptions['plant']),
-        model=model_of(setup.controller, setup.descriptions['controller']))
-    return error(found, 1.5)
+    return error(simulated(setup, truth=True).run, 1.5)
 
 
 @pytest.mark.slow
