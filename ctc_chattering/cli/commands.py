@@ -17,6 +17,7 @@ from ctc_chattering.analysis.result import Result, simulated, write_metrics
 from ctc_chattering.analysis.run_names import names
 from ctc_chattering.cli.options import find_file, overrides
 from ctc_chattering.cli.progress import Progress, progress_bar
+from ctc_chattering.cli.table import print_columns
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
@@ -225,7 +226,7 @@ def check_model(options: argparse.Namespace) -> int:
     model = make_model(name, options.gravity, joints, urdf)
     print(f'{name}, {model.n} joints: {", ".join(joints)}')
     findings = check_dynamics(model, options.seed, options.samples)
-    _print_columns([('', 'worst', 'allowed', 'check')] + [
+    print_columns([('', 'worst', 'allowed', 'check')] + [
         ('ok' if x.passed else 'FAILED', f'{x.worst:.2g}', f'{x.tolerance:.2g}', x.name)
         for x in findings])
     failed = [x for x in findings if not x.passed]
@@ -235,6 +236,27 @@ def check_model(options: argparse.Namespace) -> int:
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')
     return 1 if failed else 0
+
+
+def excite(options: argparse.Namespace) -> int:
+    """Run `ctc excite`."""
+    from ctc_chattering.cli.excitation import config_of, friction_of, show
+    from ctc_chattering.identification.excitation_run import MOTION, plan, RUN, write
+
+    _check('--draws', options.draws, 1)
+    _check('--seed', options.seed, 0)
+    file = find_file(options.params_file)
+    setup = parameter_file.load(file)
+    config = config_of(options, setup)
+    found = plan(setup, config, friction_of(options, len(config.joint_names)), options.draws,
+                 options.seed)
+    if options.out is not None:
+        write(found, file, prepare(options.out, (MOTION, RUN), options.overwrite))
+    show(found)
+    if options.out is not None:
+        print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
+              f'with --params-file {options.out / RUN}')
+    return 0
 
 
 def _joints(option: str | None, urdf: str) -> tuple[str, ...]:
@@ -275,15 +297,9 @@ def _print_table(results: Sequence[Result]) -> None:
             'rms_error_rad', 'max_error_norm1_rad', 'torque_variation_nm_per_s',
             'reaching_time_s'))))
         notes += [f'{name}: {text}' for text in m['notes']]
-    _print_columns(rows)
+    print_columns(rows)
     if notes:
         print('\n'.join(notes))
-
-
-def _print_columns(rows: Sequence[Sequence[str]]) -> None:
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    for row in rows:
-        print('  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip())
 
 
 def _numbers(value: Any) -> str:

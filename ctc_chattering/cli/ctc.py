@@ -10,7 +10,7 @@ from typing import Any
 
 from ctc_chattering import __version__
 from ctc_chattering.cli.comparison_options import add_comparison_options
-from ctc_chattering.cli.options import add_run_options, guarded
+from ctc_chattering.cli.options import add_params_file, add_run_options, guarded
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -23,6 +23,7 @@ def make_parser() -> argparse.ArgumentParser:
     _add_experiments(commands)
     _add_bags(commands)
     _add_models(commands)
+    _add_identification(commands)
     return parser
 
 
@@ -112,6 +113,36 @@ def _add_models(commands: Any) -> None:
                              help='seed of the states, 0 by default')
 
     _add(commands, 'parameters', 'print all parameters of all nodes', 'As a Markdown table.')
+
+
+def _add_identification(commands: Any) -> None:
+    excite = _add(
+        commands, 'excite', 'make a motion that shows the friction of every joint',
+        'Slow reversals of every joint at a few poses, then Fourier series, within the limits of '
+        'the description. Write motion.yaml, its waypoints, and run.yaml, the parameter file with '
+        'this motion under law compensation. The motion is not checked for collisions.')
+    add_params_file(excite)
+    excite.add_argument('--duration', type=float, default=60.0, metavar='S',
+                        help='60 by default [s]')
+    excite.add_argument('--poses', type=int, default=3, metavar='N',
+                        help='poses with slow reversals, 3 by default')
+    for name, text in (
+            ('center', "position about which it moves; the reference's center by default [rad]"),
+            ('position-range', 'greatest distance from the centre, 0.8 by default [rad]'),
+            ('velocity-limit', 'in place of the part of the limits of the description [rad/s]'),
+            ('acceleration-limit', 'the same for the acceleration [rad/s²]'),
+            ('friction', "Coulomb friction to expect; the plant's by default [N·m]")):
+        excite.add_argument(f'--{name}', metavar='A,B,C',
+                            help=f'{text}: a number per joint, or one for all')
+    excite.add_argument(
+        '--velocity-scale', type=float, default=0.5, metavar='X',
+        help='part of the limits of velocity and acceleration to use, 0.5 by default')
+    excite.add_argument('--draws', type=int, default=20, metavar='N',
+                        help='random motions, of which the best conditioned one is taken; 20 by '
+                             'default')
+    excite.add_argument('--seed', type=int, default=0, metavar='S',
+                        help='seed of these motions, 0 by default')
+    _add_output(excite, None)
 
 
 def _add(commands: Any, name: str, summary: str, details: str) -> argparse.ArgumentParser:

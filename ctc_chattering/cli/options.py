@@ -33,16 +33,21 @@ class Parser(argparse.ArgumentParser):
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that select a run: the file, and values that override it."""
-    parser.add_argument(
-        '--params-file', default='friction', metavar='F',
-        help='parameter file, or the name of one of the package, such as panda; friction, the '
-             "paper's first experiment, by default")
+    add_params_file(parser)
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
         parser.add_argument(f'--{name}', metavar='X',
                             help=f"in place of the file's: {' | '.join(values)}")
     for name in ('control-period', 'duration'):
         parser.add_argument(
             f'--{name}', type=float, metavar='S', help="in place of the file's [s]")
+
+
+def add_params_file(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names the parameter file."""
+    parser.add_argument(
+        '--params-file', default='friction', metavar='F',
+        help='parameter file, or the name of one of the package, such as panda; friction, the '
+             "paper's first experiment, by default")
 
 
 def find_file(text: str) -> Path:

@@ -6,14 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment.yaml_file import read_yaml
-from ctc_chattering.numerics.time_grid import NANOSECONDS
+import yaml
+
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.experiment.yaml_file import Dumper, read_yaml
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.trajectory.waypoints import Route
 
 #: Times of messages are 32-bit seconds.
 _LATEST = 2 ** 31
+#: Decimal places of positions, velocities and accelerations in a file.
+_PLACES = 8
 
 
 def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
@@ -44,6 +48,37 @@ def read_trajectory(path: Path, joint_names: Sequence[str]) -> Route:
         raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
     except RecursionError:
         raise ParameterError(str(path), '', 'a trajectory that does not contain itself') from None
+
+
+def write_trajectory(route: Route, path: Path) -> None:
+    """
+    Write waypoints as `read_trajectory` reads them.
+
+    Parameters
+    ----------
+    route : Route
+        The waypoints.
+    path : Path
+        File to write.
+
+    Raises
+    ------
+    CtcError
+        If it cannot be written.
+
+    """
+    points = []
+    for t, point in zip(route.times, route.points):
+        rows = zip(('positions', 'velocities', 'accelerations'), point)
+        points.append({'time_from_start': seconds(t),
+                       **{name: [round(float(x), _PLACES) for x in row]
+                          for name, row in rows if row}})
+    text = yaml.dump({'joint_names': list(route.names), 'points': points}, Dumper=Dumper,
+                     default_flow_style=None, sort_keys=False, width=99)
+    try:
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise CtcError(f'cannot write {path}: {error.strerror or error}') from None
 
 
 def _route(tree: object) -> Route:

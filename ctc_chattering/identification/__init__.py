@@ -1,0 +1,1 @@
+"""Friction, delays and model errors from recorded motions."""
