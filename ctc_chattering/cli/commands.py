@@ -240,23 +240,8 @@ def check_model(options: argparse.Namespace) -> int:
 
 def excite(options: argparse.Namespace) -> int:
     """Run `ctc excite`."""
-    from ctc_chattering.cli.excitation import config_of, friction_of, show
-    from ctc_chattering.identification.excitation_run import MOTION, plan, RUN, write
-
-    _check('--draws', options.draws, 1)
-    _check('--seed', options.seed, 0)
-    file = find_file(options.params_file)
-    setup = parameter_file.load(file)
-    config = config_of(options, setup)
-    found = plan(setup, config, friction_of(options, len(config.joint_names)), options.draws,
-                 options.seed)
-    if options.out is not None:
-        write(found, file, prepare(options.out, (MOTION, RUN), options.overwrite))
-    show(found)
-    if options.out is not None:
-        print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
-              f'with --params-file {options.out / RUN}')
-    return 0
+    from ctc_chattering.cli.excitation import run
+    return run(options)
 
 
 def _joints(option: str | None, urdf: str) -> tuple[str, ...]:

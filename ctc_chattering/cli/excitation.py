@@ -1,4 +1,4 @@
-"""What `ctc excite` takes and prints."""
+"""`ctc excite`: options, table, warnings."""
 
 from __future__ import annotations
 
@@ -8,12 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.options import find_file
 from ctc_chattering.cli.table import print_columns
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Setup
-from ctc_chattering.identification.excitation import ExcitationConfig
-from ctc_chattering.identification.excitation_forecast import STICKING
-from ctc_chattering.identification.excitation_run import Plan, request_of
+from ctc_chattering.identification.excitation_limits import ExcitationConfig
+from ctc_chattering.identification.excitation_run import (
+    MOTION,
+    Plan,
+    plan,
+    request_of,
+    RUN,
+    write,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import Parameter
 
@@ -21,8 +30,30 @@ from ctc_chattering.parameters import Parameter
 _SCALARS = ('duration', 'poses', 'velocity_scale')
 _LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
 
+#: Condition number with scaled columns above which the regression says little (Gautier & Khalil,
+#: "Exciting trajectories for the identification of base inertial parameters of robots", 1992).
+_POOR = 100.0
 
-def config_of(options: argparse.Namespace, setup: Setup) -> ExcitationConfig:
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc excite`."""
+    for name, least in (('draws', 1), ('seed', 0)):
+        Parameter(f'--{name}', 'int', None, '', minimum=least).check(getattr(options, name), 0)
+    file = find_file(options.params_file)
+    setup = parameter_file.load(file)
+    config = _config(options, setup)
+    found = plan(setup, config, _friction(options, len(config.joint_names)), options.draws,
+                 options.seed)
+    if options.out is not None:
+        write(found, file, prepare(options.out, (MOTION, RUN), options.overwrite))
+    _show(found)
+    if options.out is not None:
+        print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
+              f'with --params-file {options.out / RUN}')
+    return 0
+
+
+def _config(options: argparse.Namespace, setup: Setup) -> ExcitationConfig:
     """Return what the options ask for; `ParameterError` for what is not allowed."""
     n = len(setup.controller.joint_names)
     values: dict[str, Any] = {name: getattr(options, name) for name in _SCALARS}
@@ -33,7 +64,7 @@ def config_of(options: argparse.Namespace, setup: Setup) -> ExcitationConfig:
     return request_of(setup, values)
 
 
-def friction_of(options: argparse.Namespace, n: int) -> Array | None:
+def _friction(options: argparse.Namespace, n: int) -> Array | None:
     """Return the friction that an option gives, shape (n,) [N·m]; None without it."""
     if options.friction is None:
         return None
@@ -51,42 +82,44 @@ def _per_joint(name: str, text: str, n: int) -> tuple[float, ...]:
     return values * n if len(values) == 1 else values
 
 
-def show(found: Plan) -> None:
+def _show(found: Plan) -> None:
     """Print what the motion reaches of what it may, and what is foretold of it."""
     motion, bounds = found.motion, found.bounds
     rows = [('joint', 'position', 'velocity', 'of', 'acceleration', 'of', 'torque', 'of',
-             'condition', 'scaled', 'sticks')]
+             'condition', 'scaled', 'kp', 'kv', 'sticks')]
     for i, joint in enumerate(found.limits):
         q = motion.q[:, i]
-        peaks = zip((*(np.abs(x[:, i]).max() for x in (motion.dq, motion.ddq, motion.tau)),),
+        peaks = zip((np.abs(x[:, i]).max() for x in (motion.dq, motion.ddq, motion.tau)),
                     (bounds.velocity[i], bounds.acceleration[i], found.effort[i]))
-        rows.append((  # type: ignore[arg-type]
+        rows.append((
             joint.name, f'{q.min():.2f} to {q.max():.2f}',
-            *(f'{x:.3g}' for pair in peaks for x in pair),
-            *(f'{x:.1f}' for x in found.conditions[i]), f'{found.hold[i]:.2f}'))
+            *(text for most, limit in peaks for text in (f'{most:.3g}', f'{limit:.4g}')),
+            *(f'{x:.1f}' for x in found.conditions[i]), f'{found.kp[i]:g}', f'{found.kv[i]:g}',
+            f'{found.hold[i]:.3f}'))  # type: ignore[arg-type]
     print_columns(rows)
     (first, _), (_, last) = found.excitation.slow[0], found.excitation.slow[-1]
     begin, end = found.excitation.fourier
-    print(f'slow reversals at {len(found.excitation.slow)} poses from {first:.1f} to {last:.1f} s, '
-          f'Fourier series from {begin:.1f} to {end:.1f} s; units of rad (m), s, N·m (N)')
-    print('condition: condition number of the regression of friction, offset and errors of '
-          'inertia and gravity; sticks: distance from the motion within which the expected '
-          f'friction holds the joint, with kp {_listed(found.kp)}')
+    print(f'slow reversals at {len(found.excitation.slow)} poses from {first:.1f} to '
+          f'{last:.1f} s, Fourier series from {begin:.1f} to {end:.1f} s')
     _warn(found)
 
 
 def _warn(found: Plan) -> None:
-    """Print which limits are assumed, and which joints friction holds in the reversals."""
+    """Print which limits are assumed, and on which joints the motion shows little."""
     for quantity in ('velocity', 'acceleration'):
         names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
         if names:
-            print(f'no {quantity} limit in the description, the one above is assumed: '
-                  + ', '.join(names))
-    for joint, hold, slow in zip(found.limits, found.hold, found.bounds.slow):
-        if hold > 1.05 * STICKING * slow:
-            print(f'warning: friction holds {joint.name} within {hold:.2f} {joint.unit} of the '
-                  f'motion, and its slow reversals are ±{slow:.2f}: raise kp, or position_range')
-
-
-def _listed(values: Array) -> str:
-    return '[' + ', '.join(f'{x:g}' for x in values) + ']'
+            print(f'no {quantity} limit in the description, so the one above is assumed: '
+                  + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
+    held = [f'{joint.name} ({hold:.2g} of ±{slow:.2g} {joint.unit})' for joint, hold, slow in zip(
+        found.limits, found.hold, found.bounds.slow) if hold > 0.5 * slow]
+    if held:
+        print('warning: friction may hold joints through much of their slow reversals: '
+              f'{", ".join(held)}; a greater position_range helps, or a shorter control_period, '
+              'which allows a higher kp')
+    poor = [joint.name for joint, (_, scaled) in zip(found.limits, found.conditions)
+            if scaled > _POOR]
+    if poor:
+        print('warning: the motion hardly separates friction and errors of the model on '
+              f'{", ".join(poor)}: a condition number above {_POOR:g}; a greater position_range '
+              'or duration helps')

@@ -71,7 +71,7 @@ def write_trajectory(route: Route, path: Path) -> None:
     for t, point in zip(route.times, route.points):
         rows = zip(('positions', 'velocities', 'accelerations'), point)
         points.append({'time_from_start': seconds(t),
-                       **{name: [round(float(x), _PLACES) for x in row]
+                       **{name: [round(float(x), _PLACES) + 0.0 for x in row]
                           for name, row in rows if row}})
     text = yaml.dump({'joint_names': list(route.names), 'points': points}, Dumper=Dumper,
                      default_flow_style=None, sort_keys=False, width=99)

@@ -8,33 +8,26 @@ keeps limits of position, velocity and acceleration.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import dataclasses
-from math import ceil, inf, isfinite, pi, sqrt
-from typing import ClassVar
+from math import ceil, pi, sqrt
 
 import numpy as np
 
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.identification.excitation_limits import Bounds, ExcitationConfig
 from ctc_chattering.identification.fourier_series import FourierSeries, random_series
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.joint_limits import JointLimits
 from ctc_chattering.trajectory.waypoints import Route
 
-#: Part of a joint's range that is left free at each end.
-_MARGIN = 0.05
 #: What a scaled motion keeps of its limits, so that rounding and the polynomials between two
 #: waypoints do not exceed them.
 _SCALE = 0.99
-#: Without a limit: velocity [rad/s or m/s], and acceleration by velocity [1/s].
-VELOCITY, ACCELERATION = 1.0, 4.0
-#: Amplitude of the slow reversals, and distance of the poses, as parts of the room.
-_SLOW, _POSES = 0.4, 0.6
-#: Part of the time for the reversals; least time of those at one pose, of the Fourier motion and of
-#: the way to the first pose and of those after it, and the rest at the end [s].
+#: Greatest distance of a pose from the centre as a part of the room; the reversals take the rest.
+_POSES = 0.6
+#: Part of the time for the reversals; least time of those at one pose and of the Fourier motion;
+#: of the way to the first pose and of those after it, and the rest at the end [s].
 _SLOW_PART, _SLOW_LEAST, _FOURIER_LEAST = 0.45, 4.0, 10.0
 _FIRST_LEAST, _WAY_LEAST, _REST = 2.0, 1.0, 0.5
 #: Greatest frequency of the Fourier motion [Hz], and waypoints in the period of the fastest part.
@@ -43,65 +36,8 @@ _FREQUENCY, _WAYPOINTS = 0.5, 12
 #: the greatest values of |w'| and |w''|.
 _PEAK = 0.75 * sqrt(3.0)
 _SLOPE, _CURVATURE = 2.0 / _PEAK, 2.7359 / _PEAK
-#: Greatest velocity and acceleration of the quintic from 0 to 1 in one second, at rest at its ends.
+#: Greatest velocity and acceleration of the quintic from 0 to 1 in 1 s, at rest at its ends.
 _QUINTIC_VELOCITY, _QUINTIC_ACCELERATION = 1.875, 10.0 / sqrt(3.0)
-
-
-@dataclasses.dataclass(frozen=True)
-class ExcitationConfig(Config):
-    """What is asked of the motion."""
-
-    title: ClassVar[str] = 'excitation'
-
-    joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints of the motion.')
-    duration: float = parameter(
-        'duration', 'float', 60.0, 'Time from the start of the motion to its end.', unit='s',
-        minimum=0.0, exclusive=True, maximum=3600.0)
-    start: tuple[float, ...] = parameter(
-        'start', 'float[]', 0.0, 'Position from which the robot comes.', unit='rad', shape='n')
-    center: tuple[float, ...] = parameter(
-        'center', 'float[]', 0.0, 'Position about which the joints move.', unit='rad', shape='n')
-    position_range: tuple[float, ...] = parameter(
-        'position_range', 'float[]', 0.8, 'Greatest distance from the centre.', unit='rad',
-        minimum=0.0, exclusive=True, shape='n')
-    velocity_scale: float = parameter(
-        'velocity_scale', 'float', 0.5,
-        'Part of the limits of velocity and acceleration in the description to use.', minimum=0.0,
-        exclusive=True, maximum=1.0)
-    velocity_limit: tuple[float, ...] = parameter(
-        'velocity_limit', 'float[]', inf, 'In place of that part; inf for it.', unit='rad/s',
-        minimum=0.0, exclusive=True, infinite=True, shape='n')
-    acceleration_limit: tuple[float, ...] = parameter(
-        'acceleration_limit', 'float[]', inf, 'In place of that part; inf for it.', unit='rad/s^2',
-        minimum=0.0, exclusive=True, infinite=True, shape='n')
-    poses: int = parameter(
-        'poses', 'int', 3, 'Number of poses with slow reversals.', minimum=1, maximum=100)
-
-
-@dataclasses.dataclass(frozen=True)
-class Bounds:
-    """
-    What the motion keeps, each of shape (n,).
-
-    Attributes
-    ----------
-    center, room : ndarray
-        Centre, and greatest distance from it [rad].
-    velocity, acceleration : ndarray
-        Greatest magnitudes [rad/s, rad/s²].
-
-    """
-
-    center: Array
-    room: Array
-    velocity: Array
-    acceleration: Array
-
-    @property
-    def slow(self) -> Array:
-        """Amplitude of the slow reversals, shape (n,) [rad]."""
-        return _SLOW * self.room
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,57 +59,6 @@ class Excitation:
     route: Route
     slow: tuple[tuple[float, float], ...]
     fourier: tuple[float, float]
-
-
-def bounds_of(config: ExcitationConfig, limits: Sequence[JointLimits]) -> Bounds:
-    """
-    Return what a motion must keep.
-
-    Parameters
-    ----------
-    config : ExcitationConfig
-        What is asked for.
-    limits : sequence of JointLimits, length n
-        Of the description, in the order of its joints.
-
-    Raises
-    ------
-    ParameterError
-        If the centre or the start is not within the limits, or a limit that is asked for is above
-        that of the description.
-
-    """
-    room, velocity, acceleration = [], [], []
-    for i, joint in enumerate(limits):
-        low, high = joint.position
-        if not low <= config.start[i] <= high:
-            raise ParameterError(f'start of {joint.name}', config.start[i],
-                                 f'{low:.4g} to {high:.4g} {joint.unit}, its limits')
-        margin = _MARGIN * (high - low) if isfinite(high - low) else 0.0
-        low, high, center = low + margin, high - margin, config.center[i]
-        if not low < center < high:
-            raise ParameterError(
-                f'center of {joint.name}', center,
-                f'more than {low:.4g} and less than {high:.4g} {joint.unit}, its limits less '
-                f'{_MARGIN:.0%} of the range at each end')
-        room.append(min(config.position_range[i], center - low, high - center))
-        velocity.append(_limit(config, 'velocity', i, joint, VELOCITY))
-        acceleration.append(_limit(config, 'acceleration', i, joint, ACCELERATION * velocity[i]))
-    return Bounds(np.array(config.center), *map(np.array, (room, velocity, acceleration)))
-
-
-def _limit(config: ExcitationConfig, quantity: str, i: int, joint: JointLimits, default: float
-           ) -> float:
-    """Return the limit of velocity or acceleration that joint `i` must keep."""
-    name = f'{quantity}_limit'
-    wanted: float = getattr(config, name)[i]
-    described: float = getattr(joint, quantity)[1]
-    if wanted == inf:
-        return config.velocity_scale * described if described < inf else default
-    if wanted > described:
-        raise ParameterError(f'{name} of {joint.name}', wanted,
-                             f'at most {described:g}, that of the description')
-    return wanted
 
 
 def random_excitation(config: ExcitationConfig, bounds: Bounds, rng: np.random.Generator
@@ -203,7 +88,7 @@ def random_excitation(config: ExcitationConfig, bounds: Bounds, rng: np.random.G
     poses = bounds.center + _POSES * bounds.room * offsets
     direction = rng.choice((-1.0, 1.0), poses.shape)
     way = _Waypoints()
-    spans = []
+    spans: list[tuple[float, float]] = []
     for pose, sign in zip(poses, direction):
         way.rest(pose, between if spans else first)
         begin = way.time

@@ -15,12 +15,8 @@ import numpy as np
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.identification.excitation import (
-    Bounds,
-    Excitation,
-    ExcitationConfig,
-    random_excitation,
-)
+from ctc_chattering.identification.excitation import Excitation, random_excitation
+from ctc_chattering.identification.excitation_limits import Bounds, ExcitationConfig
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
@@ -29,8 +25,8 @@ from ctc_chattering.trajectory.waypoints import Route, Waypoints
 _COARSE, _FINE = 0.05, 0.01
 #: A column less than this part of the largest is none: a joint without gravity.
 _NOTHING = 1e-9
-#: Largest part of the amplitude of the slow reversals that friction may take from them.
-STICKING = 0.2
+#: Part of the amplitude of the slow reversals within which friction may hold a joint.
+_STICKING = 0.2
 #: Largest product of the velocity gain with control period and delay.
 _GAIN = 0.1
 
@@ -171,16 +167,16 @@ def best_excitation(config: ExcitationConfig, bounds: Bounds, model: Model, fric
         _, i, torque = beyond
         raise ParameterError(
             f'peak torque of {config.joint_names[i]}', float(f'{torque:.4g}'),
-            f'{effort[i]:g} N*m, its effort limit, in one of {draws} motions at least: choose '
-            'smaller limits or another centre')
+            f'at most {effort[i]:g} N*m, its effort limit; of {draws} motions this one is the '
+            'least: choose smaller limits or another centre')
     return best[1]
 
 
 def sticking(model: Model, positions: Array, kp: Array, friction: Friction) -> Array:
     """
-    Return how far friction holds each joint from the motion under computed torque, (n,) [rad].
+    Return how far friction can hold each joint from the motion under computed torque, (n,) [rad].
 
-    The law's torque M Kp e exceeds Coulomb friction from there on.
+    All joints stick while the law's torque M Kp e is within ±Kf: |e| ≤ |Kp⁻¹ M⁻¹| Kf.
 
     Parameters
     ----------
@@ -194,8 +190,10 @@ def sticking(model: Model, positions: Array, kp: Array, friction: Friction) -> A
         Its Coulomb friction counts.
 
     """
-    inverse = [np.linalg.inv(np.array(model.mass_matrix(q.tolist()))) for q in positions]
-    return np.array([x.diagonal() for x in inverse]).max(axis=0) * friction.coulomb / kp
+    inverse = np.array([np.linalg.inv(np.array(model.mass_matrix(q.tolist())))
+                        for q in positions])
+    distance: Array = (np.abs(inverse) @ friction.coulomb).max(axis=0) / kp
+    return distance
 
 
 def gains(kp: Array, kv: Array, hold: Array, slow: Array, delay: float) -> tuple[Array, Array]:
@@ -215,6 +213,6 @@ def gains(kp: Array, kv: Array, hold: Array, slow: Array, delay: float) -> tuple
 
     """
     most = (0.5 * _GAIN / delay) ** 2
-    wanted = 10.0 * np.ceil(0.1 * np.minimum(kp * hold / (STICKING * slow), most))
-    higher = np.where(hold > STICKING * slow, np.maximum(kp, wanted), kp)
-    return higher, np.where(higher > kp, np.maximum(kv, 2.0 * np.sqrt(higher)), kv)
+    wanted = np.ceil(np.minimum(kp * hold / (_STICKING * slow), most))
+    higher = np.where(hold > _STICKING * slow, np.maximum(kp, wanted), kp)
+    return higher, np.where(higher > kp, np.maximum(kv, np.ceil(2.0 * np.sqrt(higher))), kv)

@@ -14,12 +14,7 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Setup, Values
 from ctc_chattering.experiment.trajectory_file import write_trajectory
-from ctc_chattering.identification.excitation import (
-    Bounds,
-    bounds_of,
-    Excitation,
-    ExcitationConfig,
-)
+from ctc_chattering.identification.excitation import Excitation
 from ctc_chattering.identification.excitation_forecast import (
     best_excitation,
     condition_numbers,
@@ -29,7 +24,9 @@ from ctc_chattering.identification.excitation_forecast import (
     played,
     sticking,
 )
+from ctc_chattering.identification.excitation_limits import Bounds, bounds_of, ExcitationConfig
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import matrix
 from ctc_chattering.trajectory.joint_limits import JointLimits, Limits
 
 #: Files that `write` makes.
@@ -56,7 +53,7 @@ class Plan:
     conditions : ndarray, shape (n, 2)
         Condition numbers, as the regression is and with scaled columns.
     kp, kv : ndarray
-        Gains to play it with [1/s², 1/s].
+        Gains to play it with [1/s², 1/s]; of a matrix in the file, the diagonal counts.
     hold : ndarray
         How far friction holds a joint from the motion under these gains [rad].
 
@@ -129,8 +126,7 @@ def plan(setup: Setup, config: ExcitationConfig, coulomb: Array | None, draws: i
     found = best_excitation(config, bounds, model, friction, effort, draws, seed)
     motion = played(found.route, config.start, model, friction)
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]
-    kp, kv = (np.array(x[:model.n] if len(x) == model.n else x[::model.n + 1])
-              for x in (controller.kp, controller.kv))
+    kp, kv = (matrix(x, model.n).diagonal() for x in (controller.kp, controller.kv))
     hold = sticking(model, motion.q[slow], kp, friction)
     delay = controller.control_period * (1 + controller.input_delay)
     higher, kv = gains(kp, kv, hold, bounds.slow, delay)
