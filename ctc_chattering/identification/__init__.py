@@ -1,1 +1,1 @@
-"""Friction, delays and model errors from recorded motions."""
+"""From a recorded run to friction, delays, model errors and gains."""

@@ -87,7 +87,7 @@ def random_excitation(config: ExcitationConfig, bounds: Bounds, rng: np.random.G
     offsets = 2.0 * (strata + rng.uniform(size=strata.shape)) / config.poses - 1.0
     poses = bounds.center + _POSES * bounds.room * offsets
     direction = rng.choice((-1.0, 1.0), poses.shape)
-    way = _Waypoints()
+    way = PathBuilder()
     spans: list[tuple[float, float]] = []
     for pose, sign in zip(poses, direction):
         way.rest(pose, between if spans else first)
@@ -142,8 +142,18 @@ def _fitted(series: FourierSeries, bounds: Bounds) -> FourierSeries:
     return series.scaled(_SCALE * (room / np.array(most)).min(axis=0))
 
 
-class _Waypoints:
-    """Waypoints that are added one after the other."""
+class PathBuilder:
+    """
+    Waypoints that are added one after the other.
+
+    Attributes
+    ----------
+    time : float
+        Of the last one [s].
+    times, points : list
+        As `Route` takes them.
+
+    """
 
     def __init__(self) -> None:
         self.time = 0.0

@@ -143,6 +143,8 @@ def test_what_can_run_here_runs(line: Line, folder: Path) -> None:
     before = [x for x in line.before if is_assignment(x)]
     if ours(line)[:2] == ['ctc', 'plot']:
         before += [x for x in line.before if ' bringup ' in f' {x} ']
+    if ' excite/' in line.text:
+        before = [x.text for x in LINES if x.text.startswith('ctc excite')] + before
     with own_domain():
         process = subprocess.Popen(
             ['bash', '-c', '\n'.join((PRELUDE, 'set -e', *before, line.text))], cwd=folder,

@@ -21,6 +21,7 @@ from ctc_chattering.errors import ParameterError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.experiment.trajectory_file import read_trajectory, write_trajectory
+from ctc_chattering.identification.excitation import PathBuilder
 from ctc_chattering.identification.excitation_forecast import Friction, gains, sticking
 from ctc_chattering.identification.excitation_limits import bounds_of, ExcitationConfig
 from ctc_chattering.identification.excitation_run import Plan, plan, request_of, write
@@ -29,7 +30,7 @@ from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.joint_limits import Limits
 from ctc_chattering.trajectory.reference import make_motion
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 Array = npt.NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
@@ -185,6 +186,28 @@ def run_of(motion: Motion) -> Run:
                     robot=make_plant(setup.plant, text), model=model(setup))
 
 
+def assert_identifiable(motion: Motion, run: Run) -> None:
+    """Check that least squares of the run are conditioned as foretold, and find the friction."""
+    robot, h = model(motion.setup), run.t[1]
+    # Over ten samples, from the middle of which all but the acceleration is taken.
+    middle = np.arange(5, len(run.t) - 5, 10)
+    q, dq, ddq = run.q[middle], run.dq[middle], (
+        run.dq[middle + 5] - run.dq[middle - 5]) / (10.0 * h)
+    tau = np.array([run.tau[middle + k] for k in range(-5, 5)]).mean(axis=0)
+    gravity = np.array([robot.gravity_torque(x) for x in q])
+    inertial = np.array([robot.inverse_dynamics(*x) for x in zip(q, dq, ddq)]) - gravity
+    for i, (_, scaled) in enumerate(motion.found.conditions):
+        steady = np.ptp(np.sign([run.dq[middle + k, i] for k in range(-5, 6)]), axis=0) == 0
+        a = np.column_stack([np.sign(dq[:, i]), np.ones(len(q)), dq[:, i], inertial[:, i],
+                             gravity[:, i]])[steady & (dq[:, i] != 0.0)]
+        a = a[:, np.abs(a).max(axis=0) > 1e-6]
+        found = np.linalg.lstsq(a, tau[steady & (dq[:, i] != 0.0), i], rcond=None)[0]
+        assert np.linalg.cond(a / np.linalg.norm(a, axis=0)) == pytest.approx(scaled, rel=0.2)
+        assert found[0] == pytest.approx(motion.setup.plant.coulomb_friction[i], rel=0.01)
+        assert found[2] == pytest.approx(motion.setup.plant.viscous_friction[i], rel=0.05,
+                                         abs=0.05)
+
+
 @pytest.mark.parametrize('robot', ['friction', pytest.param('panda', marks=pytest.mark.slow),
                                    pytest.param('ur5', marks=pytest.mark.slow)])
 def test_the_robot_under_friction_reverses_where_the_motion_does(robot: str, tmp_path: Path
@@ -199,6 +222,7 @@ def test_the_robot_under_friction_reverses_where_the_motion_does(robot: str, tmp
             assert len(reversals(run.t, run.dq[:, i], begin, end)) >= 2
             inside = run.q[(run.t > begin) & (run.t < end), i]
             assert np.ptp(inside) > 1.3 * slow
+    assert_identifiable(motion, run)
     peak = np.abs(run.tau).max(axis=0)
     assert peak == pytest.approx(motion.found.motion.peak_torque, rel=0.15)
     assert (np.abs(run.q_d - run.q).max(axis=0) < 0.25).all()
@@ -306,6 +330,20 @@ def test_a_series_is_at_rest_at_both_ends_and_the_derivative_of_itself() -> None
     assert (np.abs(dq).max(axis=0) > 1.0).all()
     assert np.abs(series.scaled(np.array([2.0, 0.0, 1.0])).at(t)[0]
                   - q * [2.0, 0.0, 1.0]).max() < 1e-12
+
+
+def test_between_waypoints_the_motion_is_the_series() -> None:
+    series = random_series(np.random.default_rng(1), 2, 13, 27.0)
+    series = series.scaled(1.0 / np.abs(series.at(np.linspace(0.0, 27.0, 500))[1]).max(axis=0))
+    path = PathBuilder()
+    path.rest(np.array([1.0, -1.0]), 3.0)
+    path.series(np.array([1.0, -1.0]), series)
+    played = Waypoints(path.times, path.points)
+    t = np.linspace(3.0, 30.0, 5000)
+    for rows, exact, most in zip(zip(*(played.at(round(x * 1e9)) for x in t)),
+                                 series.at(t - 3.0), (1e-6, 1e-5, 2e-4)):
+        offset = [1.0, -1.0] if most == 1e-6 else 0.0
+        assert np.abs(np.array(rows) - offset - exact).max() < most
 
 
 def test_what_friction_holds_is_found_at_a_corner_of_its_box() -> None:
