@@ -40,12 +40,12 @@ def run(options: argparse.Namespace) -> int:
     for name, least in (('draws', 1), ('seed', 0)):
         Parameter(f'--{name}', 'int', None, '', minimum=least).check(getattr(options, name), 0)
     file = find_file(options.params_file)
-    setup = parameter_file.load(file)
+    setup, sections = parameter_file.load(file), parameter_file.read(file)
     config = _config(options, setup)
     found = plan(setup, config, _friction(options, len(config.joint_names)), options.draws,
                  options.seed)
     if options.out is not None:
-        write(found, file, prepare(options.out, (MOTION, RUN), options.overwrite))
+        write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
     _show(found)
     if options.out is not None:
         print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -142,7 +142,7 @@ def _limits(description: str, names: tuple[str, ...]) -> tuple[JointLimits, ...]
     return tuple(JointLimits(name, 'rad', free, free, free) for name in names)
 
 
-def write(found: Plan, params_file: Path, out: Path) -> None:
+def write(found: Plan, sections: Mapping[str, Values], out: Path) -> None:
     """
     Write the motion, and a parameter file that plays it; check that both are accepted.
 
@@ -150,8 +150,9 @@ def write(found: Plan, params_file: Path, out: Path) -> None:
     ----------
     found : Plan
         The motion.
-    params_file : Path
-        Parameter file of the robot; law, gains, motion and duration are replaced.
+    sections : mapping
+        What `parameter_file.read` returns for the robot's file; law, gains, motion and duration
+        are replaced.
     out : Path
         Directory for `MOTION` and `RUN`.
 
@@ -163,13 +164,11 @@ def write(found: Plan, params_file: Path, out: Path) -> None:
     """
     motion = out.resolve() / MOTION
     write_trajectory(found.excitation.route, motion)
-    sections: dict[str, dict[str, Any]] = parameter_file.read(params_file)
-    for node, values in (
-            ('plant', {'duration': float(found.motion.t[-1])}),
-            ('controller', {'law': 'compensation', 'kp': found.kp.tolist(),
-                            'kv': found.kv.tolist()}),
-            ('reference', {'trajectory_file': str(motion), 'start_duration': 0.0}),
-            ('bringup', {'events': ['']})):
-        sections.setdefault(node, {}).update(values)
-    parameter_file.dump(sections, out / RUN)
+    changed: dict[str, Values] = {
+        'plant': {'duration': float(found.motion.t[-1])},
+        'controller': {'law': 'compensation', 'kp': found.kp.tolist(), 'kv': found.kv.tolist()},
+        'reference': {'trajectory_file': str(motion), 'start_duration': 0.0},
+        'bringup': {'events': ['']}}
+    parameter_file.dump({node: {**sections.get(node, {}), **changed.get(node, {})}
+                         for node in (*sections, *changed)}, out / RUN)
     parameter_file.load(out / RUN)

@@ -64,7 +64,7 @@ def motion(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 def of(robot: str, out: Path) -> Motion:
     found = made(robot)
-    write(found, ROOT / 'config' / f'{robot}.yaml', out)
+    write(found, parameter_file.read(ROOT / 'config' / f'{robot}.yaml'), out)
     setup = parameter_file.load(out / 'run.yaml')
     plant = setup.plant
     way = make_motion(setup.reference, setup.route, dict(zip(
@@ -236,6 +236,14 @@ def test_the_seed_and_nothing_else_decides(tmp_path: Path) -> None:
         assert result.returncode == 0, result.stderr
         texts.append((out / 'motion.yaml').read_text())
     assert texts[0] == texts[1] != texts[2]
+
+
+def test_the_file_it_wrote_may_be_the_one_it_reads(tmp_path: Path) -> None:
+    for file in ('friction', tmp_path / 'run.yaml'):
+        result = ctc('excite', '--params-file', file, '--draws', 1, '--out', tmp_path,
+                     '--overwrite')
+        assert result.returncode == 0, result.stderr
+    assert parameter_file.load(tmp_path / 'run.yaml').plant.duration == 60.0
 
 
 def test_more_draws_are_not_worse() -> None:
