@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-load slow lint compare benchmark latency soak clean
+.PHONY: demo test test-load slow lint compare benchmark latency soak identification clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -59,6 +59,11 @@ latency: $(READY)
 MINUTES ?= 20
 soak: $(READY)
 	PYTHONPATH=test:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
+
+# The table of docs/identification.md: robots with random friction, identified; hours.
+SEEDS ?= 20
+identification: $(READY)
+	PYTHONPATH=test/support $(BIN)/python test/identification/study.py --seeds $(SEEDS) $(ARGS)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml

@@ -26,6 +26,10 @@ JOINT_COLUMNS = (('rms_error_rad', 'RMS error', 'rad'), ('rms_torque_nm', 'RMS t
                  ('max_torque_step_nm', 'Largest torque step', 'N·m'),
                  ('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'))
 _PAGE = Template(files('ctc_chattering.analysis').joinpath('page.html').read_text('utf-8'))
+_TITLE = 'Computed torque plus compensation plus chattering'
+_LEAD = ('A robot arm with friction that the controller does not know, under computed torque\n'
+         'plus compensation, under the same law plus a chattering term Ka sgn(v), or under '
+         'others.')
 #: A run under chattering, its metrics, and those of the experiment under compensation.
 Pair = tuple[Result, dict[str, Any], dict[str, Any]]
 
@@ -63,7 +67,7 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
 
 
 def write_sections(path: Path, headline: str, table: str, figures: Sequence[FigureFile],
-                   links: Sequence[str], cards: str = '') -> None:
+                   links: Sequence[str], cards: str = '', lead: str = _LEAD) -> None:
     """
     Write a page of these parts, all in HTML.
 
@@ -71,8 +75,8 @@ def write_sections(path: Path, headline: str, table: str, figures: Sequence[Figu
     ----------
     path : Path
         The page.
-    headline, table, cards : str
-        Its title, its tables, and what stands above these.
+    headline, table, cards, lead : str
+        Its title, its tables, what stands above these, and what the page is about.
     figures : sequence of FigureFile
         Linked relative to the page, the first at the top.
     links : sequence of str
@@ -89,6 +93,8 @@ def write_sections(path: Path, headline: str, table: str, figures: Sequence[Figu
                        for i, figure in enumerate(figures, 1))
     write_text(path, _PAGE.substitute(
         LAW_COLOURS,
+        title=_TITLE,
+        lead=lead,
         headline=headline,
         cards=cards,
         first=''.join(shown[:1]),
@@ -137,7 +143,7 @@ def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> list[Pa
 
 def _headline(pairs: Sequence[Pair]) -> str:
     if not pairs:
-        return 'Computed torque plus compensation plus chattering'
+        return _TITLE
     result, run, base = pairs[0]
     factor = _factor(base['max_error_norm1_rad'], run['max_error_norm1_rad'])
     return (f'With {result.law} the largest tracking error is {factor} '

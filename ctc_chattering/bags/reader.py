@@ -39,8 +39,8 @@ from ctc_chattering.trajectory.buffer import Trajectory
 #: that must follow a longer one.
 _FEW = 20
 #: Field of a ParameterValue that holds the value, by its type.
-_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
-           8: 'double_array_value', 9: 'string_array_value'}
+FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
+          8: 'double_array_value', 9: 'string_array_value'}
 
 
 def read_bag(path: Path) -> Result:
@@ -140,7 +140,7 @@ class _Topics:
         for _, message in self._messages(f'controller/{FILTER}'):
             (v,) = self._select(message.name, message.velocity)
             if np.isfinite(v).all():
-                found[seconds(_nanoseconds(message.header.stamp) - start)] = v.tolist()
+                found[seconds(nanoseconds(message.header.stamp) - start)] = v.tolist()
         return found
 
     def _messages(self, name: str) -> Iterator[tuple[int, Any]]:
@@ -169,17 +169,17 @@ class _Topics:
         history: list[tuple[int, Any]] = []
         for _, message in self._messages(f'{node}/{PARAMETERS}'):
             for item in [*message.new_parameters, *message.changed_parameters]:
-                if item.name in known and item.value.type in _FIELDS:
-                    values[item.name] = getattr(item.value, _FIELDS[item.value.type])
+                if item.name in known and item.value.type in FIELDS:
+                    values[item.name] = getattr(item.value, FIELDS[item.value.type])
             config = kind.from_mapping(values)
             if not history or history[-1][1] != config:
-                history.append((_nanoseconds(message.stamp), config))
+                history.append((nanoseconds(message.stamp), config))
         return history
 
     def _valid_states(self, since: int) -> Iterator[_State]:
         """Yield the states from time `since` [ns] on that a controller would accept."""
         for recorded, message in self._messages(JOINT_STATES):
-            t = _nanoseconds(message.header.stamp)
+            t = nanoseconds(message.header.stamp)
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))
             row = self._select(message.name, message.position, message.velocity)
             if t >= since and np.isfinite(row).all():
@@ -219,8 +219,8 @@ class _Topics:
         """Return the reference and the time of its first point [ns]."""
         trajectory, start = Trajectory(), 0
         for _, message in self._messages(REFERENCE):
-            first = _nanoseconds(message.header.stamp)
-            times = [first + _nanoseconds(p.time_from_start) for p in message.points]
+            first = nanoseconds(message.header.stamp)
+            times = [first + nanoseconds(p.time_from_start) for p in message.points]
             rows = [self._select(message.joint_names, p.positions, p.velocities, p.accelerations)
                     for p in message.points]
             if np.isfinite(rows).all() and all(a < b for a, b in itertools.pairwise(times)):
@@ -278,5 +278,6 @@ class _Topics:
         return tau
 
 
-def _nanoseconds(time: Any) -> int:
+def nanoseconds(time: Any) -> int:
+    """Return the time of a message [ns]."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)

@@ -209,6 +209,12 @@ def repair(options: argparse.Namespace) -> int:
     return 0
 
 
+def identify(options: argparse.Namespace) -> int:
+    """Run `ctc identify`."""
+    from ctc_chattering.cli.identify import identify as run
+    return run(options)
+
+
 def check_model(options: argparse.Namespace) -> int:
     """Run `ctc check-model`."""
     from ctc_chattering.dynamics.inertia_check import inertia_faults

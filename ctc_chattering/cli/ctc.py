@@ -22,6 +22,7 @@ def make_parser() -> argparse.ArgumentParser:
 
     _add_experiments(commands)
     _add_bags(commands)
+    _add_identify(commands)
     _add_models(commands)
     _add_identification(commands)
     return parser
@@ -88,6 +89,35 @@ def _add_bags(commands: Any) -> None:
         'Every tool reads it then; what was there is kept beside it.')
     for parser in (export, replay, repair):
         parser.add_argument('bag', type=Path, metavar='BAG')
+
+
+def _add_identify(commands: Any) -> None:
+    identify = _add(
+        commands, 'identify', 'friction, delays, errors of the model and gains from bags',
+        'From bags of any recorder, with intervals of 95 %. Write identified.yaml, identify.json, '
+        'figures and index.html.')
+    identify.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='bag of the robot')
+    identify.add_argument('--validate', type=Path, metavar='BAG',
+                          help='bag that is not used for the fit, and predicted')
+    identify.add_argument('--urdf', metavar='FILE',
+                          help="the URDF, a path or package://NAME/PATH; by default the bag's")
+    identify.add_argument('--model', metavar='NAME',
+                          help="two_link, urdf, or package.module:Class; by default the bag's")
+    identify.add_argument('--joints', metavar='A,B,C',
+                          help="joints in the order of the commands; by default the bag's")
+    identify.add_argument('--gravity', type=float, metavar='G',
+                          help="by default the bag's, or 9.81 [m/s²]")
+    identify.add_argument('--torque', choices=('command', 'effort'),
+                          help='where torques are taken from; by default what explains more')
+    identify.add_argument('--states', default='joint_states', metavar='TOPIC',
+                          help='topic of the joint states, joint_states by default')
+    identify.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
+                          help='topic of the commanded torques, effort_controller/commands by '
+                               'default')
+    identify.add_argument('--torque-rate', metavar='R',
+                          help='rate that the drives allow, one number or one for each joint '
+                               '[N·m/s]')
+    _add_output(identify, 'identified')
 
 
 def _add_models(commands: Any) -> None:

@@ -7,29 +7,28 @@ from typing import Any
 
 import numpy as np
 
+from ctc_chattering.control.recommended_gains import (
+    estimator_bandwidth,
+    largest_pole,
+    lateness,
+)
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.settings_check import UNBOUNDED
 from ctc_chattering.studies.tuning import KNOW_FRICTION
 from ctc_chattering.trajectory.reference import make_motion
 
-#: Double pole of the error, unless the drives are slower [rad/s].
-POLE = 100.0
-#: ω over that pole, for an encoder of at most this resolution [rad], and for a coarser one.
-_FINE, _FAST, _SLOW = 2e-5, 2.0, 1.0
-#: Most that pole times lag and delay may be.
-_SLOWNESS = 0.4
 #: Part of the model's torque that may be wrong, and instants at which it is evaluated.
 _MODEL_ERROR, _INSTANTS = 0.2, 500
-#: Triple pole of `integral`, over that pole, and the smooth start that it needs [s].
+#: Triple pole of `integral` over that pole, and the smooth start that it needs [s].
 _INTEGRAL, _START = 0.6, 2.0
 
 
 def recommended_pole(setup: Setup) -> float:
-    """Return p [rad/s], with p (T + h (1 + delay)) at most 0.4 and at most `POLE`."""
+    """Return p [rad/s] for the drives that the controller knows."""
     config = setup.controller
-    late = max(config.actuator_lag) + config.control_period * (1 + config.input_delay)
-    return min(POLE, _SLOWNESS / late)
+    return largest_pole(lateness(
+        max(config.actuator_lag), config.control_period, config.input_delay))
 
 
 def recommended_ka(setup: Setup) -> list[float]:
@@ -46,17 +45,13 @@ def recommended_ka(setup: Setup) -> list[float]:
     return [float(f'{a + _MODEL_ERROR * b:.3g}') for a, b in zip(config.ka, largest)]
 
 
-def recommended_bandwidth(setup: Setup) -> float:
-    """Return ω of the observer [rad/s]."""
-    coarsest = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
-    return (_FAST if coarsest <= _FINE else _SLOW) * recommended_pole(setup)
-
-
 def recommended(setup: Setup) -> dict[str, Any]:
     """Return the recommended settings for a robot whose drives are known, by parameter."""
     n, pole = len(setup.controller.joint_names), recommended_pole(setup)
+    resolution = max(*setup.plant.encoder_resolution, *setup.plant.position_noise)
     return {'law': 'observer_feedback', 'kp': [pole ** 2] * n, 'kv': [2.0 * pole] * n,
-            'estimator_bandwidth': recommended_bandwidth(setup), 'ka': recommended_ka(setup)}
+            'estimator_bandwidth': estimator_bandwidth(pole, resolution),
+            'ka': recommended_ka(setup)}
 
 
 def recommended_setup(setup: Setup, law: str) -> Setup:

@@ -32,6 +32,7 @@ ELSEWHERE = {
     'source .venv': 'the network', 'cd ~/ws': 'a workspace of the user',
     'colcon build': 'colcon and ROS 2', 'alias ctc=': 'is for a terminal',
     'ros2 param': 'the client ros2', 'ros2 service': 'the client ros2',
+    'ctc identify': 'a bag of a minute', 'ctc simulate --params-file identified': 'its result',
     'ros2 security': 'sros2', 'for name in': 'sros2', 'done': 'sros2',
     'ros2 launch': 'Gazebo', 'ros2 run ros_gz': 'Gazebo',
     'ros2 run robot_state_publisher': 'robot_state_publisher',

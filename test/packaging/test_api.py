@@ -17,8 +17,8 @@ import ctc_chattering
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control', 'monitoring',
-         'simulation', 'experiment', 'analysis', 'ros', 'bags', 'identification', 'nodes',
-         'launch', 'studies', 'cli')
+         'simulation', 'experiment', 'analysis', 'identification', 'ros', 'bags',
+         'nodes', 'launch', 'studies', 'cli')
 #: These know nothing of ROS.
 NUMERIC = ORDER[:ORDER.index('ros')]
 #: Packages that ROS brings.

@@ -10,6 +10,7 @@ import random
 import re
 
 PANDA = tuple(f'panda_joint{i}' for i in range(1, 8))
+TWO_LINKS = ('a', 'b')
 UR5 = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_joint',
        'wrist_2_joint', 'wrist_3_joint')
 

@@ -1,0 +1,129 @@
+"""`ctc identify`: from bags to friction, delays, errors of the model and gains."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering.analysis.output import prepare, write_text, writing
+from ctc_chattering.bags.motion import Motion, read_motion
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.robot_description import read_description
+from ctc_chattering.identification.figures import save_identification_figures
+from ctc_chattering.identification.identify import identify as identified
+from ctc_chattering.identification.model_errors import Candidate, candidates
+from ctc_chattering.identification.parameter_values import parameter_values
+from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.recommendation import recommend
+from ctc_chattering.identification.report import Report, write_json, write_page
+from ctc_chattering.identification.validation import validate
+
+#: Names in the output directory.
+_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES = (
+    'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'figures')
+#: Acceleration of gravity where nothing says otherwise [m/s²].
+_GRAVITY = 9.81
+
+
+@dataclasses.dataclass(frozen=True)
+class _Robot:
+    """The model that is corrected, its errors that are looked for, and values of all nodes."""
+
+    model: Model
+    candidates: list[Candidate]
+    description: str
+    shared: dict[str, Any]
+    gains: tuple[Any, Any] | None
+
+
+def identify(options: argparse.Namespace) -> int:
+    """Run `ctc identify`."""
+    description = read_description(options.urdf) if options.urdf else ''
+    joints = tuple(filter(None, (options.joints or '').split(',')))
+
+    def read(bag: Path) -> Motion:
+        return read_motion(bag, joints, description, options.states, options.commands)
+    motions = [read(bag) for bag in options.bags]
+    robot = _robot(options, motions[0], description)
+    rate = _rates(options.torque_rate, len(motions[0].recording.joints))
+    other = read(options.validate) if options.validate else None
+    names = (_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES)
+    out = prepare(options.out, names, options.overwrite)
+    recordings = [motion.recording for motion in motions]
+    found = identified(recordings, robot.model, robot.candidates, options.torque or '')
+    run = perturbation(found)
+    q = np.concatenate([recording.q for recording in recordings])
+    recommended = recommend(found, run, robot.model, q)
+    validation = validate(
+        found, other.recording, robot.model, robot.candidates) if other else None
+    report = Report(', '.join(bag.resolve().name for bag in options.bags), found, run,
+                    recommended, validation, rate)
+    _write(report, robot, q, out)
+    print(report.text())
+    print(f'\nopen {out / _PAGE}; ctc simulate --params-file {out / _VALUES}')
+    return 0
+
+
+def _robot(options: argparse.Namespace, motion: Motion, description: str) -> _Robot:
+    """Return the model for a motion, from the options, the bag, or both."""
+    controller = motion.controller
+    description = description or motion.description
+    name = options.model or ('urdf' if options.urdf else controller.model if controller else
+                             'urdf' if description else '')
+    if not name:
+        raise UsageError('the bag has no robot description: give --urdf FILE, or --model')
+    gravity = options.gravity
+    if gravity is None:
+        gravity = controller.gravity if controller else _GRAVITY
+    locked = controller.locked if controller else ('',)
+    joints = motion.recording.joints
+    positions = locked_positions(locked)
+    model = make_model(name, gravity, joints, description, positions)
+    shared: dict[str, Any] = {'model': name, 'gravity': gravity}
+    if any(locked):
+        shared['locked'] = list(locked)
+    used = description if name == 'urdf' else ''
+    return _Robot(model, candidates(model, used, positions), used, shared,
+                  (controller.kp, controller.kv) if controller else None)
+
+
+def _rates(text: str | None, n: int) -> tuple[float, ...]:
+    """Return the allowed rate of each joint [N·m/s] from the option; empty without."""
+    if text is None:
+        return ()
+    try:
+        values = [float(x) for x in text.split(',')]
+    except ValueError:
+        values = []
+    if len(values) not in (1, n) or not all(x > 0.0 for x in values):
+        raise UsageError(f'--torque-rate: {text} is not allowed; allowed: one number above 0, or '
+                         f'{n} with commas')
+    return tuple(values * n if len(values) == 1 else values)
+
+
+def _write(report: Report, robot: _Robot, q: Any, out: Path) -> None:
+    """Write all files."""
+    shared = dict(robot.shared)
+    if robot.description:
+        write_text(out / _ROBOT, robot.description)
+        shared['description'] = str((out / _ROBOT).resolve())
+    values = parameter_values(report.found, report.recommended, robot.model, q, shared,
+                              robot.gains)
+    with writing(out / _VALUES):
+        parameter_file.dump(values, out / _VALUES)
+    try:
+        parameter_file.load(out / _VALUES)
+    except CtcError as error:
+        raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
+    write_json(report, out / _JSON)
+    figures = save_identification_figures(
+        report.found, report.run, report.recommended, report.validation, out / _FIGURES)
+    files = {_VALUES: 'parameter file', _JSON: 'all numbers'}
+    write_page(report, figures, out / _PAGE, files)

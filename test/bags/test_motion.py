@@ -1,0 +1,110 @@
+"""Joint states and torques are read from bags of any recorder, or refused in clear words."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from identified_bags import recorded_bag
+from identified_robots import record, Recorded
+from motion_bags import joint_state, messages_of, write
+import numpy as np
+import pytest
+import urdfs
+
+from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.errors import CtcError
+
+
+@cache
+def made() -> Recorded:
+    return record('two_link', 1, 1.0)
+
+
+def test_other_order_and_further_joints(tmp_path: Path) -> None:
+    bag = recorded_bag(tmp_path / 'bag', made(), order=(1, 0), extra=('finger', 'thumb'))
+    found = read_motion(bag)
+    wanted = made().recording
+    assert found.recording.joints == wanted.joints
+    assert found.recording.q == pytest.approx(wanted.q)
+    assert found.recording.dq == pytest.approx(wanted.dq)
+    assert found.recording.command == pytest.approx(wanted.command)
+    assert found.recording.effort is None
+    assert (found.controller, found.description) == (None, '')
+
+
+def test_commands_without_names_are_in_the_order_of_joints(tmp_path: Path) -> None:
+    bag = recorded_bag(tmp_path / 'bag', made(), labels=False, extra=('finger',),
+                       command=made().run.tau[:, ::-1])
+    with pytest.raises(CtcError, match=r'2 commanded torques for 3 joints.*--joints'):
+        read_motion(bag)
+    found = read_motion(bag, ('joint2', 'joint1')).recording
+    assert found.q == pytest.approx(made().recording.q[:, ::-1])
+    assert found.command == pytest.approx(made().run.tau[:, ::-1])
+
+
+def test_joints_are_those_of_the_description(tmp_path: Path) -> None:
+    x = made().recording
+    bag = write(tmp_path / 'bag', messages_of(
+        x.t, urdfs.TWO_LINKS, x.q, None, x.command, None, extra=('finger',),
+        urdf=urdfs.two_links()))
+    found = read_motion(bag)
+    assert found.recording.joints == urdfs.TWO_LINKS
+    assert found.description == urdfs.two_links()
+    assert found.recording.dq is None
+    assert found.recording.effort == pytest.approx(x.command)
+
+
+def test_an_effort_of_zeros_or_nan_is_none(tmp_path: Path) -> None:
+    for name, value in (('zeros', 0.0), ('nan', np.nan)):
+        found = read_motion(recorded_bag(
+            tmp_path / name, made(), effort=np.full_like(made().run.q, value)))
+        assert found.recording.effort is None
+
+
+def test_refusals(tmp_path: Path) -> None:
+    x = made().recording
+    with pytest.raises(CtcError, match='no message on joint_states'):
+        read_motion(write(tmp_path / 'empty', messages_of(
+            x.t[:0], x.joints, x.q, None, None, None, urdf=urdfs.two_links())))
+    with pytest.raises(CtcError, match="no state has the joints \\['elbow'\\]"):
+        read_motion(recorded_bag(tmp_path / 'others', made()), ('elbow',))
+    with pytest.raises(CtcError, match='needed: each of'):
+        read_motion(recorded_bag(tmp_path / 'some', made()), ('joint1', 'elbow'))
+    with pytest.raises(CtcError, match='no torque'):
+        read_motion(recorded_bag(tmp_path / 'idle', made(), command=None))
+    q = x.q.copy()
+    q[500] = np.nan
+    with pytest.raises(CtcError, match='a position that is not finite'):
+        read_motion(recorded_bag(tmp_path / 'nan', made(), q=q))
+
+
+def test_two_publishers_of_commands_or_states(tmp_path: Path) -> None:
+    x = made().recording
+    messages = messages_of(x.t, x.joints, x.q, x.dq, None, x.command)
+    twice = [y for message in messages for y in (
+        [message, message] if 'commands' in message[0] else [message])]
+    with pytest.raises(CtcError, match='two publishers of commands'):
+        read_motion(write(tmp_path / 'commands', twice))
+    other = [(topic, t + 1, joint_state(t, x.joints, x.q[0] + 1.0, x.dq[0], None))
+             for topic, t, _ in messages if topic == '/joint_states' and x.dq is not None]
+    with pytest.raises(CtcError, match='two publishers of joint states'):
+        read_motion(write(tmp_path / 'states', sorted(
+            [*messages, *other], key=lambda message: message[1])))
+    renamed = [('/left' + topic, t, message) for topic, t, message in messages]
+    with pytest.raises(CtcError, match='several topics: /joint_states, /left/joint_states'):
+        read_motion(write(tmp_path / 'topics', [*messages, *renamed]))
+    found = read_motion(tmp_path / 'topics', states='/left/joint_states',
+                        commands='/effort_controller/commands')
+    assert found.recording.q == pytest.approx(x.q)
+
+
+def test_a_torque_that_is_no_longer_commanded_is_not_known(tmp_path: Path) -> None:
+    x = made().recording
+    messages = [message for message in messages_of(x.t, x.joints, x.q, x.dq, None, x.command)
+                if not ('commands' in message[0] and 1.5e9 < message[1] < 1.7e9)]
+    found = read_motion(write(tmp_path / 'bag', messages)).recording.command
+    assert found is not None and x.command is not None
+    assert found[:500] == pytest.approx(x.command[:500])
+    assert np.isnan(found[530:695]).all()
+    assert found[701:] == pytest.approx(x.command[701:])
