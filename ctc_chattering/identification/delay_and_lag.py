@@ -61,8 +61,8 @@ class Timing:
         T of each drive [s]; 0 where none shows.
     lag_error : ndarray, shape (n,)
         Standard error [s]; inf where the data do not tell.
-    delays : tuple of int
-        The delays that the data allow; one if it is identified.
+    delays : dict of int to ndarray, shape (n,)
+        The delays that the data allow with their lags [s]; one if it is identified.
     misfit : ndarray, shape (n,)
         Mean square that is left in each joint [(N·m)²].
     command_delay : float
@@ -76,7 +76,7 @@ class Timing:
     delay: float
     lag: Array
     lag_error: Array
-    delays: tuple[int, ...]
+    delays: dict[int, Array]
     misfit: Array
     command_delay: float = nan
     command_lag: Array | None = None
@@ -185,7 +185,7 @@ def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: Tes
         table = np.array([profile.squares(delay, 0.0) for delay in _ALIGNMENTS])
         scale = np.where(moving, table.min(axis=0), 1.0)
         best = int(np.argmin(np.where(moving, table / scale, 0.0).sum(axis=1)))
-        return Timing(source, _ALIGNMENTS[best], np.zeros(n), np.full(n, np.inf), (),
+        return Timing(source, _ALIGNMENTS[best], np.zeros(n), np.full(n, np.inf), {},
                       table[best] / np.maximum(profile.count, 1))
     most = min(_MOST, int(_LONGEST / profile.period))
     alone = np.array([profile.squares(delay, 0.0) for delay in range(most + 1)])
@@ -216,11 +216,11 @@ def _of_commands(profile: Profile, table: Array, moving: Flags) -> Timing:
     cost = {d: float((sums[d] / noise).sum()) + _PER_LAG * int(shown[d].sum()) for d in sums}
     best = min(cost, key=lambda d: cost[d])
     lag, squares = found[best]
-    allowed = tuple(d for d in cost if cost[d] - cost[best] < _CLEAR)
-    shows = shown[best]
+    allowed = {d: np.where(shown[d], found[d][0], 0.0)
+               for d in cost if cost[d] - cost[best] < _CLEAR}
     error = _lag_errors(profile, best, lag, noise)
-    return Timing(COMMAND, float(best), np.where(shows, lag, 0.0),
-                  np.where(moving, error, np.inf), allowed,
+    return Timing(COMMAND, float(best), allowed[best],
+                  np.where(moving & (len(allowed) == 1), error, np.inf), allowed,
                   squares / np.maximum(profile.count, 1))
 
 

@@ -150,19 +150,21 @@ def _values(found: Identification, law: str, ka: Array, peak: Array, resolution:
         'ka': ([float(x) for x in ka], _ka_reason(found, peak)),
         'input_delay': (whole, _delay_reason(found)),
         'switching': ('implicit_observer', 'estimates P; docs/theory.md')}
-    longest = float(lag.max())
+    possible = found.timing.delays or {whole: lag}
+    longest = max(float(x.max()) for x in possible.values())
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
     values['observer_bandwidth'] = (_rounded_down(bandwidth), (
-        f'{_LAG:g} / T with the longest lag of the drives, T = {longest:.3g} s' if longest
-        else 'no lag of the drives shows'))
+        f'{_LAG:g} / T with the longest lag of the drives that is possible, T = {longest:.3g} s'
+        if longest else 'no lag of the drives shows'))
     values['friction_level'] = ([max(0.0, x.coulomb.or_zero()) for x in found.friction],
                                 'the Coulomb friction')
     values['actuator_lag'] = ([float(f'{x:.3g}') for x in lag], 'the lag of the drives')
     if law == 'observer_feedback':
-        late = lateness(longest, period, whole)
+        late, slowest, most = max((lateness(float(x.max()), period, d), float(x.max()), d)
+                                  for d, x in possible.items())
         pole = _rounded_down(largest_pole(late))
         why = (f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = {pole * late:.2g} ≤ '
-               f'{SLOWNESS:g} with T = {longest:.3g} s, h = {period:g} s, d = {whole}')
+               f'{SLOWNESS:g} with T = {slowest:.3g} s, h = {period:g} s, d = {most}')
         values['kp'] = ([pole ** 2] * len(ka), why)
         values['kv'] = ([2.0 * pole] * len(ka), why)
         ratio = estimator_bandwidth(1.0, resolution)

@@ -112,8 +112,10 @@ class Report:
         if not isfinite(delay):
             yield 'delay not identifiable: no commanded torque in the bag'
         elif len(timing.delays) > 1:
-            yield (f'delay not identifiable: {" or ".join(map(str, timing.delays))} samples '
-                   'explain the motion as well')
+            yield 'delay not identifiable; these explain the motion as well: ' + '; '.join(
+                f'{delay} samples with ' + (f'lags of {_shown(lags.tolist())} s' if lags.any()
+                                            else 'no lag')
+                for delay, lags in timing.delays.items())
         else:
             yield f'delay of the torque: {int(delay)} samples'
         yield f'torques are taken from the {timing.source}'
@@ -151,14 +153,16 @@ class Report:
     def as_mapping(self) -> dict[str, Any]:
         """Return it as JSON has it."""
         found, recommended = self.found, self.recommended
-        delay, lag, error = found.timing.drive
+        timing = found.timing
+        delay, lag, error = timing.drive
         return {
             'bags': self.source, 'joint_names': list(found.joints),
             'clock': dataclasses.asdict(found.clock),
-            'torque_from': found.timing.source,
-            'delay_samples': int(delay) if isfinite(delay) and len(found.timing.delays) == 1
+            'torque_from': timing.source,
+            'delay_samples': int(delay) if isfinite(delay) and len(timing.delays) == 1
             else None,
-            'delays_possible': list(found.timing.delays),
+            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags.tolist()}
+                                for delay, lags in timing.delays.items()],
             'actuator_lag_s': lag.tolist(), 'actuator_lag_error_s': error.tolist(),
             'friction': [_mapping(dataclasses.fields(x), x) for x in found.friction],
             **{key: [x.as_mapping() for x in getattr(found, name)] for key, name in (

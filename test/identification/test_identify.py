@@ -49,7 +49,7 @@ def test_a_plain_robot() -> None:
         assert friction.stribeck == Number.none(NONE)
         assert friction.load == Number.none(NONE)
         assert abs(friction.offset.value or 0.0) < 1e-3
-    assert (found.timing.delay, found.timing.delays) == (0.0, (0,))
+    assert (found.timing.delay, list(found.timing.delays)) == (0.0, [0])
     assert not found.timing.lag.any()
     assert found.errors == [] and found.left == []
     assert [x.value for x in found.encoder] == pytest.approx([1e-5, 1e-5], rel=1e-6)
@@ -68,7 +68,7 @@ def test_delay_and_lags_of_the_drives() -> None:
 
 def test_a_delay_is_not_taken_for_a_lag() -> None:
     found = of(record('two_link', 4, SHORT, plant={'input_delay': 2}))
-    assert (found.timing.delay, found.timing.delays) == (2.0, (2,))
+    assert (found.timing.delay, list(found.timing.delays)) == (2.0, [2])
     assert not found.timing.lag.any()
 
 
