@@ -42,6 +42,8 @@ _CLEAR = 12.0
 _PER_LAG = 7.0
 #: Alignments of a measured effort: of the period before, at the instant, of the period after.
 _ALIGNMENTS = (-1.0, -0.5, 0.0)
+#: Part of a lag by which it is changed for a derivative.
+_LAG_STEP = 0.02
 #: Fewest rows of a joint.
 _FEWEST = 30
 
@@ -134,10 +136,13 @@ class Profile:
 
     def windows(self, at: Timing) -> Data:
         """Return all windows with the torques of a timing."""
+        pairs = list(zip(self._parts, self._rows))
         torques, loads = ([self.torque(part, rows, at.delay, at.lag, magnitude)
-                           for part, rows in zip(self._parts, self._rows)]
-                          for magnitude in (False, True))
-        return Data.of(self._rows, torques, loads)
+                           for part, rows in pairs] for magnitude in (False, True))
+        step = np.where(at.lag > 0.0, _LAG_STEP * at.lag, 1.0)
+        late = [(self.torque(part, rows, at.delay, at.lag + step * (at.lag > 0.0)) - tau) / step
+                for (part, rows), tau in zip(pairs, torques)] if at.lag.any() else None
+        return Data.of(self._rows, torques, loads, late)
 
     def weak(self, delay: float, lag: float | Array) -> Array:
         """Return the residual torque of all windows, shape (J, n); 0 in rows not used."""

@@ -2,7 +2,9 @@
 Intervals of 95 % by a moving block bootstrap, because residuals of neighbouring windows correlate.
 
 Blocks of windows, with the rows of all joints, are drawn with replacement (Künsch 1989). A block
-is some times longer than the correlation of the residuals and of their products with the columns.
+is many times longer than the correlation of the residuals and of their products with the columns:
+noise of positions enters neighbouring windows with opposite signs, and at the ends of a block it
+has no partner. With blocks of 5 correlations, intervals were 1.4 times as long as with 40.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 #: Resamples, and their seed.
 _COUNT, _SEED = 400, 1
 #: Blocks of at least so many correlation lengths, and at least so many of them in the data.
-_LENGTHS, _FEWEST_BLOCKS = 5.0, 12
+_LENGTHS, _FEWEST_BLOCKS = 40.0, 12
 #: Quantile of the normal distribution.
 _QUANTILE = 1.959964
 

@@ -16,8 +16,8 @@ import numpy as np
 from ctc_chattering.identification.rows import Rows, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 
-FORWARDS, BACKWARDS, VISCOUS, STRIBECK_TERM, STRIBECK_SLOPE, LOAD, MODEL = (
-    'forwards', 'backwards', 'viscous', 'stribeck', 'stribeck slope', 'load', 'model')
+FORWARDS, BACKWARDS, VISCOUS, STRIBECK_TERM, STRIBECK_SLOPE, LOAD, LAG_SLOPE, MODEL = (
+    'forwards', 'backwards', 'viscous', 'stribeck', 'stribeck slope', 'load', 'lag slope', 'model')
 #: Iterations in which weights follow from residuals.
 _ITERATIONS = 3
 #: Singular value, of columns of the length 1, below which they count as dependent.
@@ -30,7 +30,7 @@ class Term(NamedTuple):
 
     The joint of a `MODEL` is -1, and `which` its index. `which` of the Stribeck terms is the place
     of the velocity among `STRIBECK`, between two of them as well; the slope is the derivative of
-    the column by that.
+    the column by that, and that of the lag the derivative of the torque by the lag.
     """
 
     kind: str
@@ -49,6 +49,8 @@ class Data:
         As in `Rows`.
     load : ndarray, shape (J, n)
         Mean magnitude of the torque [N·m].
+    late : ndarray, shape (J, n)
+        Derivative of the torque by the lag of the drive; 0 without a lag [N·m/s].
     residual : ndarray, shape (J, n)
         Torque less the model's without friction, 0 where it is not known [N·m].
     starts : tuple of int
@@ -62,12 +64,13 @@ class Data:
     more: Array
     stribeck: Array
     load: Array
+    late: Array
     residual: Array
     starts: tuple[int, ...]
 
     @classmethod
     def of(cls, rows: Sequence[Rows], torques: Sequence[Array],
-           loads: Sequence[Array] | None = None) -> Data:
+           loads: Sequence[Array] | None = None, late: Sequence[Array] | None = None) -> Data:
         """
         Return the rows of stretches.
 
@@ -77,6 +80,8 @@ class Data:
             One for each stretch.
         torques, loads : sequence of ndarray, shape (J, n)
             Weak torque, nan where it is not known, and mean magnitude of the torque [N·m].
+        late : sequence of ndarray, shape (J, n), optional
+            Derivative of the weak torque by the lag [N·m/s].
 
         """
         residual = np.concatenate([tau - part.base for part, tau in zip(rows, torques)])
@@ -85,8 +90,10 @@ class Data:
                    for name in ('t', 'velocity', 'way', 'more', 'stribeck')}
         columns['way'] = np.where(known, columns['way'], 0.0)
         counts = np.cumsum([0, *(len(part.t) for part in rows)])
-        load = np.concatenate(list(loads)) if loads else np.zeros_like(residual)
+        load, slope = (np.concatenate(list(x)) if x else np.zeros_like(residual)
+                       for x in (loads, late))
         return cls(**columns, load=np.where(known, load, 0.0),
+                   late=np.where(known & np.isfinite(slope), slope, 0.0),
                    residual=np.where(known, residual, 0.0), starts=tuple(counts[:-1].tolist()))
 
     def columns(self, terms: Sequence[Term]) -> Array:
@@ -100,6 +107,8 @@ class Data:
                 found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
             elif kind == LOAD:
                 found[:, i, k] = self.way[:, i] * self.load[:, i]
+            elif kind == LAG_SLOPE:
+                found[:, i, k] = self.late[:, i] * (self.way[:, i] != 0.0)
             elif kind == VISCOUS:
                 found[:, i, k] = self.velocity[:, i] * (self.way[:, i] != 0.0)
             else:

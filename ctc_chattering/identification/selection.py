@@ -21,6 +21,7 @@ from ctc_chattering.identification.regression import (
     dependent,
     Fit,
     FORWARDS,
+    LAG_SLOPE,
     LOAD,
     MODEL,
     solve,
@@ -115,7 +116,9 @@ def select(data: Data, joints: Sequence[str], models: Sequence[str]) -> Selected
         if not more:
             break
     terms = _refined(data, _without_weak(data, [*terms, *kept], missing))
-    fit = solve(data, terms)
+    # As with the slopes of Stribeck columns, intervals contain what the lag is uncertain by.
+    lags = [Term(LAG_SLOPE, i) for i in range(len(joints)) if data.late[:, i].any()]
+    fit = solve(data, [*terms, *lags])
     return Selected(fit, spread(fit, data.starts), missing, unseen)
 
 

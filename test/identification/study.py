@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import json
 from pathlib import Path
 import time
@@ -20,6 +20,7 @@ from ctc_chattering.identification.model_errors import candidates, heavier_links
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.recommendation import recommend, Recommendation
 from ctc_chattering.identification.validation import validate
+from ctc_chattering.trajectory.waypoints import Route
 
 #: Robots and plants of the study.
 ROBOTS = (('two_link', 'builtin'), ('two_link_urdf', 'mujoco'), ('panda', 'builtin'),
@@ -77,9 +78,21 @@ def recorded(robot: str, backend: str, case: str, seed: int, duration: float, mo
         truth = heavier_links(mine.urdf, mine.joints, 1.1)[seed % len(mine.joints)][1]
     elif case == 'payload':
         truth = with_payload(mine.urdf, mine.joints)
+    route = motion_of(mine, duration, seed + motion)
+    if motion:
+        route = as_fast(route, motion_of(mine, 60.0, seed), mine.centre)
     return record(robot, seed, duration, backend=backend, plant=plant, truth=truth,
-                  controller=controller,
-                  route=motion_of(mine, duration, seed + motion))
+                  controller=controller, route=route)
+
+
+def as_fast(route: Route, known: Route, centre: Sequence[float]) -> Route:
+    """Return a motion whose joints, scaled about the centre, are nearly as fast as in another."""
+    mine, other = (np.abs([dq for _, dq, _ in it.points]).max(axis=0) for it in (route, known))
+    scale = np.minimum(0.9 * other / mine, 1.3)
+    points = [((np.array(q) - centre) * scale + centre, np.array(dq) * scale,
+               np.array(ddq) * scale) for q, dq, ddq in route.points]
+    return Route(route.names, route.times, [
+        tuple(tuple(x.tolist()) for x in point) for point in points])  # type: ignore[misc]
 
 
 def friction(found: Identification, made: Recorded) -> dict[str, Any]:

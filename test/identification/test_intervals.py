@@ -28,7 +28,8 @@ def data(velocity: np.ndarray, noise: np.ndarray) -> Data:
     column = velocity[:, None]
     return Data(np.arange(COUNT, dtype=float), column, np.ones_like(column),
                 np.empty((COUNT, 1, 0)), np.zeros((COUNT, 1, 15)),
-                np.zeros_like(column), 2.0 + 0.5 * column + noise[:, None], (0,))
+                np.zeros_like(column), np.zeros_like(column),
+                2.0 + 0.5 * column + noise[:, None], (0,))
 
 
 @pytest.mark.parametrize('share', [0.0, 0.6, 0.9])

@@ -11,6 +11,7 @@ from ctc_chattering.identification.regression import (
     dependent,
     FORWARDS,
     interpolation,
+    LAG_SLOPE,
     LOAD,
     MODEL,
     solve,
@@ -28,11 +29,12 @@ WAY = np.sign(V) * (np.abs(V) > 0.05)
 STRIBECK_COLUMNS = np.sign(V)[:, :, None] * np.exp(-np.square(V[:, :, None] / STRIBECK))
 MORE = RNG.normal(size=(COUNT, 2, 3))
 LOADS = np.abs(RNG.normal(size=(COUNT, 2)))
+LATE = np.stack((np.cos(0.1 * np.arange(COUNT)), np.zeros(COUNT)), axis=1)
 
 
 def data(residual: np.ndarray, more: np.ndarray = MORE) -> Data:
     return Data(np.arange(COUNT, dtype=float), V, WAY, more, STRIBECK_COLUMNS, LOADS,
-                residual * (WAY != 0.0), (0,))
+                LATE, residual * (WAY != 0.0), (0,))
 
 
 def torque() -> np.ndarray:
@@ -53,6 +55,14 @@ def test_exact_data_give_exact_coefficients() -> None:
     assert fit.residual == pytest.approx(np.zeros((COUNT, 2)), abs=1e-9)
     assert fit.of(Term(VISCOUS, 0)) == pytest.approx(0.7)
     assert fit.of(Term(VISCOUS, 1)) == 0.0
+
+
+def test_a_lag_that_is_off_is_in_its_slope_and_in_no_friction() -> None:
+    y = torque()
+    y[:, 0] += 0.02 * LATE[:, 0]
+    assert solve(data(y), TERMS).value[:3] != pytest.approx(TRUTH[:3], abs=1e-4)
+    fit = solve(data(y), (*TERMS, Term(LAG_SLOPE, 0)))
+    assert fit.value == pytest.approx((*TRUTH, 0.02), abs=1e-9)
 
 
 def test_the_weights_are_those_of_the_noise_of_each_joint() -> None:
