@@ -216,12 +216,12 @@ def stribeck_velocity(which: float) -> float:
 
 
 def interpolation(which: float, slope: bool = False) -> Array:
-    """Return the weights of the Stribeck columns, by the cubic of four, or those of its slope."""
+    """Return the weights of the Stribeck columns, by the quintic of six, or those of its slope."""
     count = len(STRIBECK)
-    first = int(np.clip(np.floor(which) - 1, 0, count - 4))
-    nodes = np.arange(first, first + 4)
-    powers = np.linalg.inv(np.vander(nodes - which, 4, increasing=True))
+    first = int(np.clip(np.floor(which) - 2, 0, count - 6))
+    nodes = np.arange(first, first + 6)
+    powers = np.linalg.inv(np.vander(nodes - which, 6, increasing=True))
     found = np.zeros(count)
-    # Of the cubic in (place - which): its value there, or its slope.
+    # Of the quintic in (place - which): its value there, or its slope.
     found[nodes] = powers[1 if slope else 0]
     return found

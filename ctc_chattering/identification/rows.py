@@ -21,7 +21,7 @@ from ctc_chattering.identification.weak_form import (
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
-STRIBECK = tuple(0.005 * 10.0 ** (0.125 * k) for k in range(15))
+STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
 #: A joint slides where its velocity exceeds this many deviations, and this part of its largest.
 _DEVIATIONS, _PART = 6.0, 2e-3
 #: Time before the first window, in which drives reach what was commanded before [s].

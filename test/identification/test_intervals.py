@@ -8,6 +8,7 @@ from scipy.stats import t as student  # type: ignore[import-untyped]
 
 from ctc_chattering.identification.intervals import correlation_length, spread, t_quantile
 from ctc_chattering.identification.regression import Data, FORWARDS, solve, Term, VISCOUS
+from ctc_chattering.identification.rows import STRIBECK
 
 #: Windows, and runs.
 COUNT, RUNS = 1000, 60
@@ -27,7 +28,7 @@ def correlated(rng: np.random.Generator, share: float) -> np.ndarray:
 def data(velocity: np.ndarray, noise: np.ndarray) -> Data:
     column = velocity[:, None]
     return Data(np.arange(COUNT, dtype=float), column, np.ones_like(column),
-                np.empty((COUNT, 1, 0)), np.zeros((COUNT, 1, 15)),
+                np.empty((COUNT, 1, 0)), np.zeros((COUNT, 1, len(STRIBECK))),
                 np.zeros_like(column), np.zeros_like(column),
                 2.0 + 0.5 * column + noise[:, None], (0,))
 
