@@ -112,9 +112,9 @@ class Report:
         if not isfinite(delay):
             yield 'delay not identifiable: no commanded torque in the bag'
         elif len(timing.delays) > 1:
-            yield 'delay not identifiable; these explain the motion as well: ' + '; '.join(
-                f'{delay} samples with ' + (f'lags of {_shown(lags.tolist())} s' if lags.any()
-                                            else 'no lag')
+            yield 'delay not identifiable; the motion fits as well to ' + '; to '.join(
+                f'{delay} sample{"s"[:delay != 1]} with '
+                + (f'lags of {_shown(lags.tolist())} s' if lags.any() else 'no lag')
                 for delay, lags in timing.delays.items())
         else:
             yield f'delay of the torque: {int(delay)} samples'
