@@ -46,12 +46,13 @@ def outcome(robot: str, backend: str, case: str, seed: int, duration: float) -> 
     unseen = recorded(robot, backend, case, seed, 20.0, 500)
     other = validate(found, unseen.recording.checked(), made.model, errors)
     ka = np.array(recommended.values['ka'][0], float)
+    known = [x.coulomb.value is not None for x in found.friction]
     return {'robot': robot, 'backend': backend, 'case': case, 'seed': seed, 'seconds': seconds,
             **friction(found, made), 'delay': found.timing.delay,
             'delays': list(found.timing.delays), 'true_delay': made.plant.input_delay,
             'lag': found.timing.lag.tolist(), 'true_lag': list(made.plant.actuator_lag),
             'errors': {x.name: [number.value, number.half] for x, number in found.errors},
-            'ka_over_peak': (ka / other.run.peak).tolist(), 'law': recommended.law,
+            'ka_over_peak': (ka / other.run.peak)[known].tolist(), 'law': recommended.law,
             'advantage': advantage(robot, backend, case, seed, recommended)
             if case == 'plain' and seed < _FEW else []}
 
@@ -129,8 +130,8 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
         ratio = np.concatenate([row['ka_over_peak'] for row in mine])
         better = [x for row in mine for x in row.get('advantage', [])]
         cells += [f'{100 * held.mean():.0f} % of {len(held)}', f'{exact} of {len(mine)}',
-                  f'{1e6 * off:.1g} µs', _named(mine), f'{ratio.min():.2f} to {ratio.max():.2f}',
-                  f'{min(better):.2g} times' if better else '',
+                  f'{1e6 * off:.0f} µs', _named(mine), f'{ratio.min():.2f} to {ratio.max():.2f}',
+                  f'{min(better):.0f} times' if better else '',
                   f'{max(row["seconds"] for row in mine):.0f}']
         yield f'| {" | ".join(cells)} |'
 
