@@ -1,5 +1,5 @@
-# Two commands: `make demo` runs the paper, `make test` runs the tests.
-# Both make .venv first, with everything they need from PyPI.
+# `make demo` runs the paper, `make test` the tests, `make live` the arm in the browser.
+# Each makes .venv first, with everything it needs from PyPI.
 
 PYTHON ?= python3
 VENV := .venv
@@ -9,11 +9,15 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-load slow lint compare benchmark latency soak identification clean
+.PHONY: demo live test test-load slow lint compare benchmark latency soak identification clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
 	$(BIN)/ctc reproduce --out results --overwrite
+
+# The paper's arm in real time in the browser, with buttons; Ctrl-C ends.
+live: $(READY)
+	$(BIN)/bringup --live --pacing real_time --duration 0
 
 # Processes that run tests: more than two processors, for many tests mostly wait.
 WORKERS ?= 3
@@ -67,11 +71,11 @@ identification: $(READY)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml
-	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (1.6 GB;'
+	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (1.8 GB;'
 	@echo 'some minutes, once) ...'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test,lint]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,live,test,lint]'
 	touch $(READY)
 
 clean:

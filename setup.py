@@ -29,7 +29,7 @@ setup(
     cmdclass={'develop': Develop},
     version='0.1.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'analysis/page.html']},
+    package_data={NAME: ['py.typed', 'analysis/page.html', 'live/export.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -42,13 +42,15 @@ setup(
     extras_require={
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        # The page of `ctc live`.
+        'live': ['viser>=1.1'],
         'mujoco': ['mujoco'],
         # The model urdf; of apt, ros-jazzy-pinocchio.
         'urdf': ['pin'],
         # `ctc compare --trials`.
         'tune': ['optuna'],
-        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'optuna', 'pin', 'pytest',
-                 'pytest-xdist', 'scipy'],
+        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'optuna', 'pin', 'playwright',
+                 'pytest', 'pytest-xdist', 'scipy', 'viser>=1.1'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,

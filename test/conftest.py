@@ -3,11 +3,13 @@ What all tests have in common.
 
 The processes that they start have the rights of an ordinary user, whoever runs the tests, and
 signals end them, where the tests run under nohup or in the background too.
+Tests of the page are left out where there is no Chromium, and the summary says so.
 Hypothesis tries the same examples every time, however slow the machine.
 """
 
 import signal
 
+from browser import chromium
 from hypothesis import HealthCheck, settings
 import pytest
 from rights import drop_rights
@@ -27,3 +29,18 @@ def pytest_configure(config: pytest.Config) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     drop_rights()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what needs a browser where there is none."""
+    if chromium() is None:
+        left_out = [item for item in items if item.get_closest_marker('browser')]
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say that something was left out."""
+    if chromium() is None:
+        terminalreporter.write_line(
+            'No Chromium: tests of the page were left out. apt-get install chromium')

@@ -29,6 +29,7 @@ def make_parser() -> argparse.ArgumentParser:
     add_run_options(parser)
     parser.add_argument('--pacing', choices=PACINGS, help="in place of the file's pacing")
     parser.add_argument('--record', type=Path, metavar='BAG', help='directory to create')
+    parser.add_argument('--live', action='store_true', help='show the graph in the browser, too')
     return parser
 
 
@@ -42,6 +43,9 @@ def bringup(arguments: Sequence[str]) -> int:
     own, ros = ros_arguments.parse(arguments)
     options = make_parser().parse_args(own)
     from ctc_chattering.cli.progress import Progress
+    if options.live:
+        from ctc_chattering.live.page import require_viser
+        require_viser()
 
     over = overrides(options)
     for node, values in ros_arguments.bringup_values(ros).items():
@@ -51,7 +55,7 @@ def bringup(arguments: Sequence[str]) -> int:
     with Progress(plant.experiment, plant.duration) as progress:
         try:
             run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,
-                      progress.write)
+                      progress.write, options.live)
             progress(plant.duration)
         except Stopped as stopped:
             progress.write(f'bringup: {stopped}')

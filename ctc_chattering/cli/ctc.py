@@ -1,4 +1,4 @@
-"""`ctc`: simulate, reproduce the paper, plot and replay bags, compare, check models."""
+"""`ctc`: simulate, reproduce the paper, show, plot and replay bags, compare, check models."""
 
 from __future__ import annotations
 
@@ -89,6 +89,26 @@ def _add_bags(commands: Any) -> None:
         'Every tool reads it then; what was there is kept beside it.')
     for parser in (export, replay, repair):
         parser.add_argument('bag', type=Path, metavar='BAG')
+    _add_live(commands)
+
+
+def _add_live(commands: Any) -> None:
+    live = _add(
+        commands, 'live', 'show the arm and the law in the browser, of a graph or of bags',
+        'Without a bag the page shows the running graph, and its buttons change law, gains and '
+        'plant; arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags are '
+        'shown side by side.')
+    live.add_argument('bags', nargs='*', type=Path, metavar='BAG')
+    live.add_argument('--export', type=Path, metavar='FILE',
+                      help='write the page of the bags into one HTML file, and serve none')
+    live.add_argument('--overwrite', action='store_true', help='replace that file')
+    live.add_argument('--host', default='127.0.0.1', metavar='H',
+                      help='address to listen on, 127.0.0.1 by default: this machine only')
+    live.add_argument('--port', type=int, metavar='N',
+                      help='port; by default the first free one from 8080 on')
+    live.add_argument('--read-only', action='store_true', help='no buttons, nothing is sent')
+    live.add_argument('--dark', action='store_true', help='light letters on dark ground')
+    live.add_argument('--parent', type=int, help=argparse.SUPPRESS)
 
 
 def _add_identify(commands: Any) -> None:
@@ -193,13 +213,21 @@ def _add_output(parser: argparse.ArgumentParser, default: str | None) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    options = make_parser().parse_args(argv)
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    ros: list[str] = []
+    if arguments[:1] == ['live'] and '--ros-args' in arguments:
+        first = arguments.index('--ros-args')
+        arguments, ros = arguments[:first], arguments[first:]
+    options = make_parser().parse_args(arguments)
+    options.ros_args = ros
     return guarded(f'ctc {options.command}', lambda: _run(options))
 
 
 def _run(options: argparse.Namespace) -> int:
     # Imported here: each needs libraries that take time to load, or may be missing.
-    from ctc_chattering.cli import commands
+    from ctc_chattering.cli import commands, live
+    if options.command == 'live':
+        return live.live(options)
     return int(getattr(commands, options.command.replace('-', '_'))(options))
 
 

@@ -28,7 +28,7 @@ def read_description(location: str) -> str:
         If it cannot be read.
 
     """
-    path = _find(location) if location.startswith(_SCHEME) else Path(location)
+    path = find_file(location)
     try:
         return path.read_text(encoding='utf-8')
     except (OSError, ValueError) as error:
@@ -36,8 +36,23 @@ def read_description(location: str) -> str:
         raise CtcError(f'description: {location}: {reason}') from None
 
 
-def _find(location: str) -> Path:
-    """Return where a ``package://`` location is."""
+def find_file(location: str) -> Path:
+    """
+    Return where a file is that a description or a parameter names.
+
+    Parameters
+    ----------
+    location : str
+        As `read_description` takes it.
+
+    Raises
+    ------
+    CtcError
+        If it is of a package that is not installed.
+
+    """
+    if not location.startswith(_SCHEME):
+        return Path(location)
     below = Path('share', *location.removeprefix(_SCHEME).split('/'))
     looked = list(_prefixes())
     for prefix in looked:

@@ -26,6 +26,12 @@ def node_command(name: str, *arguments: str) -> list[str]:
             *arguments]
 
 
+def page_command(*arguments: str) -> list[str]:
+    """Return the command that shows the graph in the browser; it ends when this process has."""
+    return [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'live', '--parent', str(os.getpid()),
+            *arguments]
+
+
 def end_with(parent: int) -> None:
     """
     Have this process end when its parent has; on Linux, by SIGTERM.

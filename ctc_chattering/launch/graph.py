@@ -27,7 +27,7 @@ class Stopped(CtcError):
 
 def run_graph(path: Path | None, overrides: Overrides | None = None, record: Path | None = None,
               ros_args: Sequence[str] = (), progress: Callable[[float], None] | None = None,
-              show: Callable[[str], None] = print) -> None:
+              show: Callable[[str], None] = print, live: bool = False) -> None:
     """
     Run the graph until the plant ends the experiment, and leave no process behind.
 
@@ -45,6 +45,8 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
         Called now and then with the time of the run [s].
     show : callable
         Called with every line that a process prints.
+    live : bool
+        Whether a page in the browser shows the graph; its end is not the graph's.
 
     Raises
     ------
@@ -67,6 +69,7 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
     if lockstep and setup.values['bringup']['one_processor']:
         turns = one_processor()
     children: dict[str, child_process.Child] = {}
+    pages: list[child_process.Child] = []
     with (stop_signals() as caught,
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         file = Path(scratch) / 'params.yaml'
@@ -77,9 +80,13 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
                     name, *ros_args, '--ros-args', '--params-file', str(file))
                 children[name] = child_process.Child(
                     name, argv, show, turns if name in ('plant', 'controller') else None)
+            if live:
+                pages.append(child_process.Child('live', child_process.page_command(
+                    *ros_args), show))
             with graph_monitor(setup.events, lockstep, ros_args) as look:
                 _watch(children, look, caught, setup.plant.duration > 0.0, progress)
         finally:
+            child_process.stop(pages)
             child_process.stop([children[x] for x in LOOP if x in children])
             child_process.stop(list(children.values()), patience=20.0)
     for child in children.values():

@@ -70,6 +70,13 @@ class PlantConfig(RobotConfig):
     disturbance_frequency: tuple[float, ...] = parameter(
         'disturbance.frequency', 'float[]', 0.0, 'Frequency of the disturbance d(t).',
         unit='rad/s', shape='n')
+    disturbance_push: tuple[float, ...] = parameter(
+        'disturbance.push', 'float[]', 0.0,
+        'Torque that adds to the disturbance for disturbance.push_duration after it was set.',
+        unit='N*m', shape='n')
+    disturbance_push_duration: float = parameter(
+        'disturbance.push_duration', 'float', 0.2, 'How long a push acts.', unit='s',
+        minimum=0.0, maximum=3600.0)
     initial_position: tuple[float, ...] = parameter(
         'initial_position', 'float[]', 0.0, 'Position at t = 0.', unit='rad', shape='n',
         read_only=True)

@@ -71,6 +71,9 @@ class Robot(ABC):
         self._drives = Drives(config.actuator_lag, config.torque_rate_limit)
         self._motors = motors or range(self.n)
         self._braking = False
+        #: The push, and the first sample after it.
+        self._push: Vector = rest
+        self._push_end = 0
         self.period_ns = period_ns(config.control_period)
         self._period = seconds(self.period_ns)
         self._last = samples(config.duration, self.period_ns)
@@ -92,10 +95,18 @@ class Robot(ABC):
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         self.config = config
-        self._disturbed = any(config.disturbance_amplitude)
-        self._varying = self._disturbed or not self._drives.ideal
+        if config.disturbance_push != self._push:
+            self._push = config.disturbance_push
+            self._push_end = self.k + round(config.disturbance_push_duration / self._period)
+        self._set_disturbed()
         self._loaded = any(config.load_friction)
         self._uneven = any(config.friction_asymmetry)
+
+    def _set_disturbed(self) -> None:
+        """Set what acts over the next periods."""
+        self._pushing = any(self._push) and self.k < self._push_end
+        self._disturbed = self._pushing or any(self.config.disturbance_amplitude)
+        self._varying = self._disturbed or not self._drives.ideal
 
     @property
     def braking(self) -> bool:
@@ -142,6 +153,8 @@ class Robot(ABC):
             raise CtcError(f'the motion of the plant diverged at t = {t:g} s, '
                            f'under a torque of [{shown}] N*m') from None
         self.k += 1
+        if self.k == self._push_end:
+            self._set_disturbed()
         self.measured = self._sensor.measure(*self._seen())
         self._lose()
 
@@ -212,6 +225,8 @@ class Robot(ABC):
         if self._disturbed:
             tau = plus(tau, range(self.n), disturbance(
                 self.config.disturbance_amplitude, self.config.disturbance_frequency, t))
+        if self._pushing:
+            tau = plus(tau, range(self.n), self._push)
         if not self._drives.ideal:
             s = t - self.t
             tau = plus(tau, self._motors,

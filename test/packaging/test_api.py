@@ -18,7 +18,7 @@ ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control', 'monitoring',
          'simulation', 'experiment', 'analysis', 'identification', 'ros', 'bags',
-         'nodes', 'launch', 'studies', 'cli')
+         'nodes', 'launch', 'studies', 'live', 'cli')
 #: These know nothing of ROS.
 NUMERIC = ORDER[:ORDER.index('ros')]
 #: Packages that ROS brings.

@@ -1,9 +1,13 @@
 """The disturbance d(t) of the plant."""
 
+from math import inf
+
 import numpy as np
 import pytest
 
 from ctc_chattering.simulation.disturbance import disturbance
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 
 
 def test_is_the_paper_s() -> None:
@@ -32,3 +36,32 @@ def test_starts_at_zero_and_obeys_the_oscillator_equation() -> None:
 def test_no_amplitude_is_no_disturbance() -> None:
     """Check that the default of the plant adds nothing."""
     assert disturbance((0.0, 0.0), (0.0, 5.0), 12.3) == [0.0, 0.0]
+
+
+def test_a_push_acts_for_its_duration_after_it_was_set() -> None:
+    """Check it against the same torque from the drives, which have no bounds here."""
+    config = PlantConfig(torque_saturation=(inf, inf))
+    pushed, driven = Plant(config), Plant(config)
+    amount = (30.0, -4.0)
+    for k in range(400):
+        if k in (100, 250):
+            pushed.configure(config)
+            pushed.configure(config.changed({
+                'disturbance.push': amount, 'disturbance.push_duration': 0.05}))
+        acts = 100 <= k < 150 or 250 <= k < 300
+        pushed.step((20.0, 5.0))
+        driven.step((50.0, 1.0) if acts else (20.0, 5.0))
+        assert [*pushed.q, *pushed.dq] == pytest.approx([*driven.q, *driven.dq], abs=1e-9)
+
+
+def test_a_push_in_a_file_acts_from_the_start() -> None:
+    config = PlantConfig(disturbance_push=(30.0, 0.0), coulomb_friction=(0.0, 0.0))
+    plant = Plant(config)
+    for _ in range(199):
+        plant.step((0.0, 0.0))
+    before = plant.dq[0]
+    plant.step((0.0, 0.0))
+    during = plant.dq[0] - before
+    plant.step((0.0, 0.0))
+    # 30 N·m on 8.77 kg·m² or more, and then gravity alone, which brings the arm back.
+    assert during > 0.0 > plant.dq[0] - before - during

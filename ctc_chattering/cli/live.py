@@ -1,0 +1,74 @@
+"""`ctc live`: the page of a running graph or of bags, or an export of bags."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+import sys
+from typing import Any
+
+from ctc_chattering.errors import CtcError, UsageError
+
+
+def live(options: argparse.Namespace) -> int:
+    """Run `ctc live`."""
+    if options.port is not None and not 0 <= options.port < 65536:
+        raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
+    if options.export is not None:
+        return _export(options.bags, options.export, options.overwrite)
+    from ctc_chattering.live.page import Page, require_viser, warning_of
+    require_viser()
+    if options.bags and (options.read_only or options.ros_args):
+        raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
+    if warning := warning_of(options.host):
+        print(f'ctc live: {warning}', file=sys.stderr, flush=True)
+
+    def make_page(main: str, reports: str = '') -> Page:
+        page = Page('ctc live', options.host, options.port, options.dark, main, reports)
+        print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
+        return page
+
+    from ctc_chattering.ros import signals
+    stop = signals.collect()
+    if options.parent is not None:
+        from ctc_chattering.launch.child_process import end_with
+        end_with(options.parent)
+    if options.bags:
+        from ctc_chattering.live.bag_page import BagPage
+        runs = _runs(options.bags)
+        page = make_page('run')
+        try:
+            BagPage(page, runs).run(stop)
+        finally:
+            page.close()
+        return 0
+    from ctc_chattering.live.graph_page import run_graph_page
+    run_graph_page(lambda: make_page('controls', 'reports'), stop, options.ros_args,
+                   not options.read_only)
+    return 0
+
+
+def _runs(bags: Sequence[Path]) -> list[Any]:
+    """Return the runs of bags."""
+    from ctc_chattering.bags.reader import read_bag
+    from ctc_chattering.live.recorded import RecordedRun
+    if len(bags) > 2:
+        raise UsageError(f'{len(bags)} bags; one or two can be shown')
+    runs = []
+    for bag in bags:
+        print(f'reading {bag} ...', flush=True)
+        runs.append(RecordedRun(read_bag(bag)))
+    return runs
+
+
+def _export(bags: Sequence[Path], path: Path, overwrite: bool) -> int:
+    """Write the page of bags into one file."""
+    from ctc_chattering.live.export import write_export
+    if not bags:
+        raise UsageError('--export needs a bag')
+    if path.exists() and not overwrite:
+        raise CtcError(f'{path}: exists already; choose another file, or --overwrite')
+    size = write_export(_runs(bags), path)
+    print(f'{path}: {size / 1e6:.1f} MB; it opens in a browser and needs no network')
+    return 0

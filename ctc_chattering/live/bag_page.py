@@ -1,0 +1,121 @@
+"""The page over recorded runs: a slider of time, play, pause and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import time
+from typing import Any
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.live.page import Page
+from ctc_chattering.live.plot_panel import PlotPanel
+from ctc_chattering.live.recorded import check_comparable, Player, RecordedRun
+from ctc_chattering.live.samples import table
+
+#: Between two pictures of the arm, and between two of the plots [s].
+_FRAME, _PLOTS = 1 / 30, 0.15
+_SPEEDS = ('0.1', '0.25', '0.5', '1', '2', '5', '10')
+
+
+class BagPage:
+    """
+    One or two recorded runs.
+
+    Parameters
+    ----------
+    page : Page
+    runs : sequence of RecordedRun
+        One or two, of the same joints.
+
+    Raises
+    ------
+    CtcError
+        If the runs cannot be compared.
+
+    """
+
+    def __init__(self, page: Page, runs: Sequence[RecordedRun]) -> None:
+        if reason := check_comparable(runs):
+            raise CtcError(reason)
+        self._page, self._runs = page, runs
+        self._player = Player(max(run.duration for run in runs))
+        self._arms = page.show_arms([run.skeleton for run in runs])
+        gui = page.server.gui
+        with page.main:
+            self._slider = gui.add_slider(
+                'time [s]', 0.0, max(self._player.duration, 1e-3), 0.001, 0.0)
+            self._play = gui.add_button('play')
+            self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
+            self._window = gui.add_number('window [s]', 5.0, min=0.1, max=3600.0, step=0.1)
+        with page.plots:
+            self._plots = PlotPanel(gui, runs[0].result.joint_names,
+                                    [run.name for run in runs] if len(runs) > 1 else [''])
+        self._shown: tuple[float, float, Any] | None = None
+        self._plotted = 0.0
+        self._wanted: float | None = None
+        self._slider.on_update(self._on_slider)
+        self._play.on_click(self._on_play)
+        self._speed.on_update(self._on_speed)
+
+    def _on_slider(self, event: Any) -> None:
+        if event.client_id is not None:
+            self._wanted = float(self._slider.value)
+
+    def _on_play(self, _event: Any) -> None:
+        if self._player.playing:
+            self._player.playing = False
+        else:
+            self._player.play()
+
+    def _on_speed(self, _event: Any) -> None:
+        self._player.speed = float(self._speed.value)
+
+    def update(self, elapsed: float) -> None:
+        """Go on by `elapsed` seconds and show what has changed."""
+        player = self._player
+        if self._wanted is not None:
+            player.seek(self._wanted)
+            self._wanted = None
+        was_playing = player.playing
+        player.advance(elapsed)
+        label = 'pause' if player.playing else 'play'
+        if self._play.label != label:
+            self._play.label = label
+        shown = player.t, float(self._window.value), self._plots.joint
+        if shown == self._shown:
+            return
+        moved = self._shown is None or shown[0] != self._shown[0]
+        now = time.monotonic()
+        if moved:
+            self._show_arms(was_playing)
+        if not player.playing or now - self._plotted > _PLOTS:
+            self._plotted = now
+            self._show_plots()
+            self._shown = shown
+
+    def _show_arms(self, follow: bool) -> None:
+        with self._page.server.atomic():
+            for arm, run in zip(self._arms, self._runs):
+                if arm is not None:
+                    instant = run.at(self._player.t)
+                    arm.show(instant.q, instant.q_d)
+            if follow:
+                self._slider.value = round(self._player.t, 3)
+
+    def _show_plots(self) -> None:
+        t = self._player.t
+        parts = [run.before(t, float(self._window.value)) for run in self._runs]
+        with self._page.server.atomic():
+            self._page.numbers.content = ''.join(
+                table(run.result.joint_names, run.at(t), part, f'{run.name}: {run.law(t)},')
+                for run, part in zip(self._runs, parts))
+            self._plots.show(parts)
+
+    def run(self, stop: Sequence[int]) -> None:
+        """Serve until a signal is in `stop`."""
+        last = time.monotonic()
+        while not stop:
+            time.sleep(_FRAME)
+            now = time.monotonic()
+            self.update(now - last)
+            last = now

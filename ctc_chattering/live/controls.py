@@ -1,0 +1,130 @@
+"""The page's buttons and fields; each click becomes a command, and nothing else does."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+import html
+import time
+from typing import Any
+
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.switching import SWITCHINGS
+
+#: Parameters with a field of their own: title, node, name.
+FIELDS = (
+    ('ka [N·m]', 'controller', 'ka'), ('observer_bandwidth', 'controller', 'observer_bandwidth'),
+    ('Coulomb friction [N·m]', 'plant', 'coulomb_friction'),
+    ('viscous friction', 'plant', 'viscous_friction'),
+    ('disturbance [N·m]', 'plant', 'disturbance.amplitude'),
+    ('its frequency [rad/s]', 'plant', 'disturbance.frequency'))
+_LOG_LINES = 8
+
+
+class Controls:
+    """
+    Buttons and fields in the current container of the page.
+
+    Parameters
+    ----------
+    gui : GuiApi
+    names : sequence of str
+        The joints.
+    ask : callable
+        Called with a word and its arguments, in a thread of the server: ``set`` node, name, value;
+        ``enable`` on; ``reset``; ``push`` joint number, torque, duration; ``hold``, ``step``
+        samples, ``run``.
+
+    """
+
+    def __init__(self, gui: Any, names: Sequence[str], ask: Callable[..., None]) -> None:
+        self._gui, self._ask = gui, ask
+        self._fields: dict[tuple[str, str], Any] = {}
+        self._values: dict[tuple[str, str], str] = {}
+        self._log: deque[str] = deque(maxlen=_LOG_LINES)
+        self._folder = gui.add_folder('controls')
+        with self._folder:
+            self._log_view = gui.add_html('')
+            self._group('law', 'controller', 'law', LAWS)
+            self._group('switching', 'controller', 'switching', SWITCHINGS)
+            self._torques()
+            self._send()
+            self._push(names)
+            self._time()
+
+    def _group(self, label: str, node: str, name: str, choices: Sequence[str]) -> None:
+        group = self._gui.add_button_group(label, tuple(choices))
+        group.on_click(lambda event: self._ask('set', node, name, event.target.value))
+
+    def _torques(self) -> None:
+        group = self._gui.add_button_group('torques', ('enable', 'disable', 'reset'))
+
+        def clicked(event: Any) -> None:
+            if event.target.value == 'reset':
+                self._ask('reset')
+            else:
+                self._ask('enable', event.target.value == 'enable')
+        group.on_click(clicked)
+
+    def _send(self) -> None:
+        for title, node, name in FIELDS:
+            self._fields[node, name] = self._gui.add_text(title, '')
+        button = self._gui.add_button('set what was edited')
+
+        def clicked(_event: Any) -> None:
+            for (node, name), field in self._fields.items():
+                if field.value != self._values.get((node, name), ''):
+                    self._ask('set', node, name, field.value)
+        button.on_click(clicked)
+
+    def _push(self, names: Sequence[str]) -> None:
+        joint = self._gui.add_dropdown('push on', tuple(names))
+        torque = self._gui.add_number('torque [N·m]', 50.0, step=1.0)
+        lasts = self._gui.add_number('duration [s]', 0.2, min=0.0, max=10.0, step=0.05)
+        self._gui.add_button('push').on_click(lambda _: self._ask(
+            'push', list(names).index(joint.value), float(torque.value), float(lasts.value)))
+
+    def _time(self) -> None:
+        steps = self._gui.add_number('samples a step', 1, min=1, max=100_000, step=1)
+        group = self._gui.add_button_group('lockstep', ('hold', 'step', 'run'))
+        group.on_click(lambda event: self._ask(event.target.value, int(steps.value)))
+
+    def update(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+        """Show values in force where they have changed."""
+        for (node, name), field in self._fields.items():
+            value = parameters.get(node, {}).get(name)
+            if value is None:
+                continue
+            text = ', '.join(f'{x:g}' for x in value) if not isinstance(
+                value, (int, float, str)) else f'{value}'
+            if self._values.get((node, name)) != text:
+                self._values[node, name] = field.value = text
+
+    def log(self, what: str, done: bool, answer: str) -> None:
+        """Show what became of a request."""
+        sign, colour = ('✓', '#009e73') if done else ('✗ refused', '#d55e00')
+        self._log.appendleft(
+            f'<div><span style="color:{colour}">{sign}</span> {time.strftime("%H:%M:%S")} '
+            f'<b>{html.escape(what)}</b>: {html.escape(answer)}</div>')
+        self._log_view.content = ('<div class="ctc-log" style="font-size:0.8em;padding:4px 8px">'
+                                  + ''.join(self._log) + '</div>')
+
+    def remove(self) -> None:
+        """Take them from the page."""
+        self._folder.remove()
+
+
+def numbers(text: str, count: int) -> list[float] | str:
+    """
+    Return the numbers in a field: one, or one for each of `count` joints; else the text itself.
+
+    The service then refuses it and says why.
+    """
+    try:
+        values = [float(word) for word in text.replace('[', ' ').replace(']', ' ')
+                  .replace(',', ' ').split()]
+    except ValueError:
+        return text
+    if not values:
+        return text
+    return values * count if len(values) == 1 else values

@@ -1,0 +1,87 @@
+"""Recorded runs as one HTML file: it opens from a disk and needs no network."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+import html
+from importlib.resources import files
+import json
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering.analysis.output import write_text
+from ctc_chattering.errors import CtcError
+from ctc_chattering.live.recorded import check_comparable, RecordedRun
+from ctc_chattering.live.skeleton import as_json, hanging, places, Skeleton
+from ctc_chattering.numerics.linear_algebra import Array
+
+#: Most samples of a run in the file; of more, every so many-th is taken.
+_MOST = 20_000
+#: Time after which an error that was large at the start is small [s].
+_SETTLED = 1.0
+
+
+def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
+    """
+    Write the page.
+
+    Parameters
+    ----------
+    runs : sequence of RecordedRun
+        One or two, of the same joints.
+    path : Path
+        File to write.
+
+    Returns
+    -------
+    int
+        Its size [bytes].
+
+    Raises
+    ------
+    CtcError
+        If the runs cannot be compared, or the file cannot be written.
+
+    """
+    if reason := check_comparable(runs):
+        raise CtcError(reason)
+    page = Template(files('ctc_chattering.live').joinpath('export.html').read_text('utf-8'))
+    # In a script, the letters </ would end it.
+    data = json.dumps(_data(runs), ensure_ascii=False).replace('<', '\\u003c')
+    text = page.substitute(
+        title=html.escape(' and '.join(run.name for run in runs)), data=data)
+    write_text(path, text)
+    return len(text.encode())
+
+
+def _data(runs: Sequence[RecordedRun]) -> dict[str, Any]:
+    """Return what the script of the page reads."""
+    known: list[Skeleton] = [run.skeleton for run in runs if run.skeleton is not None]
+    reach = max((x.reach for x in known), default=1.0)
+    hangs = any(hanging(x) for x in known)
+    return {
+        'names': runs[0].result.joint_names, 'reach': reach,
+        'middle': 0.0 if hangs else 0.3 * reach, 'floor': -reach if hangs else 0.0,
+        'settled': min(_SETTLED, 0.2 * max(run.duration for run in runs)),
+        'runs': [_run(run, place) for run, place in zip(runs, places(len(runs), reach))]}
+
+
+def _run(run: RecordedRun, place: Sequence[float]) -> dict[str, Any]:
+    samples, poses = run.samples, run.result.run
+    part = slice(None, None, -(-len(samples.t) // _MOST))
+    return {
+        'name': run.name, 'place': place,
+        'laws': [(t, run.law(t)) for t, _ in run.result.configs],
+        'bodies': [] if run.skeleton is None else as_json(run.skeleton),
+        't': _coded(samples.t[part]), 'q': _coded(poses.q[part]), 'q_d': _coded(poses.q_d[part]),
+        'e': _coded(samples.e[part]), 'v': _coded(samples.v[part]),
+        'V': _coded(samples.lyapunov[part]), 'torques': _coded(samples.torques[part])}
+
+
+def _coded(values: Array) -> str:
+    """Return numbers as the script reads them: 32 bits each, the first byte the least."""
+    return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()

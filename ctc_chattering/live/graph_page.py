@@ -1,0 +1,260 @@
+"""The page of a running graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+import html
+import os
+from queue import Empty, SimpleQueue
+import time
+from typing import Any
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.live.arm_view import ArmView
+from ctc_chattering.live.controls import Controls, numbers
+from ctc_chattering.live.graph_reader import GraphReader
+from ctc_chattering.live.health import counted, light, Report, SILENT
+from ctc_chattering.live.page import Page
+from ctc_chattering.live.plot_panel import PlotPanel
+from ctc_chattering.live.requests import Requests
+from ctc_chattering.live.samples import since_now, table
+from ctc_chattering.live.skeleton import skeleton_of
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.ros.exit_deadline import end_after
+from ctc_chattering.ros.fastdds import use_profile
+from ctc_chattering.ros.node import Executor
+from ctc_chattering.ros.security import check_security
+
+#: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
+_FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.3
+#: Between two questions for the parameters, where they did not come by themselves [s].
+_ASK = 2.0
+#: Time for callbacks in each frame [s].
+_SERVE = 0.001
+#: What is left out of the tables of the nodes' reports.
+_LONG = 'histogram'
+#: How long the middleware may take to leave the graph [s]: Fast DDS hangs now and then.
+_LEAVE = 0.5
+
+
+class GraphPage:
+    """
+    Shows a graph, and carries out what is asked on the page.
+
+    Parameters
+    ----------
+    page : Page
+    reader : GraphReader
+    controls : bool
+        Whether the page has any.
+
+    """
+
+    def __init__(self, page: Page, reader: GraphReader, controls: bool = True) -> None:
+        self._page, self._reader = page, reader
+        self._with_controls = controls
+        self._executor = Executor()
+        self._executor.add_node(reader)
+        self._requests = Requests(reader, self._show_answer)
+        self._clicks: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
+        self._controls: Controls | None = None
+        self._plots: PlotPanel | None = None
+        self._arm: ArmView | None = None
+        self._made_of: Any = None
+        self._due = {'numbers': 0.0, 'plots': 0.0, 'parameters': 0.0}
+
+    def run(self, stop: Sequence[int]) -> None:
+        """Serve until a signal is in `stop`."""
+        try:
+            while not stop:
+                begin = time.monotonic()
+                self.update(begin)
+                time.sleep(max(0.2 * _FRAME, begin + _FRAME - time.monotonic()))
+        finally:
+            self._executor.remove_node(self._reader)
+
+    def update(self, now: float) -> None:
+        """Take what has come, carry out what was clicked, and show what is due."""
+        self._reader.poll()
+        self._reader.serve(self._executor, _SERVE)
+        while True:
+            try:
+                self._carry_out(*self._clicks.get_nowait())
+            except Empty:
+                break
+        self._requests.poll()
+        self._make()
+        if not self._page.watched:
+            return
+        with self._page.server.atomic():
+            self._show_arm()
+            if self._is_due('numbers', now, _NUMBERS):
+                self._show_numbers()
+            if self._is_due('plots', now, _PLOTS) and self._plots is not None:
+                self._plots.show([since_now(self._reader.samples())])
+
+    def _is_due(self, what: str, now: float, period: float) -> bool:
+        if now < self._due[what]:
+            return False
+        self._due[what] = now + period
+        return True
+
+    def _make(self) -> None:
+        """Make the parts of the page that depend on the robot, when it is known or changes."""
+        config, description = self._reader.config, self._reader.description
+        if config is None:
+            if self._reader.incomplete and self._is_due('parameters', time.monotonic(), _ASK):
+                self._requests.get('controller', list(ControllerConfig.parameters()),
+                                   self._take_parameters)
+            return
+        made_of = config.model, config.joint_names, config.locked, description
+        if made_of == self._made_of:
+            return
+        self._made_of = made_of
+        try:
+            skeleton = skeleton_of(config, description)
+        except CtcError as error:
+            skeleton = None
+            self._reader.get_logger().warning(f'no picture of the arm: {error}')
+        (self._arm,) = self._page.show_arms([skeleton])
+        for part in (self._plots, self._controls):
+            if part is not None:
+                part.remove()
+        gui = self._page.server.gui
+        with self._page.plots:
+            self._plots = PlotPanel(gui, config.joint_names)
+        if self._with_controls:
+            with self._page.main:
+                self._controls = Controls(gui, config.joint_names,
+                                          lambda *command: self._clicks.put(command))
+
+    def _take_parameters(self, values: Mapping[str, Any]) -> None:
+        with suppress(CtcError):  # Of a controller that is not ours.
+            self._reader.take_parameters('controller', values)
+
+    def _show_arm(self) -> None:
+        instant = self._reader.instant()
+        if self._arm is not None and instant is not None:
+            self._arm.show(instant.q, instant.q_d)
+
+    def _show_numbers(self) -> None:
+        reader = self._reader
+        reports = reader.reports()
+        horizon = float(reader.parameters['reference'].get('horizon', SILENT))
+        self._page.show_light(
+            light(reports, reader.silence(), reader.simulated, {
+                'reference': SILENT + 0.5 * horizon}),
+            self._summary(reports))
+        instant = reader.instant()
+        if instant is not None:
+            self._page.numbers.content = table(
+                reader.names, instant, reader.samples(), since=reader.start)
+        self._page.reports.content = '\n\n'.join(
+            f'**{name}**: {report.message}\n\n| | |\n|---|---|\n' + '\n'.join(
+                f'| {key} | {value.replace("|", "/")} |' for key, value in report.values.items()
+                if _LONG not in key) for name, report in sorted(reports.items()))
+        if self._controls is not None:
+            self._controls.update(reader.parameters)
+
+    def _summary(self, reports: Mapping[str, Report]) -> str:
+        """Return law, switching, period, misses and refused messages as HTML."""
+        config = self._reader.config
+        if config is None:
+            return f'<div>domain {os.environ.get("ROS_DOMAIN_ID", "0")}</div>'
+        switching = f', {config.switching}' if config.takes('switching') else ''
+        counts = '; '.join(f'{name} {misses} misses, {refused} refused' for name, misses, refused
+                           in (counted(name, report) for name, report in reports.items()))
+        return (f'<div class="ctc-law">law <b>{html.escape(config.law + switching)}</b>, period '
+                f'{1e3 * config.control_period:g} ms</div><div>{html.escape(counts)}</div>')
+
+    def _show_answer(self, what: str, done: bool, answer: str) -> None:
+        if self._controls is not None:
+            self._controls.log(what, done, answer)
+
+    def _carry_out(self, what: str, *arguments: Any) -> None:
+        """Ask the graph for what was clicked."""
+        if what == 'set':
+            node, name, value = arguments
+            self._requests.set(node, {name: self._typed(node, name, value)})
+        elif what == 'enable':
+            self._requests.enable(*arguments)
+        elif what == 'reset':
+            self._requests.reset()
+        elif what == 'push':
+            joint, torque, lasts = arguments
+            none = [0.0] * len(self._reader.names)
+            torques = [torque if i == joint else x for i, x in enumerate(none)]
+            # Only a change pushes: the same push again is one after none.
+            self._requests.set('plant', {'disturbance.push_duration': lasts},
+                               {'disturbance.push': none}, {'disturbance.push': torques})
+        else:
+            self._requests.set('plant', {'hold_at': self._hold(what, *arguments)})
+
+    def _typed(self, node: str, name: str, value: str) -> Any:
+        """Return what a field says, with the type that the parameter has now."""
+        known = self._reader.parameters[node].get(name)
+        if isinstance(known, str) or known is None:
+            return value
+        found = numbers(value, len(self._reader.names))
+        if isinstance(known, (int, float)) and isinstance(found, list):
+            return found[0] if len(set(found)) == 1 else value
+        return found
+
+    def _hold(self, what: str, samples: int) -> float:
+        """Return ``hold_at`` for a click on hold, step or run [s]."""
+        if what == 'run' or self._reader.config is None:
+            return 0.0
+        period = round(self._reader.config.control_period * NANOSECONDS)
+        instant = self._reader.instant()
+        latest = max(self._reader.clock, instant.t if instant is not None else 0.0)
+        k = round(latest * NANOSECONDS / period) + (samples if what == 'step' else 1)
+        return seconds(k * period)
+
+
+def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args: Sequence[str],
+                   controls: bool = True) -> None:
+    """
+    Serve the page of a running graph until a signal comes.
+
+    Parameters
+    ----------
+    make_page : callable
+        Called when ROS is up.
+    stop : sequence of int
+        Fills with the signals.
+    ros_args : sequence of str
+        Arguments for ROS, such as a namespace.
+    controls : bool
+        Whether the page has any.
+
+    Raises
+    ------
+    CtcError
+        If ROS cannot start, or the port is taken.
+
+    """
+    check_security()
+    use_profile()
+    try:
+        rclpy.init(args=['ctc_live', *ros_args], signal_handler_options=SignalHandlerOptions.NO)
+        reader = GraphReader()
+    except Exception as error:
+        rclpy.try_shutdown()
+        raise CtcError(' '.join(str(error).split())) from None
+    status = 1
+    try:
+        page = make_page()
+        try:
+            GraphPage(page, reader, controls).run(stop)
+            status = 0
+        finally:
+            page.close()
+    finally:
+        end_after(_LEAVE, status)
+        reader.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,265 @@
+"""A node that follows a graph without ever slowing it: small queues, read at its own rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
+import os
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
+
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import CtcError, RejectedMessage
+from ctc_chattering.live.health import Report
+from ctc_chattering.live.history import History
+from ctc_chattering.live.samples import Instant, PARTS, Samples
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.ros.joint_order import select
+from ctc_chattering.ros.matching import MatchingSubscription
+from ctc_chattering.ros.messages import message_type, read_stamp
+from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.serialization import State, StateReader
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import (
+    CLOCK,
+    DIAGNOSTICS,
+    FILTER,
+    JOINT_STATES,
+    PARAMETERS,
+    REFERENCE,
+    ROBOT_DESCRIPTION,
+    TOPICS,
+    TORQUES,
+    TRACKING,
+)
+
+#: Messages of a signal that are kept between two looks; older ones are lost, which is no harm.
+_KEPT = 8
+#: Messages of a topic that are taken at one look.
+_MOST = 200
+#: Nodes whose parameters are followed.
+_NODES = ('plant', 'controller', 'reference')
+#: Age of what the controller tracks, against the state, from which it is old [s].
+_ALONE = 0.25
+
+
+class GraphReader(BaseNode):
+    """
+    Reads what the page shows.
+
+    `poll` takes what has come; between two calls no Python code of this process runs for the
+    graph, and the middleware keeps `_KEPT` messages of each signal, best effort: publishers do
+    not wait and send nothing twice.
+
+    Parameters
+    ----------
+    name : str
+        Of the node; by default one of this process alone.
+    window : float
+        Time that the signals reach back [s].
+
+    Attributes
+    ----------
+    parameters : dict of str to dict
+        Values in force, by node and name.
+    names : tuple of str
+        The controller's joints; empty before they are known.
+    config : ControllerConfig or None
+        The controller's, once it is known.
+    description : str
+        The URDF in use; empty for none.
+    clock, start : float
+        Last time on the topic ``clock``, and stamp of the plant's first state [s].
+
+    """
+
+    def __init__(self, name: str = '', window: float = 10.0) -> None:
+        #: Subscriptions, and who receives their messages.
+        self._polled: list[tuple[MatchingSubscription, Any]] = []
+        super().__init__(name or f'ctc_live_{os.getpid()}')
+        self.parameters: dict[str, dict[str, Any]] = {node: {} for node in _NODES}
+        self.names: tuple[str, ...] = ()
+        self.config: ControllerConfig | None = None
+        self.description = ''
+        self.clock = self.start = 0.0
+        self._window = window
+        self._heard: dict[str, float] = {}
+        self._reports: dict[str, tuple[float, int, str, dict[str, str]]] = {}
+        self.clear()
+        fast = QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT)
+        once = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._follow(JOINT_STATES, StateReader().read, self._on_state, once, lambda state: (
+            state.names, not set(self.names).isdisjoint(state.names)))
+        for topic, take in ((TRACKING, self._on_tracking), (FILTER, self._on_filter),
+                            (TORQUES, self._on_torques)):
+            self._follow(f'controller/{topic}', StateReader().read, take, fast)
+        self._follow(REFERENCE, bytes, lambda _: None, once)
+        self._follow(CLOCK, read_stamp, self._on_clock, once)
+        for node in _NODES:
+            self._follow(f'{node}/{PARAMETERS}', _reader(ParameterEvent),
+                         partial(self._on_parameters, node), qos(100, latched=True))
+        self._follow(f'controller/{ROBOT_DESCRIPTION}', _reader(String), self._on_description,
+                     qos(1, latched=True))
+        # Every node publishes on it: no publisher owns it.
+        self._polled.append((MatchingSubscription(
+            self, DiagnosticArray, DIAGNOSTICS, lambda _: None, qos(20)), self._on_diagnostics))
+
+    def clear(self) -> None:
+        """Forget the signals, as for other joints."""
+        n = len(self.names)
+        self._errors, self._filter = History(n, self._window), History(n, self._window)
+        self._torques = History(3 * n + 1, self._window)
+        self._state: tuple[float, Any] | None = None
+        self._tracked: Instant | None = None
+
+    def _follow(self, topic: str, read: Any, take: Any, profile: QoSProfile,
+                part: Any = None) -> None:
+        def heard(message: Any, now: int) -> None:
+            self._heard[topic] = seconds(now)
+            take(message)
+        made = ValidatedSubscription(
+            self, message_type(TOPICS[topic].kind), topic, read, heard, profile, part)
+        self.inputs.append(made)
+        self._polled.append((made.subscription, made.receive))
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """Yield those that an executor serves; `poll` serves the others."""
+        polled = [matching.current for matching, _ in self._polled]
+        return (x for x in super().subscriptions if x not in polled)
+
+    def poll(self) -> None:
+        """Take what has come."""
+        for matching, receive in self._polled:
+            current = matching.current
+            for _ in range(_MOST):
+                taken = current.handle.take_message(current.msg_type, True)
+                if taken is None:
+                    break
+                receive(*taken)
+
+    def silence(self) -> dict[str, float]:
+        """Return the time since the last message of each topic that was heard [s]."""
+        now = time.monotonic()
+        return {topic: now - at for topic, at in self._heard.items()}
+
+    def reports(self) -> dict[str, Report]:
+        """Return what the nodes of this namespace have said of themselves."""
+        now = time.monotonic()
+        return {name: Report(level, message, now - at, values)
+                for name, (at, level, message, values) in self._reports.items()}
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether the controller runs, but its parameters are not known."""
+        return self.config is None and 'controller' in self._reports
+
+    @property
+    def simulated(self) -> bool:
+        """Whether time is simulated."""
+        return self.parameters['plant'].get('pacing') == 'lockstep'
+
+    def instant(self) -> Instant | None:
+        """
+        Return the last sample of which position and desired position are known; None before.
+
+        Without news of the controller the position goes on alone.
+        """
+        if self._tracked is None:
+            return None
+        if self._state is not None and self._state[0] > self._tracked.t + _ALONE:
+            return Instant(*self._state, self._tracked.q_d)
+        return self._tracked
+
+    def samples(self) -> Samples:
+        """Return the signals of the window, at the times of the errors."""
+        t, e = self._errors.read()
+        v, torques = (_at(t, *x.read()) for x in (self._filter, self._torques))
+        parts = torques[:, :-1].reshape(len(t), len(PARTS), -1)
+        return Samples(t, e, v, torques[:, -1],
+                       np.concatenate((parts.sum(axis=1, keepdims=True), parts), axis=1))
+
+    def _select(self, names: Sequence[str], state: State, *rows: Sequence[float]) -> Any:
+        if not self.names:
+            raise RejectedMessage('early')
+        return np.array(select(names, state.names, *rows), float)
+
+    def _on_state(self, state: State) -> None:
+        (q,) = self._select(self.names, state, state.position)
+        self._state = seconds(state.t), q
+
+    def _on_tracking(self, state: State) -> None:
+        names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in self.names]
+        (row,) = self._select(names, state, state.position)
+        t, n = seconds(state.t), len(self.names)
+        self._tracked = Instant(t, row[:n] - row[n:], row[:n])
+        self._errors.add(t, row[n:])
+
+    def _on_filter(self, state: State) -> None:
+        self._filter.add(seconds(state.t), self._select(self.names, state, state.velocity)[0])
+
+    def _on_torques(self, state: State) -> None:
+        names = [*(f'{joint}/{part}' for part in PARTS for joint in self.names), 'V']
+        self._torques.add(seconds(state.t), self._select(names, state, state.effort)[0])
+
+    def _on_clock(self, now: int) -> None:
+        self.clock = seconds(now)
+
+    def _on_diagnostics(self, data: bytes, _info: Mapping[str, Any]) -> None:
+        space = self.get_namespace().rstrip('/')
+        with suppress(Exception):  # Of arbitrary bytes.
+            for status in deserialize_message(data, DiagnosticArray).status:
+                above, _, name = status.name.rpartition('/')
+                if above == space and name in (*_NODES, 'recorder'):
+                    self._reports[name] = (time.monotonic(), status.level[0], status.message,
+                                           {x.key: x.value for x in status.values})
+
+    def _on_parameters(self, node: str, event: ParameterEvent) -> None:
+        if event.new_parameters:
+            self.parameters[node] = {}
+            if node == 'plant':
+                self.start = event.stamp.sec + event.stamp.nanosec / NANOSECONDS
+        self.take_parameters(node, {
+            item.name: parameter_value_to_python(item.value)
+            for item in (*event.new_parameters, *event.changed_parameters)})
+
+    def take_parameters(self, node: str, values: Mapping[str, Any]) -> None:
+        """Note values that are in force; the first ones of the controller name the joints."""
+        self.parameters[node].update(values)
+        if node != 'controller' or 'joint_names' not in self.parameters[node]:
+            return  # Or the first of its messages was not received: see `incomplete`.
+        known = ControllerConfig.parameters()
+        try:
+            self.config = ControllerConfig.from_mapping({
+                name: value for name, value in self.parameters[node].items()
+                if name in known and value is not None})
+        except CtcError as error:
+            raise RejectedMessage('parameters', str(error)) from None
+        if self.config.joint_names != self.names:
+            self.names = self.config.joint_names
+            self.clear()
+
+    def _on_description(self, message: String) -> None:
+        self.description = message.data
+
+
+def _reader(kind: Any) -> Callable[[bytes], Any]:
+    """Return what makes a message of its bytes."""
+    return lambda data: deserialize_message(data, kind)
+
+
+def _at(t: Any, times: Any, rows: Any) -> Any:
+    """Return the last rows at or before each of `t`; nan before the first one."""
+    if not len(times):
+        return np.full((len(t), rows.shape[1]), np.nan)
+    k = np.searchsorted(times, t, side='right') - 1
+    return np.where(k[:, None] < 0, np.nan, rows[np.maximum(k, 0)])

@@ -1,0 +1,94 @@
+"""Whether all is well with a graph: the light of the page, from what was heard and when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+
+#: Levels of the light. `OK`, `WARN` and `ERROR` are those of /diagnostics.
+OK, WARN, ERROR, UNKNOWN = range(4)
+#: Sign and word of each level: who does not see colours reads these.
+SIGNS = ('● OK', '▲ warning', '■ error', '○ no graph')
+#: Colours of the levels: bluish green, orange, vermilion and grey, of the palette of Okabe and
+#: Ito, which people with any colour vision can distinguish.
+COLOURS = ('#009e73', '#e69f00', '#d55e00', '#808080')
+#: Silence on a topic after which it is reported, and age of a report that is too old [s].
+SILENT, STALE = 0.5, 2.5
+#: What each node publishes all the time.
+SIGNALS = {'plant': 'joint_states', 'controller': 'controller/tracking', 'reference': 'reference'}
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """
+    What a node said of itself on /diagnostics.
+
+    Attributes
+    ----------
+    level : int
+    message : str
+    age : float
+        [s].
+    values : mapping of str to str
+
+    """
+
+    level: int
+    message: str
+    age: float
+    values: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
+class Light:
+    """A level, and lines that say why."""
+
+    level: int
+    lines: tuple[str, ...]
+
+
+def light(reports: Mapping[str, Report], silence: Mapping[str, float],
+          lockstep: bool = False, patience: Mapping[str, float] | None = None) -> Light:
+    """
+    Return the light of a graph.
+
+    It is `OK` only if plant, controller and reference all say so, have said so of late, and are
+    heard on their topics.
+
+    Parameters
+    ----------
+    reports : mapping of str to Report
+        By node.
+    silence : mapping of str to float
+        Time since the last message of a topic of `SIGNALS` [s]; topics never heard are left out.
+    lockstep : bool
+        Whether simulated time may stand still: silence of all topics is then a warning.
+    patience : mapping of str to float, optional
+        Silence allowed on a topic, where it is more than `SILENT` [s].
+
+    """
+    if not silence and not reports:
+        return Light(UNKNOWN, ('waiting for a graph',))
+    found: list[tuple[int, str]] = []
+    quiet = {topic: silence.get(topic) for topic in SIGNALS.values()
+             if not silence.get(topic, float('inf')) <= (patience or {}).get(topic, SILENT)}
+    for node, topic in SIGNALS.items():
+        report = reports.get(node)
+        if report is None or report.age > STALE:
+            found.append((ERROR, f'{node}: ' + (
+                'no report' if report is None else f'silent for {report.age:.1f} s')))
+        else:
+            found.append((min(report.level, ERROR), f'{node}: {report.message}'))
+        if topic in quiet:
+            since = quiet[topic]
+            found.append((WARN if lockstep and since is not None else ERROR, f'{topic}: ' + (
+                'nothing heard' if since is None else f'silent for {since:.1f} s')))
+    level = max(x for x, _ in found)
+    return Light(level, tuple(text for _, text in found))
+
+
+def counted(name: str, report: Report) -> tuple[str, int, int]:
+    """Return the name of a node, its deadline misses, and the messages that it has refused."""
+    values = report.values
+    refused = sum(int(value) for key, value in values.items() if key.endswith(': refused'))
+    return name, int(values.get('deadline misses', '0')), refused

@@ -1,0 +1,184 @@
+"""The page: scene, light, numbers, plots, and the server behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import redirect_stdout, suppress
+import errno
+import html
+from io import StringIO
+import logging
+import socket
+from typing import Any
+
+from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.live.health import COLOURS, Light, SIGNS
+from ctc_chattering.live.skeleton import hanging, places, Skeleton
+
+#: Where the page is by default, and how many ports after it are tried.
+HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
+#: Widths of the panels [px].
+_PLOTS_WIDTH, _MAIN_WIDTH = 420, 430
+_LOCAL = ('127.0.0.1', 'localhost', '::1')
+
+
+class Page:
+    """
+    What is common to the page of a graph and that of a bag.
+
+    Parameters
+    ----------
+    title : str
+    host : str
+        Address to listen on.
+    port : int or None
+        Port; None for the first free one from `PORT` on.
+    dark : bool
+        Light letters on dark ground.
+    main, reports : str
+        Titles of the two tabs on the right; empty for no second one.
+
+    Attributes
+    ----------
+    server : ViserServer
+    url : str
+    main, plots : container of GUI elements
+        The first tab, and the panel on the left.
+    numbers, reports : handle
+        Of HTML above the tabs, and of Markdown in the second tab.
+
+    Raises
+    ------
+    CtcError
+        If the port is taken or the address is none of this machine's.
+
+    """
+
+    def __init__(self, title: str, host: str = HOST, port: int | None = None,
+                 dark: bool = False, main: str = 'run', reports: str = '') -> None:
+        number = free_port(host, port)
+        with redirect_stdout(StringIO()):  # It prints its address in a frame.
+            self.server = require_viser().ViserServer(host, number, label=title, verbose=False)
+        shown = 'localhost' if host in _LOCAL else host.replace('0.0.0.0', socket.gethostname())
+        self.url = f'http://{shown}:{self.server.get_port()}'
+        gui = self.server.gui
+        gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
+        panel = gui.add_panel()
+        self.plots = panel.add_tab('plots')
+        panel.dock_left()
+        panel.set_width(_PLOTS_WIDTH)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_MAIN_WIDTH)
+        self.server.scene.set_up_direction('+z')
+        if dark:
+            self.server.scene.set_background_image(_grey(24))
+        gui.set_panel_label(title)
+        self._light = gui.add_html('')
+        self._light_text = ''
+        self.numbers = gui.add_html('')
+        tabs = gui.add_tab_group()
+        self.main = tabs.add_tab(main)
+        if reports:
+            with tabs.add_tab(reports):
+                self.reports = gui.add_markdown('')
+        self._arms: list[Any] = []
+        self._grid: Any = None
+
+    @property
+    def watched(self) -> bool:
+        """Whether a browser shows the page."""
+        return bool(self.server.get_clients())
+
+    def show_light(self, light: Light, more: str = '') -> None:
+        """Show a level with the lines that say why; `more` is HTML below them."""
+        lines = ''.join(f'<div>{html.escape(line)}</div>' for line in light.lines)
+        text = (f'<div class="ctc-light" data-level="{light.level}" style="padding:8px 12px">'
+                f'<b style="color:{COLOURS[light.level]};font-size:1.25em">'
+                f'{SIGNS[light.level]}</b><div style="font-size:0.8em">{lines}{more}</div></div>')
+        if text != self._light_text:
+            self._light_text = self._light.content = text
+
+    def show_arms(self, skeletons: Sequence[Skeleton | None]) -> list[Any]:
+        """Put arms side by side into the scene, in place of those there."""
+        for arm in self._arms:
+            arm.remove()
+        from ctc_chattering.live.arm_view import ArmView
+        reach = max((x.reach for x in skeletons if x is not None), default=1.0)
+        count = len(skeletons)
+        views = [None if skeleton is None else ArmView(self.server, skeleton, f'arm{i}', place)
+                 for i, (skeleton, place) in enumerate(zip(skeletons, places(count, reach)))]
+        self._arms = [view for view in views if view is not None]
+        if self._grid is not None:
+            self._grid.remove()
+        hangs = any(x is not None and hanging(x) for x in skeletons)
+        self._grid = self.server.scene.add_grid(
+            '/grid', 4.0 * reach, 4.0 * reach, cell_size=reach / 4, section_size=reach,
+            position=(0.0, 0.0, -reach if hangs else 0.0))
+        camera = self.server.initial_camera
+        height = 0.0 if hangs else 0.3 * reach
+        camera.position = (0.3 * reach, -1.6 * reach * (0.4 + 0.7 * count), height + 0.4 * reach)
+        camera.look_at = (0.0, 0.0, height)
+        return views
+
+    def close(self) -> None:
+        """Stop serving."""
+        with suppress(RuntimeError), redirect_stdout(StringIO()):
+            self.server.stop()
+
+
+def _grey(level: int) -> Any:
+    """Return a picture of one grey, shape (2, 2, 3)."""
+    import numpy as np
+    return np.full((2, 2, 3), level, np.uint8)
+
+
+def require_viser() -> Any:
+    """
+    Return the library that serves the page.
+
+    Raises
+    ------
+    UsageError
+        If it is not installed; one line that says how to install it.
+
+    """
+    try:
+        import viser
+    except ImportError as error:
+        raise UsageError(f"the page needs viser ({error}): pip install 'ctc_chattering[live]', "
+                         'or pip install viser') from None
+    # A browser that goes away in the middle of a message is no error.
+    logging.getLogger('websockets').setLevel(logging.CRITICAL)
+    return viser
+
+
+def free_port(host: str, port: int | None) -> int:
+    """
+    Return the port to listen on.
+
+    Raises
+    ------
+    CtcError
+        If the port asked for is taken, or none is free; with the reason.
+
+    """
+    for number in [port] if port is not None else range(PORT, PORT + _TRIED):
+        with socket.socket(socket.AF_INET6 if ':' in host else socket.AF_INET) as it:
+            it.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                it.bind((host, number))
+                return int(it.getsockname()[1])
+            except OSError as error:
+                reason = error.strerror or str(error)
+                if error.errno in (errno.EADDRNOTAVAIL, socket.EAI_NONAME):
+                    break
+    raise CtcError(f'{host}, port {port or f"{PORT} to {PORT + _TRIED - 1}"}: {reason}; '
+                   '--port N takes another one')
+
+
+def warning_of(host: str) -> str:
+    """Return what it means to listen on an address; empty for this machine's own."""
+    if host in _LOCAL:
+        return ''
+    return (f'listening on {host}: everyone who reaches this address sees the page and, unless '
+            '--read-only is given, can change the law and stop the torques')

@@ -1,0 +1,122 @@
+"""A recorded run for the page: where the arm was at any time, and the signals before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.live.samples import Instant, Samples
+from ctc_chattering.live.skeleton import Skeleton, skeleton_of
+
+
+class RecordedRun:
+    """
+    The samples of a run.
+
+    Parameters
+    ----------
+    result : Result
+        As `read_bag` returns it.
+
+    Attributes
+    ----------
+    result : Result
+    name : str
+        Of the bag.
+    skeleton : Skeleton or None
+        None for a model without a description.
+    duration : float
+        Time of the last sample [s].
+
+    """
+
+    def __init__(self, result: Result) -> None:
+        run, terms = result.run, result.terms
+        self.result = result
+        self.name = result.source or result.label
+        self.skeleton: Skeleton | None = skeleton_of(result.config, result.description)
+        self.duration = float(run.t[-1])
+        self._run = run
+        self.samples = Samples(
+            run.t, run.q_d - run.q, terms.v, terms.lyapunov, np.stack(
+                (run.tau, terms.nominal, -terms.compensation, -terms.robust), axis=1))
+
+    def index(self, t: float) -> int:
+        """Return the number of the last sample at or before a time [s], or of the first one."""
+        # The slider's times are rounded to a millisecond, and a sum of steps.
+        return max(0, int(np.searchsorted(self._run.t, t + 5e-7, side='right')) - 1)
+
+    def at(self, t: float) -> Instant:
+        """Return the sample at a time [s]."""
+        k = self.index(t)
+        return Instant(float(self._run.t[k]), self._run.q[k], self._run.q_d[k])
+
+    def before(self, t: float, window: float) -> Samples:
+        """Return the samples of the last `window` seconds before a time, itself included."""
+        run = self.samples
+        end = self.index(t) + 1
+        begin = int(np.searchsorted(run.t, run.t[end - 1] - window))
+        part = slice(begin, end)
+        return Samples(run.t[part], run.e[part], run.v[part], run.lyapunov[part],
+                       run.torques[part])
+
+    def law(self, t: float) -> str:
+        """Return law and switching in force at a time."""
+        config = [c for begin, c in self.result.configs if begin <= t or begin == 0.0] or [
+            self.result.configs[0][1]]
+        now = config[-1]
+        return now.law + (f', {now.switching}' if now.takes('switching') else '')
+
+
+class Player:
+    """
+    The time that the page shows: it stands, or goes on at a speed.
+
+    Parameters
+    ----------
+    duration : float
+        [s].
+
+    Attributes
+    ----------
+    t : float
+        [s].
+    playing : bool
+    speed : float
+        1 for the speed of the recording.
+
+    """
+
+    def __init__(self, duration: float) -> None:
+        self.duration = duration
+        self.t = 0.0
+        self.playing = False
+        self.speed = 1.0
+
+    def play(self) -> None:
+        """Go on; from the beginning if this is the end."""
+        if self.t >= self.duration:
+            self.t = 0.0
+        self.playing = True
+
+    def seek(self, t: float) -> None:
+        """Go to a time [s]."""
+        self.t = min(max(0.0, t), self.duration)
+
+    def advance(self, elapsed: float) -> None:
+        """Go on by an elapsed time of the clock on the wall [s], and stop at the end."""
+        if self.playing:
+            self.seek(self.t + self.speed * elapsed)
+            self.playing = self.t < self.duration
+
+
+def check_comparable(runs: Sequence[RecordedRun]) -> str:
+    """Return why runs cannot be shown side by side; empty if they can."""
+    names = [run.result.joint_names for run in runs]
+    if len(runs) > 2:
+        return f'{len(runs)} bags; one or two can be shown'
+    if len(set(names)) > 1:
+        return 'the bags have different joints: ' + '; '.join(', '.join(x) for x in names)
+    return ''

@@ -1,0 +1,96 @@
+"""What the page shows of an arm at one instant and over time, from a graph or from a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+import html
+
+import numpy as np
+
+from ctc_chattering.numerics.linear_algebra import Array
+
+#: Part of a torque as the controller publishes it: nominal + compensation + robust.
+PARTS = ('nominal', 'compensation', 'robust')
+#: Colours of lines: the palette of Okabe and Ito, which people with any colour vision can
+#: distinguish.
+COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#808080')
+
+
+@dataclasses.dataclass(frozen=True)
+class Samples:
+    """
+    Signals over time, as columns.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        [s].
+    e, v : ndarray, shape (N, n)
+        Position error [rad] and filtered error [rad/s].
+    lyapunov : ndarray, shape (N,)
+        V [J].
+    torques : ndarray, shape (N, 4, n)
+        The torque of the law, and its parts as in `PARTS` [N·m].
+
+    """
+
+    t: Array
+    e: Array
+    v: Array
+    lyapunov: Array
+    torques: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Instant:
+    """
+    One sample.
+
+    Attributes
+    ----------
+    t : float
+        [s].
+    q, q_d : ndarray, shape (n,)
+        Position and desired position [rad].
+
+    """
+
+    t: float
+    q: Array
+    q_d: Array
+
+
+def since_now(samples: Samples) -> Samples:
+    """Return samples whose last time is 0."""
+    t = samples.t
+    return dataclasses.replace(samples, t=t - t[-1]) if len(t) else samples
+
+
+def rms(samples: Samples, last: float = 1.0) -> Array:
+    """Return the RMS error over the last `last` seconds, shape (n,) [rad]; nan without samples."""
+    if not len(samples.t):
+        return np.full(samples.e.shape[1], np.nan)
+    recent = samples.e[samples.t > samples.t[-1] - last]
+    mean: Array = np.sqrt(np.mean(np.square(recent), axis=0))
+    return mean
+
+
+def table(names: Sequence[str], instant: Instant, samples: Samples, title: str = '',
+          since: float = 0.0) -> str:
+    """Return the numbers of an instant as an HTML table, its time as that from `since` on [s]."""
+    columns = ('joint', 'q', 'q_d', 'error', 'RMS, 1 s', 'v', 'torque')
+    known = len(samples.t) > 0
+    errors = rms(samples)
+    rows = []
+    for i, name in enumerate(names):
+        v, tau = (samples.v[-1, i], samples.torques[-1, 0, i]) if known else (np.nan, np.nan)
+        rows.append((html.escape(name), f'{instant.q[i]:.6f}', f'{instant.q_d[i]:.6f}',
+                     f'{instant.q_d[i] - instant.q[i]:.2e}', f'{errors[i]:.2e}', f'{v:.2e}',
+                     f'{tau:.1f}'))
+    head = ''.join(f'<th>{x}</th>' for x in columns)
+    body = ''.join('<tr>' + ''.join(f'<td>{x}</td>' for x in row) + '</tr>' for row in rows)
+    return (f'<div style="padding:2px 12px;font-size:0.8em">{html.escape(title)} t = '
+            f'<span class="ctc-time">{instant.t - since:.3f}</span> s'
+            '<table class="ctc-numbers" style="width:100%;text-align:right;'
+            f'font-variant-numeric:tabular-nums"><tr>{head}</tr>{body}</table></div>')

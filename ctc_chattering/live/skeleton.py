@@ -1,0 +1,290 @@
+"""The bodies of an arm and where they are: kinematics of a URDF for drawing, in numpy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import dataclasses
+from math import cos, sin
+from typing import Any
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from ctc_chattering.dynamics.registry import locked_positions
+from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.dynamics.two_link_urdf import two_link_urdf
+from ctc_chattering.dynamics.urdf_parser import parse_description, Tree
+from ctc_chattering.numerics.linear_algebra import Array
+
+#: Radius of a capsule as a part of the arm's reach, and the least length of one that is drawn.
+_RADIUS, _SHORTEST = 0.03, 1e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Shape:
+    """
+    Something to draw, fixed to a body.
+
+    Attributes
+    ----------
+    kind : str
+        ``capsule``, ``mesh``, ``box``, ``cylinder`` or ``sphere``.
+    sizes : tuple of float
+        Capsule: its ends, six numbers, and its radius [m]. Mesh: scale along x, y and z. Box: its
+        edges [m]; cylinder: radius and length [m]; sphere: radius [m].
+    pose : ndarray, shape (4, 4)
+        In the frame of the body.
+    file : str
+        Where a mesh is, as the description says.
+
+    """
+
+    kind: str
+    sizes: tuple[float, ...]
+    pose: Array
+    file: str = ''
+
+
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """
+    A link, and the joint that carries it.
+
+    Attributes
+    ----------
+    name : str
+        Of the link.
+    parent : int
+        Index of the body that carries it; -1 for the root.
+    origin : ndarray, shape (4, 4)
+        Pose of the joint in the frame of the parent, at position 0.
+    kind : str
+        ``fixed``, ``revolute`` or ``prismatic``.
+    axis : tuple of float, length 3
+        Of length 1.
+    joint : int
+        Index of the joint among those of the model; -1 if it stands still.
+    visual, collision : tuple of Shape
+        The description's shapes.
+    capsules : tuple of Shape
+        Lines to the bodies it carries, or to its end.
+
+    """
+
+    name: str
+    parent: int
+    origin: Array
+    kind: str
+    axis: tuple[float, float, float]
+    joint: int
+    visual: tuple[Shape, ...]
+    collision: tuple[Shape, ...]
+    capsules: tuple[Shape, ...]
+
+
+class Skeleton:
+    """
+    The bodies of an arm, parents first.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+
+    Attributes
+    ----------
+    bodies : tuple of Body
+    n : int
+        Number of joints of the model.
+    reach : float
+        Sum of the distances between the joints along the longest chain [m].
+
+    """
+
+    def __init__(self, bodies: Sequence[Body], n: int) -> None:
+        self.bodies = tuple(bodies)
+        self.n = n
+        self.reach = _reach([(body.parent, body.origin) for body in bodies])
+
+    def poses(self, q: Sequence[float] | Array) -> Array:
+        """Return the pose of every body in the frame of the root, shape (bodies, 4, 4)."""
+        poses = np.empty((len(self.bodies), 4, 4))
+        for i, body in enumerate(self.bodies):
+            pose = body.origin
+            if body.joint >= 0:
+                pose = pose @ _motion(body.kind, body.axis, float(q[body.joint]))
+            poses[i] = poses[body.parent] @ pose if body.parent >= 0 else pose
+        return poses
+
+    def tips(self, q: Sequence[float] | Array) -> Array:
+        """Return the origins of the bodies in the frame of the root, shape (bodies, 3) [m]."""
+        return self.poses(q)[:, :3, 3]
+
+
+def skeleton_of(config: RobotConfig, description: str = '') -> Skeleton | None:
+    """
+    Return the bodies of the arm that a configuration names; None if its shape is not known.
+
+    Parameters
+    ----------
+    config : RobotConfig
+        Model, joints and locked positions.
+    description : str
+        Text of the URDF; may be empty for the paper's arm.
+
+    """
+    if config.model == 'two_link':
+        return urdf_skeleton(two_link_urdf(config.joint_names), config.joint_names)
+    if not description.strip() or parse_description(description).tag != 'robot':
+        return None
+    return urdf_skeleton(description, config.joint_names, locked_positions(config.locked))
+
+
+def urdf_skeleton(urdf: str, joint_names: Sequence[str],
+                  locked: Mapping[str, float] | None = None) -> Skeleton:
+    """
+    Return the bodies of a URDF.
+
+    Parameters
+    ----------
+    urdf : str
+        Its text.
+    joint_names : sequence of str
+        Joints of the model.
+    locked : mapping of str to float, optional
+        Positions of others [rad or m].
+
+    Raises
+    ------
+    CtcError
+        If the text is no URDF with these joints.
+
+    """
+    tree = Tree(urdf)
+    stand = tree.locked(joint_names, locked or {})
+    elements = {x.get('name', ''): x for x in parse_description(urdf).findall('joint')}
+    children = [child for _, child in tree.ends.values()]
+    root = next(link for link in tree.links if link not in children)
+    index = {root: 0}
+    made = [(root, -1, np.eye(4), 'fixed', (0.0, 0.0, 1.0), -1)]
+    for name, (parent, child) in tree.ends.items():
+        origin, axis = _pose(elements[name].find('origin')), _axis(elements[name])
+        joint = tree.joints.get(name)
+        kind = 'fixed' if joint is None else joint.kind.replace('continuous', 'revolute')
+        if name in stand:
+            origin, kind = origin @ _motion(kind, axis, stand[name]), 'fixed'
+        number = list(joint_names).index(name) if kind != 'fixed' else -1
+        index[child] = len(made)
+        made.append((child, index[parent], origin, kind, axis, number))
+    radius = _RADIUS * _reach([(x[1], x[2]) for x in made])
+    bodies = []
+    for i, fields in enumerate(made):
+        link, ends = tree.links[fields[0]], [x[2][:3, 3] for x in made if x[1] == i]
+        bodies.append(Body(*fields, _shapes(link, 'visual'), _shapes(link, 'collision'),
+                           _capsules(ends, link, radius)))
+    return Skeleton(bodies, len(joint_names))
+
+
+def _capsules(ends: Sequence[Array], link: ET.Element, radius: float) -> tuple[Shape, ...]:
+    """Return lines from the origin of a link to the joints on it, or to its end."""
+    if not ends:
+        mass = link.find('inertial')
+        ends = [2.0 * _pose(mass.find('origin'))[:3, 3]] if mass is not None else []
+    return tuple(Shape('capsule', (0.0, 0.0, 0.0, *map(float, end), radius), np.eye(4))
+                 for end in ends if radius and np.linalg.norm(end) > _SHORTEST)
+
+
+def _shapes(link: ET.Element, tag: str) -> tuple[Shape, ...]:
+    """Return the shapes of a link."""
+    found = []
+    for element in link.findall(tag):
+        pose = _pose(element.find('origin'))
+        for x in element.findall('geometry/*'):
+            names = {'mesh': 'scale', 'box': 'size', 'cylinder': 'radius length',
+                     'sphere': 'radius'}.get(x.tag, '')
+            sizes = tuple(float(word) for name in names.split()
+                          for word in x.get(name, '1 1 1').split())
+            if names:
+                found.append(Shape(x.tag, sizes, pose, x.get('filename', '')))
+    return tuple(found)
+
+
+def _reach(links: Sequence[tuple[int, Array]]) -> float:
+    """Return the longest way from the root over the joints, and as far as the last one again."""
+    ways: list[float] = []
+    last = 0.0
+    for parent, origin in links:
+        length = float(np.linalg.norm(origin[:3, 3]))
+        last = length or last
+        ways.append(length + (ways[parent] if parent >= 0 else 0.0))
+    return max(ways) + last or 1.0
+
+
+def _motion(kind: str, axis: Sequence[float], q: float) -> Array:
+    """Return the pose of what a joint carries, relative to its pose at 0, shape (4, 4)."""
+    pose = np.eye(4)
+    if kind == 'prismatic':
+        pose[:3, 3] = q * np.array(axis)
+    elif kind == 'revolute':
+        pose[:3, :3] = rotation(axis, q)
+    return pose
+
+
+def rotation(axis: Sequence[float], angle: float) -> Array:
+    """Return the rotation matrix about a unit vector, shape (3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: Array = np.eye(3) + sin(angle) * cross + (1.0 - cos(angle)) * (cross @ cross)
+    return turned
+
+
+def quaternion(matrix: Array) -> Array:
+    """Return the quaternion w, x, y, z of a rotation matrix of shape (3, 3)."""
+    m = matrix
+    # Four times the products of the components, of which the largest row is safe to divide by.
+    products = np.array([
+        [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+        [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+        [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
+        [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
+    ])
+    row = products[int(np.argmax(products.diagonal()))]
+    unit: Array = row / np.linalg.norm(row)
+    return unit
+
+
+def _pose(origin: ET.Element | None) -> Array:
+    """Return the pose that an origin element says, shape (4, 4)."""
+    pose = np.eye(4)
+    if origin is not None:
+        roll, pitch, yaw = (float(x) for x in origin.get('rpy', '0 0 0').split())
+        pose[:3, :3] = (rotation((0, 0, 1), yaw) @ rotation((0, 1, 0), pitch)
+                        @ rotation((1, 0, 0), roll))
+        pose[:3, 3] = [float(x) for x in origin.get('xyz', '0 0 0').split()]
+    return pose
+
+
+def _axis(joint: ET.Element) -> tuple[float, float, float]:
+    element = joint.find('axis')
+    x, y, z = (float(word) for word in (
+        '1 0 0' if element is None else element.get('xyz', '1 0 0')).split())
+    size = float(np.linalg.norm((x, y, z))) or 1.0
+    return x / size, y / size, z / size
+
+
+def places(count: int, reach: float) -> list[tuple[float, float, float]]:
+    """Return where the roots of `count` arms are, side by side [m]."""
+    return [(1.5 * reach * (i - 0.5 * (count - 1)), 0.0, 0.0) for i in range(count)]
+
+
+def hanging(skeleton: Skeleton) -> bool:
+    """Return whether the arm goes below its root at position 0."""
+    return bool(skeleton.tips([0.0] * skeleton.n)[:, 2].min() < -0.1 * skeleton.reach)
+
+
+def as_json(skeleton: Skeleton) -> list[dict[str, Any]]:
+    """Return the bodies with their capsules, as the exported page reads them."""
+    return [{
+        'parent': body.parent, 'origin': np.round(body.origin, 9).ravel().tolist(),
+        'kind': body.kind, 'axis': body.axis, 'joint': body.joint,
+        'capsules': [np.round(x.sizes, 6).tolist() for x in body.capsules]}
+        for body in skeleton.bodies]

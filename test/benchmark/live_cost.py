@@ -1,0 +1,119 @@
+"""
+What `ctc live` costs the loop: misses and times with the page open in a browser and without.
+
+In turns; prints a Markdown table, which docs/live.md shows. The browser has the lowest priority:
+where it draws with the processor, it takes what others leave.
+"""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import platform
+import statistics
+import sys
+import tempfile
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+import rclpy
+
+from ctc_chattering.experiment.node_parameters import LOOP
+from ctc_chattering.experiment.paper import EXPERIMENTS
+from ctc_chattering.launch import child_process
+from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.fastdds import use_profile
+from ctc_chattering.ros.topics import DIAGNOSTICS
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'support'))
+from browser import browser_page, chromium, ctc_live
+
+#: Reports of a second each that are not counted, at the start.
+_FIRST = 4
+
+
+class Cost(NamedTuple):
+    """Misses of plant and controller per 1000 periods, and median answer times [ms]."""
+
+    plant_misses: float
+    controller_misses: float
+    plant_answer: float
+    controller_computing: float
+
+
+def measure(page: bool, lasts: int) -> Cost:
+    """Return what the diagnostics say over `lasts` seconds, with the page open or without."""
+    reports: dict[str, list[dict[str, str]]] = {'/plant': [], '/controller': []}
+
+    def on_message(message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name in reports:
+                reports[status.name].append({x.key: x.value for x in status.values})
+
+    with own_domain(), ExitStack() as stack:
+        use_profile()
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        node = rclpy.create_node('cost', context=context)
+        executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
+        children = [child_process.Child(name, child_process.node_command(
+            name, '--ros-args', '--params-file', str(EXPERIMENTS[1].path),
+            '-p', 'plant:pacing:=real_time', '-p', 'plant:duration:=0.0'), lambda _: None)
+            for name in LOOP]
+        try:
+            if page:
+                _, url = stack.enter_context(ctc_live('--port', 0))
+                tab = stack.enter_context(browser_page())
+                tab.goto(url)
+                tab.wait_for_selector('.ctc-numbers')
+            for series in reports.values():
+                series.clear()
+            while min(map(len, reports.values())) < lasts + _FIRST:
+                executor.spin_once(0.1)
+        finally:
+            child_process.stop(children)
+            executor.shutdown()
+            node.destroy_node()
+            rclpy.shutdown(context=context)
+    return Cost(*(_rate(x) for x in reports.values()), *(
+        statistics.median(float(x[f'{what}, p50 [ms]']) for x in series[_FIRST:])
+        for what, series in zip(('answer time', 'computing time'), reports.values())))
+
+
+def _rate(series: list[dict[str, str]]) -> float:
+    first, last = series[_FIRST - 1], series[-1]
+    return 1000.0 * (int(last['deadline misses']) - int(first['deadline misses'])) / (
+        int(last['samples']) - int(first['samples']))
+
+
+def main() -> None:
+    """Measure in turns and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--rounds', type=int, default=3)
+    parser.add_argument('--seconds', type=int, default=20)
+    options = parser.parse_args()
+    print(f'{platform.release()}, {os.cpu_count()} processors, load average '
+          f'{os.getloadavg()[0]:.1f} before', flush=True)
+    found: dict[bool, list[Cost]] = {False: [], True: []}
+    with tempfile.TemporaryDirectory() as folder:
+        polite = Path(folder) / 'chromium'
+        polite.write_text(f'#!/bin/sh\nexec nice -n 19 {chromium()} "$@"\n')
+        polite.chmod(0o755)
+        os.environ['CHROMIUM'] = str(polite)
+        for _ in range(options.rounds):
+            for page, costs in found.items():
+                costs.append(measure(page, options.seconds))
+                print('page' if page else 'no page', costs[-1], file=sys.stderr, flush=True)
+    print('| page | misses of the plant [per 1000] | of the controller | median answer [ms] '
+          '| median computing [ms] |\n|---|--:|--:|--:|--:|')
+    for page, costs in found.items():
+        print(f'| {"open" if page else "none"} | ' + ' | '.join(
+            f'{statistics.median(column):.3f}' for column in zip(*costs)) + ' |')
+
+
+if __name__ == '__main__':
+    main()

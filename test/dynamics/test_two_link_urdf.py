@@ -1,0 +1,30 @@
+"""The URDF of the paper's arm: its dynamics by Pinocchio against the model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.dynamics.two_link_urdf import two_link_urdf
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+
+
+def test_has_the_model_s_dynamics_but_for_a_constant() -> None:
+    ours, theirs = TwoLink(), UrdfModel(two_link_urdf(), ('joint1', 'joint2'))
+    rng = np.random.default_rng(0)
+    for q, dq in rng.uniform(-3.0, 3.0, (20, 2, 2)):
+        m, c, g = (np.array(x) for x in ours.evaluate(q, dq))
+        mass, coriolis, gravity = theirs.evaluate(q, dq)
+        # No rigid body has the paper's M12, whose constant part is larger than M22.
+        assert m - mass == pytest.approx(np.array([[0.0, 0.14], [0.14, 0.0]]))
+        assert coriolis == pytest.approx(c)
+        assert gravity == pytest.approx(g)
+
+
+def test_the_file_of_the_package_is_the_generated_one() -> None:
+    assert (CONFIG / 'two_link.urdf').read_text(encoding='utf-8') == two_link_urdf()

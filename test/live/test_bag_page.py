@@ -1,0 +1,134 @@
+"""The page of bags, and its export, in a real browser."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from bags import entries, write_bag
+from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
+from commands import ctc, refused
+import numpy as np
+from processes import CONFIG, PATIENCE
+import pytest
+
+from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.experiment import parameter_file
+
+LAWS = ('chattering', 'compensation')
+
+
+def result(law: str) -> tuple[Result, Any]:
+    setup = parameter_file.load(CONFIG / 'friction.yaml', {
+        'controller': {'law': law}, 'plant': {'duration': 0.5}})
+    return simulated(setup), setup.plant
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp('live')
+    for law in LAWS:
+        write_bag(folder / law, entries(*result(law)))
+    return [folder / law for law in LAWS]
+
+
+def shows(page: Any, angles: list[list[str]]) -> bool:
+    """Return whether these are the positions and desired positions on the page."""
+    return [row[1:3] for row in numbers(page)] == angles
+
+
+@pytest.mark.browser
+def test_slider_moves_both_arms_to_the_recorded_poses(bags: list[Path]) -> None:
+    runs = [read_bag(bag).run for bag in bags]
+    with ctc_live('--port', 0, *bags) as (process, url), browser_page() as page:
+        page.goto(url)
+        slider = field(page, 'time [s]')
+        pictures = []
+        for k in (0, 300, 499, 137):
+            slider.fill(f'{k / 1000:.3f}')
+            slider.press('Enter')
+            wanted = [[f'{a:.6f}', f'{b:.6f}'] for run in runs
+                      for a, b in zip(run.q[k], run.q_d[k])]
+            eventually(partial(shows, page, wanted), f'sample {k}', page)
+            pictures.append(scene(page))
+        assert min(inked(page)) > 300
+        for first, second in zip(*pictures[:2]):
+            assert first.any()
+            assert second.any()
+            assert (first != second).any()
+
+        before = numbers(page)
+        press(page, 'play')
+        eventually(lambda: numbers(page)[0][2] != before[0][2], 'the arm to move', page)
+        press(page, 'pause')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+
+
+@pytest.mark.browser
+def test_export_works_without_a_network(bags: list[Path], tmp_path: Path) -> None:
+    file = tmp_path / 'page.html'
+    done = ctc('live', *bags, '--export', file)
+    assert done.returncode == 0, done.stderr
+    refused(ctc('live', *bags, '--export', file), 'exists already')
+    runs = [read_bag(bag).run for bag in bags]
+    asked: list[str] = []
+    with browser_page(offline=True) as page:
+        page.on('request', lambda request: asked.append(request.url))
+        page.goto(file.as_uri())
+        arm = page.locator('#arm')
+        before = arm.screenshot()
+        k = 234
+        page.locator('#time').evaluate(
+            f'slider => {{ slider.value = {k / 1000}; slider.oninput(); }}')
+        shown = page.evaluate('() => [...document.querySelectorAll("#numbers tr")].map('
+                              'row => [...row.querySelectorAll("td")].map(x => x.innerText))')
+        q, q_d = (np.concatenate([getattr(run, name)[k] for run in runs])
+                  for name in ('q', 'q_d'))
+        angles = np.array([row[1:3] for row in shown if row], float)
+        assert angles == pytest.approx(np.stack((q, q_d), axis=1), abs=2e-6)  # 32 bits
+        assert arm.screenshot() != before
+        page.locator('#play').click()
+        page.wait_for_function(f'() => Number(document.getElementById("time").value) > {k}e-3')
+        drawn = page.evaluate(
+            '() => [...document.querySelectorAll(".plot")].map(canvas => canvas.getContext("2d")'
+            '.getImageData(0, 0, canvas.width, canvas.height).data.some(x => x > 0))')
+        assert drawn == [True] * 4
+    assert asked == [file.as_uri()]
+
+
+def test_what_cannot_be_shown_is_refused(bags: list[Path], tmp_path: Path) -> None:
+    refused(ctc('live', *bags, bags[0]), '3 bags')
+    refused(ctc('live', tmp_path / 'none'), 'none')
+    refused(ctc('live', '--export', tmp_path / 'x.html'), 'needs a bag')
+    refused(ctc('live', bags[0], '--port', 99999), '99999', '65535')
+    refused(ctc('live', bags[0], '--read-only'), 'graph')
+
+
+def test_seeking_in_ten_minutes_takes_no_time() -> None:
+    """Check the arrays behind the page: ten minutes at 1 kHz."""
+    from dataclasses import replace
+
+    from ctc_chattering.analysis.terms import Terms
+    from ctc_chattering.live.recorded import RecordedRun
+    from ctc_chattering.simulation.closed_loop import Run
+
+    count = 600_000
+    t = np.arange(count) / 1000
+    rows = np.random.default_rng(0).normal(size=(count, 2))
+    short, _ = result('chattering')
+    run = RecordedRun(replace(
+        short, run=Run(t, *[rows] * 7), computed=Terms(rows, rows, rows, rows, rows, t)))
+    worst = 0.0
+    for at in np.random.default_rng(1).uniform(0.0, 600.0, 50).tolist():
+        begin = time.thread_time()
+        instant, part = run.at(at), run.before(at, 10.0)
+        worst = max(worst, time.thread_time() - begin)
+        assert instant.t == pytest.approx(at, abs=1.1e-3)
+        assert part.t[-1] == instant.t
+        assert instant.q.tolist() == rows[round(instant.t * 1000)].tolist()
+    assert worst < 0.02

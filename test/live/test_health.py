@@ -1,0 +1,73 @@
+"""The light is green only when it should be."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from ctc_chattering.live.health import (
+    COLOURS,
+    counted,
+    ERROR,
+    light,
+    OK,
+    Report,
+    SIGNALS,
+    SIGNS,
+    UNKNOWN,
+    WARN,
+)
+
+REPORTS = {node: Report(OK, 'running', 0.4) for node in SIGNALS}
+HEARD = dict.fromkeys(SIGNALS.values(), 0.05)
+
+
+def test_green_when_all_three_run_and_are_heard() -> None:
+    assert light(REPORTS, HEARD).level == OK
+    assert light(REPORTS | {'recorder': Report(OK, 'recording', 0.1)}, HEARD).level == OK
+
+
+@pytest.mark.parametrize('node', SIGNALS)
+def test_not_green_without_one_of_them(node: str) -> None:
+    less = {name: report for name, report in REPORTS.items() if name != node}
+    assert light(less, HEARD).level == ERROR
+    for level in (WARN, ERROR, 3):
+        found = light(REPORTS | {node: Report(level, 'why', 0.4)}, HEARD)
+        assert found.level == min(level, ERROR)
+        assert f'{node}: why' in found.lines
+    old = dataclasses.replace(REPORTS[node], age=3.0)
+    assert light(REPORTS | {node: old}, HEARD).level == ERROR
+
+
+@pytest.mark.parametrize('topic', SIGNALS.values())
+def test_not_green_when_a_topic_falls_silent(topic: str) -> None:
+    """Check that it is seen within a second, long before the next report is overdue."""
+    found = light(REPORTS, HEARD | {topic: 0.6})
+    assert found.level == ERROR
+    assert any(topic in line and '0.6 s' in line for line in found.lines)
+    never = {name: age for name, age in HEARD.items() if name != topic}
+    assert light(REPORTS, never).level == ERROR
+    assert light(REPORTS, HEARD | {topic: 0.6}, patience={topic: 1.0}).level == OK
+
+
+def test_simulated_time_may_stand_still() -> None:
+    still = dict.fromkeys(HEARD, 5.0)
+    assert light(REPORTS, still, lockstep=True).level == WARN
+    assert light(REPORTS, still).level == ERROR
+
+
+def test_nothing_heard_is_no_error() -> None:
+    assert light({}, {}).level == UNKNOWN
+
+
+def test_levels_are_distinguished_without_colour() -> None:
+    assert len({sign[0] for sign in SIGNS}) == len(SIGNS) == len(set(COLOURS)) == 4
+
+
+def test_counts_misses_and_refused_messages_once() -> None:
+    report = Report(OK, 'running', 0.0, {
+        'deadline misses': '3', 'joint_states: refused': '4', 'joint_states: refused, stamp': '4',
+        'reference: refused': '1', 'reference: publishers': '/reference'})
+    assert counted('controller', report) == ('controller', 3, 5)
+    assert counted('plant', Report(OK, 'running', 0.0)) == ('plant', 0, 0)

@@ -1,0 +1,67 @@
+"""Layouts of other tools name topics, fields and joints that there are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import re
+from typing import Any
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from ctc_chattering.live.layouts import foxglove, plotjuggler
+from ctc_chattering.ros.messages import message_type
+from ctc_chattering.ros.topics import TOPICS
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
+PAPER, THREE = ('joint1', 'joint2'), ('a', 'b', 'c')
+#: Names in the messages of the controller, in the order of `nodes.control_terms`.
+NAMES = {
+    '/controller/tracking': lambda n: [f'{j}/{x}' for x in ('desired', 'error') for j in n],
+    '/controller/filter': list, '/joint_states': list,
+    '/controller/torques': lambda n: [
+        *(f'{j}/{x}' for x in ('nominal', 'compensation', 'robust') for j in n), 'V']}
+
+
+def panels(tree: Any) -> list[str]:
+    if isinstance(tree, str):
+        return [tree]
+    return panels(tree['first']) + panels(tree['second'])
+
+
+@pytest.mark.parametrize('joints', [PAPER, THREE])
+def test_foxglove(joints: tuple[str, ...]) -> None:
+    layout = json.loads(foxglove(joints))
+    assert sorted(panels(layout['layout'])) == sorted(layout['configById'])
+    found = []
+    for panel in layout['configById'].values():
+        for line in panel.get('paths', ()):
+            topic, field, index = re.fullmatch(r'(\S+)\.(\w+)\[(\d+)]', line['value']).groups()
+            assert field in message_type(TOPICS[topic[1:]].kind).get_fields_and_field_types()
+            name = NAMES[topic](joints)[int(index)]
+            found.append((panel['title'], line['label'], f'{topic}/{name}'))
+    for joint in joints:
+        assert ('position error [rad]', joint, f'/controller/tracking/{joint}/error') in found
+        assert ('v [rad/s]', joint, f'/controller/filter/{joint}') in found
+        for part in ('nominal', 'compensation', 'robust'):
+            assert (f'torque of {joint} [N·m]', part,
+                    f'/controller/torques/{joint}/{part}') in found
+    assert ('V [J]', 'V', '/controller/torques/V') in found
+
+
+@pytest.mark.parametrize('joints', [PAPER, THREE])
+def test_plotjuggler(joints: tuple[str, ...]) -> None:
+    curves = [x.get('name', '') for x in ET.fromstring(plotjuggler(joints)).iter('curve')]
+    known = {f'{topic}/{name}' for topic, names in NAMES.items() for name in names(joints)}
+    assert len(set(curves)) == len(curves) == 6 * len(joints) + 1
+    for curve in curves:
+        name, _, field = curve.rpartition('/')
+        assert name in known
+        assert field in ('position', 'velocity', 'effort')
+
+
+def test_the_files_of_the_package_are_the_generated_ones() -> None:
+    for name, make in (('foxglove-layout.json', foxglove),
+                       ('plotjuggler-layout.xml', plotjuggler)):
+        assert (CONFIG / name).read_text(encoding='utf-8') == make(PAPER)

@@ -1,0 +1,121 @@
+"""A real Chromium without a screen, for tests of pages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import io
+import os
+import shutil
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from stopwatch import PATIENCE
+
+#: Names of browsers that Playwright drives, installed by the system.
+_NAMES = ('chromium', 'chromium-browser', 'google-chrome')
+#: Pages are slow where the processor draws them; less so if they are small.
+SIZE = {'width': 1250, 'height': 520}
+#: Columns of the scene, between the panels.
+SCENE = slice(430, 810)
+
+
+def chromium() -> str | None:
+    """Return the path of the browser: what CHROMIUM says, or the system's; None for neither."""
+    return os.environ.get('CHROMIUM') or next(filter(None, map(shutil.which, _NAMES)), None)
+
+
+@contextmanager
+def browser_page(offline: bool = False, **options: Any) -> Iterator[Any]:
+    """Yield an empty page; at the end it must have had no error."""
+    from playwright.sync_api import sync_playwright
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium(),
+            args=['--enable-unsafe-swiftshader', '--no-sandbox', '--disable-dev-shm-usage'])
+        context = browser.new_context(offline=offline, **{'viewport': SIZE, **options})
+        context.set_default_timeout(1e3 * PATIENCE)
+        page = context.new_page()
+        errors: list[str] = []
+        page.on('pageerror', lambda error: errors.append(str(error)))
+        try:
+            yield page
+        finally:
+            browser.close()
+        assert not errors
+
+
+@contextmanager
+def ctc_live(*arguments: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Start `ctc live`; yield the process and the address of its page."""
+    process = subprocess.Popen(
+        [sys.executable, '-u', '-m', 'ctc_chattering.cli.ctc', 'live', *map(str, arguments)],
+        text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    assert process.stdout is not None
+    said = []
+    try:
+        for line in process.stdout:
+            said.append(line)
+            if line.startswith('open http'):
+                yield process, line.split()[1]
+                break
+        else:
+            raise AssertionError(f'no page: {said}')
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def eventually(done: Callable[[], Any], what: str, page: Any) -> None:
+    """Wait until `done` says so, and let the page go on meanwhile."""
+    deadline = time.monotonic() + PATIENCE
+    while not done():
+        assert time.monotonic() < deadline, f'waited in vain for {what}'
+        page.wait_for_timeout(50)
+
+
+def scene(page: Any) -> tuple[Any, Any]:
+    """Return where the picture between the panels is blue, as arms are, and orange, as ghosts."""
+    for button in page.locator('.mantine-Notification-closeButton').all():
+        button.dispatch_event('click')
+    page.wait_for_timeout(700)
+    image = Image.open(io.BytesIO(page.screenshot())).convert('RGB')
+    picture = np.array(image, int)[:, SCENE]
+    difference = picture[..., 2] - picture[..., 0]
+    return difference > 25, difference < -25
+
+
+def press(page: Any, name: str) -> None:
+    """Click a button; without waiting for the page to stand still, which it does not."""
+    page.get_by_role('button', name=name, exact=True).dispatch_event('click')
+
+
+def field(page: Any, label: str) -> Any:
+    """Return the input with a label."""
+    return page.locator(
+        f'xpath=//label[normalize-space()="{label}"]/ancestor::div[contains(@class, '
+        '"mantine-Flex-root")][1]//input').last
+
+
+def numbers(page: Any) -> list[list[str]]:
+    """Return the cells of the tables of numbers, row by row."""
+    rows: list[list[str]] = page.evaluate(
+        '() => [...document.querySelectorAll(".ctc-numbers tr")].map('
+        'row => [...row.querySelectorAll("td")].map(cell => cell.innerText))')
+    return [row for row in rows if row]
+
+
+def inked(page: Any) -> list[int]:
+    """Return how many pixels each plot has that are not empty."""
+    found: list[int] = page.evaluate(
+        '() => [...document.querySelectorAll(".uplot canvas")].map(canvas => { '
+        'const data = canvas.getContext("2d").getImageData('
+        '0, 0, canvas.width, canvas.height).data; '
+        'let count = 0; for (let i = 3; i < data.length; i += 4) count += data[i] > 0; '
+        'return count; })')
+    return found
