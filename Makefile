@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test test-load slow lint compare benchmark latency soak identification clean
+.PHONY: demo live test test-load slow lint compare benchmark latency live-cost soak identification clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -58,6 +58,10 @@ benchmark: $(READY)
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)
 	$(BIN)/python test/benchmark/latency.py
+
+# What an open page of `ctc live` costs the loop: a Markdown table.
+live-cost: $(READY)
+	PYTHONPATH=test/support $(BIN)/python test/benchmark/live_cost.py
 
 # Random faults on the whole graph in real time; see docs/soak.md. More arguments: ARGS.
 MINUTES ?= 20

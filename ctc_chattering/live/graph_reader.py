@@ -172,11 +172,12 @@ class GraphReader(BaseNode):
         """
         Return the last sample of which position and desired position are known; None before.
 
-        Without news of the controller the position goes on alone.
+        Without news of the controller, and while time is held, the position goes on alone.
         """
         if self._tracked is None:
             return None
-        if self._state is not None and self._state[0] > self._tracked.t + _ALONE:
+        alone = 0.0 if self.parameters['plant'].get('hold_at') else _ALONE
+        if self._state is not None and self._state[0] > self._tracked.t + alone:
             return Instant(*self._state, self._tracked.q_d)
         return self._tracked
 

@@ -40,13 +40,13 @@ def foxglove(joints: Sequence[str]) -> str:
             'minLevel': 0, 'pinnedIds': [], 'hardwareIdFilter': '',
             'topicToRender': '/diagnostics'}}
     plots = [name for name in panels if name.startswith('Plot')]
-    return json.dumps({
+    found = {
         'configById': panels, 'globalVariables': {}, 'userNodes': {},
         'playbackConfig': {'speed': 1}, 'layout': {
             'direction': 'row', 'splitPercentage': 40, 'second': _stack(plots),
             'first': {'direction': 'column', 'splitPercentage': 70,
-                      'first': '3D!arm', 'second': 'DiagnosticSummary!nodes'}}},
-        indent=1, ensure_ascii=False) + '\n'
+                      'first': '3D!arm', 'second': 'DiagnosticSummary!nodes'}}}
+    return json.dumps(found, indent=1, ensure_ascii=False) + '\n'
 
 
 def _plot(title: str, paths: Mapping[str, str]) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def _stack(names: Sequence[str]) -> Any:
 def plotjuggler(joints: Sequence[str]) -> str:
     """Return a layout of PlotJuggler, as XML: errors, v, V and torques."""
     root = ET.Element('root')
-    window = ET.SubElement(root, 'tabbed_widget', parent='main_window', name='Main Window')
+    window = ET.SubElement(root, 'tabbed_widget', {'parent': 'main_window', 'name': 'Main Window'})
     torques = {f'torque of {joint} [N·m]': [
         f'/joint_states/{joint}/effort',
         *(f'/controller/{TORQUES}/{joint}/{part}/effort' for part in PARTS)] for joint in joints}

@@ -17,6 +17,7 @@ import sys
 import tempfile
 from typing import NamedTuple
 
+from browser import browser_page, chromium, ctc_live
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 
@@ -26,9 +27,6 @@ from ctc_chattering.launch import child_process
 from ctc_chattering.ros.domain import own_domain
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.topics import DIAGNOSTICS
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'support'))
-from browser import browser_page, chromium, ctc_live
 
 #: Reports of a second each that are not counted, at the start.
 _FIRST = 4

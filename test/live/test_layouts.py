@@ -37,7 +37,9 @@ def test_foxglove(joints: tuple[str, ...]) -> None:
     found = []
     for panel in layout['configById'].values():
         for line in panel.get('paths', ()):
-            topic, field, index = re.fullmatch(r'(\S+)\.(\w+)\[(\d+)]', line['value']).groups()
+            match = re.fullmatch(r'(\S+)\.(\w+)\[(\d+)]', line['value'])
+            assert match
+            topic, field, index = match.groups()
             assert field in message_type(TOPICS[topic[1:]].kind).get_fields_and_field_types()
             name = NAMES[topic](joints)[int(index)]
             found.append((panel['title'], line['label'], f'{topic}/{name}'))
