@@ -8,9 +8,10 @@ from ctc_chattering.live.meshes import drawn
 from ctc_chattering.live.skeleton import quaternion, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 
-#: Blue and orange of the palette of Okabe and Ito; the ghost is larger and transparent, too.
+#: Blue and orange of the palette of Okabe and Ito. Of the ghost, larger and transparent, only what
+#: is behind the arm is drawn, so that the arm keeps its colour.
 ARM_COLOUR, GHOST_COLOUR = (0, 114, 178), (230, 159, 0)
-_GHOST_SCALE, _GHOST_OPACITY = 1.03, 0.4
+_GHOST_SCALE, _GHOST_OPACITY = 1.03, 0.6
 
 
 class ArmView:
@@ -34,9 +35,9 @@ class ArmView:
         self._root = server.scene.add_frame(f'/{name}', show_axes=False, position=place)
         shapes = drawn(skeleton)
         self._frames = {}
-        for part, colour, scale, opacity in (
-                ('arm', ARM_COLOUR, 1.0, None),
-                ('ghost', GHOST_COLOUR, _GHOST_SCALE, _GHOST_OPACITY)):
+        for part, colour, scale, opacity, side in (
+                ('arm', ARM_COLOUR, 1.0, None, 'front'),
+                ('ghost', GHOST_COLOUR, _GHOST_SCALE, _GHOST_OPACITY, 'back')):
             frames = self._frames[part] = [
                 server.scene.add_frame(f'/{name}/{part}/{i}', show_axes=False)
                 for i in range(len(shapes))]
@@ -45,7 +46,7 @@ class ArmView:
                     middle = vertices.mean(axis=0)
                     server.scene.add_mesh_simple(
                         f'{frame.name}/{k}', middle + scale * (vertices - middle), faces,
-                        color=colour, opacity=opacity, flat_shading=False,
+                        color=colour, opacity=opacity, side=side, flat_shading=False,
                         cast_shadow=False, receive_shadow=False)
 
     def show(self, q: Array, q_d: Array | None) -> None:

@@ -60,8 +60,8 @@ def measure(page: bool, lasts: int) -> Cost:
         node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
         children = [child_process.Child(name, child_process.node_command(
             name, '--ros-args', '--params-file', str(EXPERIMENTS[1].path),
-            '-p', 'plant:pacing:=real_time', '-p', 'plant:duration:=0.0'), lambda _: None)
-            for name in LOOP]
+            *(('-p', 'pacing:=real_time', '-p', 'duration:=0.0') if name == 'plant' else ())),
+            lambda _: None) for name in LOOP]
         try:
             if page:
                 _, url = stack.enter_context(ctc_live('--port', 0))
@@ -72,6 +72,8 @@ def measure(page: bool, lasts: int) -> Cost:
                 series.clear()
             while min(map(len, reports.values())) < lasts + _FIRST:
                 executor.spin_once(0.1)
+                ended = [child.exit_report() for child in children if child.status is not None]
+                assert not ended, ended
         finally:
             child_process.stop(children)
             executor.shutdown()

@@ -150,7 +150,7 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
             eventually(partial(mentions, page, f'{topic}: silent for'),
                        f'the end of {name}', page)
             assert level(page) == 2
-            argv = list(child.process.args)  # type: ignore[arg-type]
+            argv: Any = child.process.args
             graph.start(name, *argv[argv.index('--ros-args') + 1:])
             eventually(lambda: level(page) == 0, f'{name} again', page)
         page.reload()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import json
 from pathlib import Path
 import re
@@ -17,7 +18,7 @@ from ctc_chattering.ros.topics import TOPICS
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 PAPER, THREE = ('joint1', 'joint2'), ('a', 'b', 'c')
 #: Names in the messages of the controller, in the order of `nodes.control_terms`.
-NAMES = {
+NAMES: dict[str, Callable[[tuple[str, ...]], list[str]]] = {
     '/controller/tracking': lambda n: [f'{j}/{x}' for x in ('desired', 'error') for j in n],
     '/controller/filter': list, '/joint_states': list,
     '/controller/torques': lambda n: [
