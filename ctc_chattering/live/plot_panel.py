@@ -13,11 +13,13 @@ from ctc_chattering.numerics.linear_algebra import Array
 
 #: The dashes distinguish lines without colour.
 DASHES = ((), (9, 4), (2, 3), (9, 3, 2, 3), (5, 5), (14, 4), (1, 5))
+#: The same in the legend, whose marks have colours only.
+_SIGNS = ('—', '– –', '···', '—·', '- -', '— —', '· ·')
 #: Stretches of a plot, of which each shows its least and greatest value.
 _BUCKETS = 150
 #: Least V of which the logarithm is drawn [J].
 _LEAST = 1e-12
-_HEIGHT = 170
+_HEIGHT = 165
 
 
 class PlotPanel:
@@ -50,7 +52,8 @@ class PlotPanel:
 
     def _add(self, title: str, labels: Sequence[str]) -> Any:
         styles = [{
-            'label': label, 'stroke': COLOURS[i % len(labels) % len(COLOURS)], 'width': 1.6,
+            'label': f'{label} {_SIGNS[i % len(_SIGNS)]}', 'width': 1.6,
+            'stroke': COLOURS[i % len(labels) % len(COLOURS)],
             'dash': DASHES[i % len(DASHES)], 'points': {'show': False}}
             for i, label in enumerate(labels)]
         grey = {'stroke': '#808080', 'grid': {'stroke': '#80808040', 'width': 1},
@@ -59,7 +62,7 @@ class PlotPanel:
             (np.arange(2.0), *(np.zeros(2) for _ in labels)),
             ({'label': 't [s]'}, *styles), title=title, height=_HEIGHT,
             scales={'x': {'time': False}}, axes=(grey, {**grey, 'size': 60}),
-            legend={'show': True, 'live': False})
+            legend={'show': True, 'live': False}, padding=(12, 12, 0, 0))
 
     def show(self, runs: Sequence[Samples]) -> None:
         """Draw the samples of every run; the others at the times of the first."""

@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
+from faults import nodes_of
 from processes import bringup, CONFIG, descendants, PATIENCE, Probe, probe, wait_for
 import pytest
 from rcl_interfaces.msg import ParameterEvent
@@ -19,7 +20,8 @@ from rcl_interfaces.msg import ParameterEvent
 from ctc_chattering.ros.node import qos
 
 pytestmark = [pytest.mark.ros, pytest.mark.browser]
-#: 100 Hz, and patient: the browser draws with the processors that the loop needs.
+#: 100 Hz, and patient: the browser draws with the processors that the loop needs. At 100 Hz a ka
+#: of 12 N·m is at its bound at every reversal, and the light says so.
 PARAMETERS = """/**:
   ros__parameters:
     control_period: 0.01
@@ -36,6 +38,8 @@ controller:
     reference_timeout: 1.0
     state_decimation: 1
 """
+#: From a click to the law in force, of the best of three [s]; a few hundredths without load.
+CLICK = 0.5
 LOOP = ('plant', 'controller', 'reference')
 
 
@@ -87,7 +91,7 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
         eventually(lambda: min(inked(page), default=0) > 300, 'plots', page)
         delays = [_click(graph, laws, page, law) for law in (
             'compensation', 'chattering', 'compensation')]
-        assert min(delays) < 0.5
+        assert min(delays) < CLICK
         eventually(lambda: 'compensation' in said(page), 'the law on the page', page)
         eventually(lambda: rms(page) > 1e-2, 'the error to grow', page)
         _click(graph, laws, page, 'chattering')
@@ -102,10 +106,10 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
         before = scene(page)
         press(page, 'disable')  # The arm falls, and the ghost goes on.
         eventually(lambda: level(page) > 0, 'the light to change', page)
-        page.wait_for_timeout(1500)
-        for old, new in zip(before, scene(page)):
-            assert new.any()
-            assert (old != new).any()
+
+        def moved() -> bool:
+            return all(new.any() and (old != new).any() for old, new in zip(before, scene(page)))
+        eventually(moved, 'arm and ghost to move', page)
         press(page, 'enable')
         eventually(lambda: level(page) == 0, 'the light to be green', page)
         process.send_signal(signal.SIGINT)
@@ -184,7 +188,6 @@ def test_bringup_shows_its_graph_and_outlives_the_page() -> None:
         page_id = next(pid for pid, text in descendants(process.pid).items() if ' live ' in text)
         os.kill(page_id, signal.SIGKILL)
         wait_for(lambda: page_id not in descendants(process.pid), 'the end of the page')
-        time.sleep(0.5)
-        assert process.poll() is None
+        assert set(LOOP) <= nodes_of(process.pid).keys()
         process.send_signal(signal.SIGINT)
         assert process.wait(2 * PATIENCE) == 0

@@ -83,7 +83,7 @@ def scene(page: Any) -> tuple[Any, Any]:
     """Return where the picture between the panels is blue, as arms are, and orange, as ghosts."""
     for button in page.locator('.mantine-Notification-closeButton').all():
         button.dispatch_event('click')
-    page.wait_for_timeout(700)
+    page.wait_for_function('() => !document.querySelector(".mantine-Notification-root")')
     image = Image.open(io.BytesIO(page.screenshot())).convert('RGB')
     picture = np.array(image, int)[:, SCENE]
     difference = picture[..., 2] - picture[..., 0]
