@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 import re
 import signal
-import time
 from typing import Any
 
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
@@ -38,8 +37,6 @@ controller:
     reference_timeout: 1.0
     state_decimation: 1
 """
-#: From a click to the law in force, of the best of three [s]; a few hundredths without load.
-CLICK = 0.5
 LOOP = ('plant', 'controller', 'reference')
 
 
@@ -76,10 +73,10 @@ def mentions(page: Any, text: str) -> bool:
 
 
 def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
-    laws: list[tuple[float, str]] = []
+    laws: list[str] = []
 
     def note(event: Any) -> None:
-        laws.extend((time.time(), item.value.string_value) for item in (
+        laws.extend(item.value.string_value for item in (
             *event.new_parameters, *event.changed_parameters) if item.name == 'law')
     graph.node.create_subscription(
         ParameterEvent, 'controller/parameters', note, qos(100, latched=True))
@@ -89,9 +86,8 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'a green light', page)
         eventually(lambda: min(inked(page), default=0) > 300, 'plots', page)
-        delays = [_click(graph, laws, page, law) for law in (
-            'compensation', 'chattering', 'compensation')]
-        assert min(delays) < CLICK
+        for law in ('compensation', 'chattering', 'compensation'):
+            _click(graph, laws, page, law)
         eventually(lambda: 'compensation' in said(page), 'the law on the page', page)
         eventually(lambda: rms(page) > 1e-2, 'the error to grow', page)
         _click(graph, laws, page, 'chattering')
@@ -117,14 +113,12 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
     assert all(child.status is None for child in graph.children)
 
 
-def _click(graph: Probe, laws: list[tuple[float, str]], page: Any, law: str) -> float:
-    """Click a law; return the time until it is announced as in force [s]."""
+def _click(graph: Probe, laws: list[str], page: Any, law: str) -> None:
+    """Click a law, and see that it is the next one in force."""
     laws.clear()
-    begin = time.time()
     press(page, law)
     graph.until(lambda: laws, f'law {law}')
-    assert laws[0][1] == graph.get('controller', 'law') == law
-    return laws[0][0] - begin
+    assert laws[0] == graph.get('controller', 'law') == law
 
 
 def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
