@@ -19,17 +19,11 @@ import sys
 import time
 from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray
-import rclpy
+from real_time_loop import real_time_loop
 
-from ctc_chattering.experiment.node_parameters import LOOP, RealTimeSettings
-from ctc_chattering.experiment.paper import EXPERIMENTS
-from ctc_chattering.launch import child_process
+from ctc_chattering.experiment.node_parameters import RealTimeSettings
 from ctc_chattering.monitoring.loop_statistics import Durations
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.real_time import RealTime
-from ctc_chattering.ros.topics import DIAGNOSTICS
 
 _COLUMNS = ('p50', 'p99', 'p99.9', 'max')
 #: Length of a measurement [s]: diagnostics look back so far.
@@ -48,33 +42,12 @@ class Times(NamedTuple):
 
 def measure_nodes(priority: int) -> Times:
     """Return what the plant's diagnostics say after a while in real time."""
-    reports: list[dict[str, str]] = []
-
-    def on_message(message: DiagnosticArray) -> None:
-        reports.extend({x.key: x.value for x in status.values} for status in message.status
-                       if status.name == '/plant' and status.message == 'running')
-
-    with own_domain():
-        use_profile()
-        context = rclpy.Context()
-        rclpy.init(context=context)
-        node = rclpy.create_node('latency', context=context)
-        executor = rclpy.executors.SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
-        arguments = ('--ros-args', '--params-file', str(EXPERIMENTS[1].path),
-                     '-p', 'plant:pacing:=real_time', '-p', 'plant:duration:=0.0',
-                     '-p', f'thread_priority:={priority}')
-        children = [child_process.Child(
-            name, child_process.node_command(name, *arguments), lambda _: None) for name in LOOP]
-        try:
-            while len(reports) < _WINDOW + 2:  # The first ones are of the start.
-                executor.spin_once(0.1)
-        finally:
-            child_process.stop(children)
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.shutdown(context=context)
+    with real_time_loop('-p', f'thread_priority:={priority}') as (found, spin):
+        reports: list[dict[str, str]] = []
+        while len(reports) < _WINDOW + 2:  # The first ones are of the start.
+            spin()
+            reports = [{x.key: x.value for x in status.values} for status in found['/plant']
+                       if status.message == 'running']
     last = reports[-1]
     period, answer = ([float(last[f'{name}, {column} [ms]']) for column in _COLUMNS]
                       for name in ('period', 'answer time'))

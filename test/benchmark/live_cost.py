@@ -18,15 +18,7 @@ import tempfile
 from typing import NamedTuple
 
 from browser import browser_page, chromium, ctc_live
-from diagnostic_msgs.msg import DiagnosticArray
-import rclpy
-
-from ctc_chattering.experiment.node_parameters import LOOP
-from ctc_chattering.experiment.paper import EXPERIMENTS
-from ctc_chattering.launch import child_process
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.fastdds import use_profile
-from ctc_chattering.ros.topics import DIAGNOSTICS
+from real_time_loop import real_time_loop
 
 #: Reports of a second each that are not counted, at the start.
 _FIRST = 4
@@ -43,45 +35,21 @@ class Cost(NamedTuple):
 
 def measure(page: bool, lasts: int) -> Cost:
     """Return what the diagnostics say over `lasts` seconds, with the page open or without."""
-    reports: dict[str, list[dict[str, str]]] = {'/plant': [], '/controller': []}
-
-    def on_message(message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name in reports:
-                reports[status.name].append({x.key: x.value for x in status.values})
-
-    with own_domain(), ExitStack() as stack:
-        use_profile()
-        context = rclpy.Context()
-        rclpy.init(context=context)
-        node = rclpy.create_node('cost', context=context)
-        executor = rclpy.executors.SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        node.create_subscription(DiagnosticArray, DIAGNOSTICS, on_message, 10)
-        children = [child_process.Child(name, child_process.node_command(
-            name, '--ros-args', '--params-file', str(EXPERIMENTS[1].path),
-            *(('-p', 'pacing:=real_time', '-p', 'duration:=0.0') if name == 'plant' else ())),
-            lambda _: None) for name in LOOP]
-        try:
-            if page:
-                _, url = stack.enter_context(ctc_live('--port', 0))
-                tab = stack.enter_context(browser_page())
-                tab.goto(url)
-                tab.wait_for_selector('.ctc-numbers')
-            for series in reports.values():
-                series.clear()
-            while min(map(len, reports.values())) < lasts + _FIRST:
-                executor.spin_once(0.1)
-                ended = [child.exit_report() for child in children if child.status is not None]
-                assert not ended, ended
-        finally:
-            child_process.stop(children)
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.shutdown(context=context)
-    return Cost(*(_rate(x) for x in reports.values()), *(
+    nodes = ('/plant', '/controller')
+    with real_time_loop() as (reports, spin), ExitStack() as stack:
+        if page:
+            _, url = stack.enter_context(ctc_live('--port', 0))
+            tab = stack.enter_context(browser_page())
+            tab.goto(url)
+            tab.wait_for_selector('.ctc-numbers')
+        reports.clear()
+        while min(len(reports[node]) for node in nodes) < lasts + _FIRST:
+            spin()
+        found = [[{x.key: x.value for x in status.values} for status in reports[node]]
+                 for node in nodes]
+    return Cost(*map(_rate, found), *(
         statistics.median(float(x[f'{what}, p50 [ms]']) for x in series[_FIRST:])
-        for what, series in zip(('answer time', 'computing time'), reports.values())))
+        for what, series in zip(('answer time', 'computing time'), found)))
 
 
 def _rate(series: list[dict[str, str]]) -> float:
