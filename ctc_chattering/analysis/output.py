@@ -1,4 +1,4 @@
-"""Files of commands: nothing is overwritten without a request, and errors are one line."""
+"""What commands write: nothing is overwritten without a request, and errors are one line."""
 
 from __future__ import annotations
 
@@ -65,3 +65,10 @@ def write_text(path: Path, text: str) -> None:
 def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return the lines of a table in Markdown."""
     return [f'| {" | ".join(cells)} |' for cells in (heads, ['---'] * len(heads), *rows)]
+
+
+def columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows of as many cells each as lines of text, in columns."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    return ['  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip()
+            for row in rows]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ctc_chattering.analysis.output import columns
+
 
 def print_columns(rows: Sequence[Sequence[str]]) -> None:
     """Print rows of as many cells each, in columns."""
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    for row in rows:
-        print('  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip())
+    print('\n'.join(columns(rows)))

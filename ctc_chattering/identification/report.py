@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import write_text
+from ctc_chattering.analysis.output import columns, write_text
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.identification.identify import Identification
@@ -142,10 +142,7 @@ class Report:
         """Return it for a terminal."""
         lines = []
         for title, rows in self.tables():
-            widths = [max(map(len, column)) for column in zip(*rows)]
-            lines += [title, *('  ' + '  '.join(
-                text.ljust(width) for text, width in zip(row, widths)).rstrip() for row in rows),
-                '']
+            lines += [title, *(f'  {line}' for line in columns(rows)), '']
         for title, texts in self.sentences():
             lines += [title, *(f'  {text}' for text in texts), '']
         return '\n'.join(lines).rstrip()
