@@ -8,8 +8,9 @@ The YAML file, the ROS nodes, `ctc` and the README's tables are all served from 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from copy import copy
 import dataclasses
 import math
 from typing import Any, ClassVar, TypeVar
@@ -215,13 +216,18 @@ class Config:
         n = 0
         for spec in self.parameters().values():
             value = getattr(self, spec.field)
-            value = spec.default_for(n) if value is None else spec.coerce(value, n)
-            object.__setattr__(self, spec.field, value)
-            spec.check(value, n)
+            self._set(spec, spec.default_for(n) if value is None else value, n)
             if spec.name == 'joint_names':
-                check_joint_names(value)
-                n = len(value)
+                names = getattr(self, spec.field)
+                check_joint_names(names)
+                n = len(names)
         self.validate()
+
+    def _set(self, spec: Parameter, value: object, n: int) -> None:
+        """Set a parameter to `value`, checked for a robot of `n` joints."""
+        coerced = spec.coerce(value, n)
+        object.__setattr__(self, spec.field, coerced)
+        spec.check(coerced, n)
 
     def validate(self) -> None:
         """Check what concerns several parameters at once; a subclass overrides this."""
@@ -243,13 +249,18 @@ class Config:
             For an unknown name or a value that is not allowed.
 
         """
+        return cls(**{spec.field: value for spec, value in cls._known(values)})
+
+    @classmethod
+    def _known(cls, values: Mapping[str, object]) -> Iterator[tuple[Parameter, object]]:
+        """Yield parameters with their values; raise `ParameterError` for an unknown name."""
         known = cls.parameters()
         for name, value in values.items():
             if name not in known:
                 raise ParameterError(name, value, 'one of ' + ', '.join(known))
             if value is None:
                 raise ParameterError(name, value, known[name].allowed)
-        return cls(**{known[name].field: value for name, value in values.items()})
+            yield known[name], value
 
     def as_mapping(self) -> dict[str, Any]:
         """Return every parameter's value by name."""
@@ -257,7 +268,13 @@ class Config:
 
     def changed(self: C, values: Mapping[str, object]) -> C:
         """Return a copy with some parameters changed, checked like a new one."""
-        return self.from_mapping({**self.as_mapping(), **values})
+        if 'joint_names' in values:  # The number of joints concerns all others.
+            return self.from_mapping({**self.as_mapping(), **values})
+        made, n = copy(self), len(getattr(self, 'joint_names', ()))
+        for spec, value in self._known(values):
+            made._set(spec, value, n)
+        made.validate()
+        return made
 
 
 def check_joint_names(names: tuple[str, ...]) -> None:

@@ -188,6 +188,18 @@ def test_changed_is_a_copy() -> None:
     assert (made.disturbance_amplitude, other.duration) == ((0.0, 0.0), 3.0)
 
 
+def test_changed_checks_what_concerns_several_parameters() -> None:
+    """Check a value that others do not allow, and joints, on which the size of others depends."""
+    with pytest.raises(ParameterError, match='motor_inertia'):
+        PlantConfig().changed({'joint_stiffness': [1e4, 1e4]})
+    three = {'joint_names': ['a', 'b', 'c'], 'model': 'module:Class'}
+    with pytest.raises(ParameterError, match='n = 3, got 2 values'):
+        ControllerConfig().changed(three)
+    gains = {name: [1.0] * 3 for name, spec in ControllerConfig.parameters().items()
+             if spec.kind == 'float[]'}
+    assert ControllerConfig().changed({**gains, **three}).kp == (1.0, 1.0, 1.0)
+
+
 NUMBERS = st.one_of(st.integers(), st.floats(), st.just(10 ** 400), st.floats(1e-6, 1e3))
 SCALARS = st.one_of(NUMBERS, st.booleans(), st.text(max_size=5), st.binary(max_size=4),
                     st.complex_numbers(), st.sampled_from(['chattering', 'two_link', 'sign']))

@@ -12,10 +12,11 @@ from typing import Any, NoReturn
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.experiment.package_share import find_config
 
 #: Names for pip of modules that are called otherwise.
-_PACKAGES = {'pinocchio': 'pin', 'yaml': 'PyYAML'}
+_PACKAGES = {'pinocchio': 'pin', 'yaml': 'PyYAML', 'dask': "'dask[distributed]'",
+             'distributed': "'dask[distributed]'"}
 #: Modules of ROS whose names do not end in _msgs.
 _OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srvs')
 #: Options that override a parameter file, and the sections of their parameters.
@@ -52,8 +53,7 @@ def add_params_file(parser: argparse.ArgumentParser) -> None:
 
 def find_file(text: str) -> Path:
     """Return the parameter file that `text` names: a path, or ``panda`` for the package's own."""
-    installed = config_directory() / f'{text}.yaml'
-    return installed if Path(text).name == text and installed.exists() else Path(text)
+    return find_config(text)
 
 
 def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:

@@ -29,3 +29,21 @@ def config_directory() -> Path:
         if (candidate / 'friction.yaml').exists():
             return candidate
     raise CtcError('the configuration files of ctc_chattering are not installed')
+
+
+def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
+    """
+    Return the file that `text` names.
+
+    Parameters
+    ----------
+    text : str
+        A path, or ``panda`` for the package's own.
+    beside : Path
+        Directory from which a relative path counts.
+    folder : str
+        Of the package's own, below `config_directory`.
+
+    """
+    installed = config_directory() / folder / f'{text}.yaml'
+    return installed if Path(text).name == text and installed.exists() else beside / text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.experiment.yaml_file import Dumper, read_yaml
 from ctc_chattering.numerics.time_grid import period_ns
-from ctc_chattering.parameters import Config
+from ctc_chattering.parameters import C, Config
 from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import check_start
@@ -30,6 +30,8 @@ Values = dict[str, Any]
 Overrides = Mapping[str, Mapping[str, Any]]
 #: Section whose parameters apply to every node that has them.
 EVERY_NODE = '/**'
+#: Parameters of the plant that say where it starts, and of the reference that change no motion.
+_STARTS, _TIMING = {'initial_position', 'initial_velocity'}, {'control_period'}
 #: Parameters of every ROS node; without ROS they have no effect.
 OF_ROS = ('use_sim_time', 'start_type_description_service')
 
@@ -103,11 +105,42 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     route = read_trajectory(Path(reference.trajectory_file), reference.joint_names
                             ) if reference.trajectory_file else None
     descriptions = {node: read_description(config.description)
-                    for node, config in (('plant', plant), ('controller', controller))
+                    for node, config in zip(LOOP, (plant, controller, reference))
                     if config.described and config.description}
-    check_start(plant, descriptions.get('plant', ''))
-    _check_motion(reference, route, plant)
-    return Setup(plant, controller, reference, events, resolved, route, descriptions)
+    setup = Setup(plant, controller, reference, events, resolved, route, descriptions)
+    _check_motion(setup)
+    return setup
+
+
+def changed(setup: Setup, values: Overrides) -> Setup:
+    """
+    Return a setup with some parameters of its loop changed, checked as `load` checks them.
+
+    Files are not read again, so that no parameter which names one may change; nor may the joints.
+
+    Parameters
+    ----------
+    setup : Setup
+        Anything.
+    values : mapping
+        New values by node, one of `LOOP`, and parameter.
+
+    Raises
+    ------
+    CtcError
+        If a value is not allowed, or contradicts another.
+
+    """
+    configs: dict[str, Any] = {
+        node: _made(node, getattr(setup, node).changed, mine)
+        for node, mine in values.items() if mine}
+    resolved = {node: {**setup.values[node], **config.as_mapping()}
+                for node, config in configs.items()}
+    made = dataclasses.replace(setup, **configs, values={**setup.values, **resolved})
+    _check_agreement(made.plant, made.controller, made.reference)
+    if _STARTS & set(values.get('plant', ())) or set(values.get('reference', ())) - _TIMING:
+        _check_motion(made)
+    return made
 
 
 def dump(values: Mapping[str, Values], path: Path) -> None:
@@ -205,8 +238,14 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
 
 def _build(kind: type[Config], values: Values, node: str) -> Config:
     known = kind.parameters()
+    return _made(node, kind.from_mapping, {
+        name: x for name, x in values.items() if name in known})
+
+
+def _made(node: str, make: Callable[[Mapping[str, Any]], C], values: Mapping[str, Any]) -> C:
+    """Return what `make` makes of values; an error names the node."""
     try:
-        return kind.from_mapping({name: x for name, x in values.items() if name in known})
+        return make(values)
     except ParameterError as error:
         raise ParameterError(f'{node}: {error.name}', error.value, error.allowed) from None
 
@@ -234,13 +273,16 @@ def _contradiction(name: str, node: str, config: Config, other: str, theirs: Con
                     f'{shown(getattr(theirs, name))} of {other}; put what nodes share under /**')
 
 
-def _check_motion(reference: ReferenceConfig, route: Route | None, plant: PlantConfig) -> None:
+def _check_motion(setup: Setup) -> None:
     """Raise `CtcError` if the motion, or its start, is beyond the limits of a URDF."""
-    if not (reference.described and reference.description):
+    plant, reference = setup.plant, setup.reference
+    check_start(plant, setup.descriptions.get('plant', ''))
+    description = setup.descriptions.get('reference', '')
+    if not description:
         return
-    limits = Limits(read_description(reference.description), reference.joint_names)
+    limits = Limits(description, reference.joint_names)
     start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
     try:
-        make_motion(reference, route, start, limits=limits)
+        make_motion(reference, setup.route, start, limits=limits)
     except CtcError as error:
         raise CtcError(f'reference: {error}') from None

@@ -13,7 +13,7 @@ from urdfs import two_links
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.node_parameters import NODES
+from ctc_chattering.experiment.node_parameters import LOOP, NODES
 from ctc_chattering.parameters import LARGEST, LEAST
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -319,3 +319,22 @@ reference:
             ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 beyond')):
         with pytest.raises(CtcError, match=message):
             parameter_file.load(file, {node: values})
+
+
+@pytest.mark.parametrize('values', [
+    {'plant': {'coulomb_friction': [1, 2], 'noise_seed': 3}, 'controller': {'lambda': 4}},
+    {node: {'control_period': 2e-3} for node in LOOP},
+    {'reference': {'amplitude': [0.1, 0.2]}, 'plant': {'initial_position': [1, 2]}}])
+def test_what_is_changed_is_as_if_loaded(file: Path, values: dict[str, Any]) -> None:
+    setup = loaded(file, ('plant', 'duration: 1.0'), ('bringup', 'one_processor: false'))
+    assert parameter_file.changed(setup, values) == parameter_file.load(file, values)
+
+
+def test_what_is_changed_is_checked() -> None:
+    setup = parameter_file.load(CONFIG / 'panda.yaml')
+    for node, values, words in (
+            ('plant', {'control_period': 2e-3}, ('control_period', 'put what nodes share')),
+            ('controller', {'ka': [-1.0] * 7}, ('controller: ka', '-1.0', '>= 0')),
+            ('plant', {'initial_position': [9.0] * 7}, ('panda_joint1', 'limits')),
+            ('reference', {'amplitude': [9.0] * 7}, ('reference', 'panda_joint1', 'limits'))):
+        refused(lambda: parameter_file.changed(setup, {node: values}), *words)

@@ -100,7 +100,7 @@ def test_what_cannot_be_read_is_said_in_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('shared', 'plant', 'needs'), [
-    ('model: urdf', '', {'plant', 'controller'}),
+    ('model: urdf', '', {'plant', 'controller', 'reference'}),
     ('', 'plant_backend: mujoco', {'plant'}),
     ('', '', set())])
 def test_a_parameter_file_reads_it_for_those_who_need_it(
