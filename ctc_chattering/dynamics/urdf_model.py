@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import importlib
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
@@ -21,6 +22,25 @@ from ctc_chattering.parameters import check_joint_names
 
 #: Least eigenvalue of M, scaled to a diagonal of ones, that counts as more than rounding.
 _SINGULAR = 1e-10
+
+
+class Bodies(NamedTuple):
+    """
+    Joints and bodies of an arm, from the base outwards; frames as `UrdfModel.bodies` says.
+
+    Arrays of n rows: rotations and inertias (n, 3, 3), offsets and centres of mass (n, 3).
+    """
+
+    #: Row of the body that carries this one; -1 for the base.
+    parent: npt.NDArray[np.int64]
+    prismatic: npt.NDArray[np.bool_]
+    #: Index in the model's vectors of each body's joint.
+    joint: npt.NDArray[np.int64]
+    rotation: Array
+    offset: Array
+    mass: Array
+    center: Array
+    inertia: Array
 
 
 class UrdfModel(Model):
@@ -83,6 +103,29 @@ class UrdfModel(Model):
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
 
+    def bodies(self) -> Bodies:
+        """
+        Return what the dynamics are computed from, fixed and locked joints merged.
+
+        The frame of a body is at its joint, with the axis of the joint along z; rotation and
+        offset [m] place it, at position 0, in the frame of the body that carries it. Mass [kg],
+        centre [m] and inertia about the centre [kg·m²] are in the frame of the body.
+        """
+        model, n = self._model, self.n
+        axes = [np.array(joint.createData().S).ravel() for joint in model.joints.tolist()[1:]]
+        prismatic = np.array([not axis[3:].any() for axis in axes])
+        turns = [_to_z(axis[:3] if slides else axis[3:]) for axis, slides in zip(axes, prismatic)]
+        before = [np.eye(3), *turns]
+        rows = []
+        for i in range(n):
+            place, body = model.jointPlacements[i + 1], model.inertias[i + 1]
+            parent = model.parents[i + 1]
+            rows.append((parent - 1, before[parent].T @ place.rotation @ turns[i],
+                         before[parent].T @ place.translation, body.mass,
+                         turns[i].T @ body.lever, turns[i].T @ body.inertia @ turns[i]))
+        parents, rotation, offset, mass, center, inertia = map(np.array, zip(*rows))
+        return Bodies(parents, prismatic, self._order, rotation, offset, mass, center, inertia)
+
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
         pin, model, data = self._pin, self._model, self._data
@@ -139,6 +182,14 @@ class UrdfModel(Model):
                 raise CtcError(
                     f'URDF: M is singular: too little inertia is moved by {names} (a link '
                     'without mass?)')
+
+
+def _to_z(axis: Array) -> Array:
+    """Return a rotation that brings z to `axis`, shape (3, 3)."""
+    least = np.eye(3)[np.abs(axis).argmin()]
+    x = np.cross(least, axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack((x, np.cross(axis, x), axis))
 
 
 def _weak(mass: Array) -> list[int]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.waypoints import Waypoints
+
+T = TypeVar('T', bound=Any)
 
 #: Longest time in which a robot that moves is brought to rest [s].
 BRAKING_TIME = 0.5
@@ -82,7 +84,7 @@ class Transition:
         span = round(duration * NANOSECONDS) if isfinite(duration) else 0
         if span < 1:
             raise ParameterError('duration', duration, 'a finite number of seconds >= 1e-9')
-        self._before, self.after = before, after
+        self.before, self.after = before, after
         self._t0, self.end = t0, t0 + span
         self._span = seconds(span)
 
@@ -91,17 +93,30 @@ class Transition:
         if t >= self.end:
             return self.after.at(t)
         if t <= self._t0:
-            return self._before.at(t)
+            return self.before.at(t)
         s = seconds(t - self._t0) / self._span
-        w, dw, ddw = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-        rows = []
-        for q, dq, ddq, x, dx, ddx in zip(*self._before.at(t), *self.after.at(t)):
-            distance, difference = x - q, dx - dq
-            rows.append((
-                q + w * distance,
-                dq + w * difference + dw * distance,
-                ddq + w * (ddx - ddq) + 2.0 * dw * difference + ddw * distance))
-        return tuple(zip(*rows))  # type: ignore[return-value]
+        weight = quintic(s, self._span, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+        return tuple(zip(*(  # type: ignore[return-value]
+            mean(weight, joint[:3], joint[3:])
+            for joint in zip(*self.before.at(t), *self.after.at(t)))))
+
+
+def mean(weight: tuple[T, T, T], before: tuple[T, ...], after: tuple[T, ...]) -> tuple[T, T, T]:
+    """
+    Return the mean of two motions of a joint, for numbers or arrays of as many instants.
+
+    Parameters
+    ----------
+    weight : (σ, dσ/dt, d²σ/dt²)
+        Share of `after`.
+    before, after : (position, velocity, acceleration)
+        The two motions.
+
+    """
+    (w, dw, ddw), (q, dq, ddq), (x, dx, ddx) = weight, before, after
+    distance, difference = x - q, dx - dq
+    return (q + w * distance, dq + w * difference + dw * distance,
+            ddq + w * (ddx - ddq) + 2.0 * dw * difference + ddw * distance)
 
 
 def smooth_start(motion: Motion, t0: int, start: Point, duration: float) -> Transition:

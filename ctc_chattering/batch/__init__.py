@@ -1,0 +1,1 @@
+"""The closed loop compiled by numba, for many runs: equations in the order of the reference."""

@@ -1,0 +1,115 @@
+"""
+The numbers of a model that compiled dynamics take: a tree of bodies, or the paper's two links.
+
+Frame of body i: at the joint, its axis along z. A body's parent comes before it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Array
+
+
+class Arm(NamedTuple):
+    """A model of n joints; with no bodies it is the two-link arm in closed form."""
+
+    #: Acceleration of gravity, downwards [m/s²].
+    gravity: float
+    #: Factors of M and C, and of G, for a controller that knows its arm badly; those of a tree
+    #: are in its masses and its gravity.
+    inertia_scale: float
+    gravity_scale: float
+    #: Body that carries each body; -1 for the base. Shape (n,).
+    parent: npt.NDArray[np.int64]
+    #: Whether the joint is prismatic, shape (n,).
+    prismatic: npt.NDArray[np.bool_]
+    #: Index in q, M, C and G of the joint of each body, shape (n,).
+    joint: npt.NDArray[np.int64]
+    #: Frame of the body at position 0 in that of the parent, shapes (n, 3, 3) and (n, 3) [m].
+    rotation: Array
+    offset: Array
+    #: Mass [kg], its centre [m] and the inertia about that [kg·m²], in the frame of the body.
+    mass: Array
+    center: Array
+    inertia: Array
+
+
+class BodyScratch(NamedTuple):
+    """
+    Scratch of the dynamics of a tree, all in the frame of the base and about its origin.
+
+    Vectors of 3 are rows: position, angular part, linear part.
+    """
+
+    #: Rotation (n, 3, 3), origin, axis of every body.
+    rotation: Array
+    origin: Array
+    #: Motion of each joint (6), its rate of change (6), twist (6) and acceleration (6).
+    joint: Array
+    joint_rate: Array
+    twist: Array
+    acceleration: Array
+    #: Mass, first moment, inertia (6: xx, yy, zz, xy, xz, yz), of a body, then of all it carries.
+    mass: Array
+    moment: Array
+    inertia: Array
+    #: Velocity terms of the Coriolis matrix: W (3, 3) and linear momentum.
+    coupling: Array
+    momentum: Array
+    #: Force on a body: moment and force (6).
+    force: Array
+    #: Of `forward_dynamics`: M, C dq + G, and those of the joints that are free.
+    M: Array
+    bias: Array
+    part: Array
+    lower: Array
+    rest: Array
+
+
+def arm_of(model: Model, gravity: float, inertia_scale: float = 1.0, gravity_scale: float = 1.0
+           ) -> Arm:
+    """
+    Return the numbers of a model.
+
+    Parameters
+    ----------
+    model : Model
+        A `TwoLink` or `UrdfModel`.
+    gravity : float
+        [m/s²].
+    inertia_scale, gravity_scale : float
+        Factors of M and C, and of G.
+
+    Raises
+    ------
+    CtcError
+        For another model.
+
+    """
+    if isinstance(model, UrdfModel):
+        bodies, c = model.bodies(), inertia_scale
+        return Arm(gravity * gravity_scale / c, c, gravity_scale, bodies.parent, bodies.prismatic,
+                   bodies.joint, bodies.rotation, bodies.offset, c * bodies.mass, bodies.center,
+                   c * bodies.inertia)
+    if not isinstance(model, TwoLink):
+        raise CtcError(f'no compiled dynamics for the model {type(model).__name__}')
+    return Arm(gravity, inertia_scale, gravity_scale, np.zeros(0, np.int64), np.zeros(0, np.bool_),
+               np.zeros(0, np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0),
+               np.zeros((0, 3)), np.zeros((0, 3, 3)))
+
+
+def body_scratch(n: int) -> BodyScratch:
+    """Return scratch for `n` joints."""
+    def rows(*shape: int) -> Array:
+        return np.zeros((n, *shape))
+    return BodyScratch(
+        rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
+        rows(3, 3), rows(3), rows(6), rows(n), rows(), rows(n), rows(n), rows())

@@ -1,0 +1,164 @@
+"""
+A run of a parameter file by the compiled loop: what `simulation.closed_loop.simulate` returns.
+
+The equations, the random numbers and the order of the operations are those of the reference, so
+that a run differs from it by rounding only; a motion that is not regular makes that grow.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ctc_chattering.batch.arm import arm_of, body_scratch
+from ctc_chattering.batch.box_qp import box_scratch
+from ctc_chattering.batch.control_state import (
+    control_scratch,
+    control_settings,
+    control_state,
+    evaluated,
+)
+from ctc_chattering.batch.control_step import Controller
+from ctc_chattering.batch.friction import friction_scratch
+from ctc_chattering.batch.integrator import Plant
+from ctc_chattering.batch.loop import BEYOND, DIVERGED, FINISHED, run, Sources
+from ctc_chattering.batch.observer import observer_scratch, observer_settings
+from ctc_chattering.batch.observer_feedback import (
+    feedback_settings,
+    feedback_state,
+    ObserverFeedback,
+)
+from ctc_chattering.batch.plant_state import plant_scratch, plant_settings, plant_state
+from ctc_chattering.batch.random_numbers import generator
+from ctc_chattering.batch.records import record
+from ctc_chattering.batch.reference_table import reference_table
+from ctc_chattering.batch.sensors import measure, sensor_settings, sensor_state
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
+from ctc_chattering.dynamics.registry import locked_positions, make_model, MODELS
+from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.simulation.plant_config import PlantConfig
+
+#: Models that are kept.
+_KEPT = 64
+
+
+def unsupported(setup: Setup) -> str:
+    """Return why the compiled loop cannot run a parameter file; empty if it can."""
+    plant, controller = setup.plant, setup.controller
+    if plant.plant_backend != 'builtin':
+        return f'plant_backend {plant.plant_backend}'
+    if plant.elastic:
+        return 'elastic joints'
+    if setup.events:
+        return 'events'
+    for model in (plant.model, controller.model):
+        if model not in MODELS:
+            return f'model {model}'
+    return ''
+
+
+def simulate(setup: Setup, truth: bool = False) -> Run:
+    """
+    Run the closed loop of a parameter file from t = 0 to the plant's `duration`.
+
+    Parameters
+    ----------
+    setup : Setup
+        As `parameter_file.load` returns it.
+    truth : bool
+        Record the true state in place of the one that the sensors show.
+
+    Raises
+    ------
+    CtcError
+        As of `simulation.closed_loop.simulate`, and for what `unsupported` names.
+
+    """
+    reason = unsupported(setup)
+    if reason:
+        raise CtcError(f'the compiled loop does not have {reason}')
+    if setup.plant.duration <= 0.0:
+        raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
+    config, controller = setup.plant, setup.controller
+    description = setup.descriptions.get('plant', '')
+    if config.payload:
+        description = with_payload(description, config.joint_names, config.payload)
+    plant = _plant(config, _model(config, description))
+    sensor = record(sensor_settings(config, plant.c.period))
+    seen = record(sensor_state(len(config.joint_names)))
+    sources = _sources(config)
+    measure(plant.s.q, plant.s.dq, sensor, seen, sources.noise)
+    period, delay = period_ns(config.control_period), controller.input_delay
+    count = samples(config.duration, period) + 1
+    table = reference_table(
+        setup.reference, setup.route,
+        dict(zip(config.joint_names, zip(seen.q.tolist(), seen.dq.tolist()))),
+        controller.joint_names, period, count + delay)
+    law = _controller(controller, _model(controller, setup.descriptions.get('controller', '')))
+    out = np.empty((count, 5, len(config.joint_names)))
+    end, k, joint, rows = run(plant, law, sensor, seen, sources, table, truth, out)
+    if end != FINISHED:
+        raise CtcError(_failure(end, seconds(k * period), joint, controller, out[rows]))
+    kept = out[:rows]
+    at = kept[:, 0, 0].astype(int)
+    desired = table[at]
+    return Run(at * period / 1e9, kept[:, 1], kept[:, 2], desired[:, 0], desired[:, 1],
+               desired[:, 2], kept[:, 3], kept[:, 4])
+
+
+def _failure(end: int, t: float, joint: int, config: ControllerConfig, row: Array) -> str:
+    """Return why a run ended at `t` [s], from the row of its last sample."""
+    if end == BEYOND:
+        return (f'the position error of {config.joint_names[joint]} at t = {t:g} s exceeds '
+                f'error_limit, {config.error_limit[joint]:g} rad')
+    if end == DIVERGED:
+        return f'the motion of the plant diverged at t = {t:g} s'
+    return (f'no torque can be computed at t = {t:g} s for {row[1].tolist()}, '
+            f'{row[2].tolist()}')
+
+
+@lru_cache(_KEPT)
+def _made(name: str, gravity: float, joints: tuple[str, ...], description: str,
+          locked: tuple[str, ...]) -> Model:
+    """Return a model; the same one for the same arguments."""
+    return make_model(name, gravity, joints, description, locked_positions(locked))
+
+
+def _model(config: RobotConfig, description: str) -> Model:
+    """Return the model that a configuration names."""
+    return _made(config.model, config.gravity, config.joint_names, description, config.locked)
+
+
+def _plant(config: PlantConfig, model: Model) -> Plant:
+    """Return the plant at its start."""
+    n = model.n
+    return Plant(*map(record, (
+        arm_of(model, config.gravity), plant_settings(config), plant_state(config),
+        plant_scratch(n), body_scratch(n), friction_scratch(n), box_scratch(n))))
+
+
+def _controller(config: ControllerConfig, model: Model) -> Controller:
+    """Return the controller at its start."""
+    n = model.n
+    arm = arm_of(model, config.gravity, config.inertia_scale, config.gravity_scale)
+    arm, c, s, now, at, w, body, box = map(record, (
+        arm, control_settings(config, model), control_state(config), evaluated(n), evaluated(n),
+        control_scratch(n), body_scratch(n), box_scratch(n)))
+    law = ObserverFeedback(*map(record, (
+        feedback_settings(config), observer_settings(config), feedback_state(config),
+        observer_scratch(n), box_scratch(n))))
+    return Controller(arm, c, s, now, at, w, body, box, np.zeros(n, np.int8), law)
+
+
+def _sources(config: PlantConfig) -> Sources:
+    """Return the random numbers of a configuration."""
+    seed = config.noise_seed
+    return Sources(generator(seed), generator(f'{seed} loss'), generator(f'{seed} lateness'))
