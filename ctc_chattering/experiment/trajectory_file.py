@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.experiment.yaml_file import Dumper, read_yaml
+from ctc_chattering.experiment.yaml_file import Dumper, mapping, read_yaml
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.trajectory.waypoints import Route
@@ -82,7 +81,7 @@ def write_trajectory(route: Route, path: Path) -> None:
 
 
 def _route(tree: object) -> Route:
-    values = _mapping('trajectory', tree, ('joint_names', 'points', 'header'))
+    values = mapping('trajectory', tree, ('joint_names', 'points', 'header'))
     names = Parameter('joint_names', 'str[]', (), '').coerce(values.get('joint_names'))
     rows = values.get('points')
     if not isinstance(rows, list):
@@ -90,7 +89,7 @@ def _route(tree: object) -> Route:
     times, points = [], []
     for i, row in enumerate(rows):
         name = f'points[{i}]'
-        point = _mapping(name, row, (
+        point = mapping(name, row, (
             'positions', 'velocities', 'accelerations', 'effort', 'time_from_start'))
         if point.get('effort', []) != []:
             raise ParameterError(f'{name}.effort', point['effort'], 'none: it would not be used')
@@ -98,17 +97,6 @@ def _route(tree: object) -> Route:
         points.append((point.get('positions'), point.get('velocities', []),
                        point.get('accelerations', [])))
     return Route(names, times, points)  # type: ignore[arg-type]
-
-
-def _mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
-    """Return `value`; raise `ParameterError` unless it is a mapping with no other keys."""
-    allowed = 'a mapping of ' + ', '.join(keys)
-    if not isinstance(value, dict):
-        raise ParameterError(name, value, allowed)
-    for key in value:
-        if key not in keys:
-            raise ParameterError(name, key, allowed)
-    return value
 
 
 def _nanoseconds(name: str, value: object) -> int:

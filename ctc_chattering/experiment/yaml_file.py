@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 import re
 from typing import Any
 
 import yaml
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
 
 
 class Loader(yaml.SafeLoader):
@@ -68,3 +69,14 @@ def read_yaml(path: Path) -> object:
     except (yaml.YAMLError, ValueError) as error:
         text = ' '.join(str(error).split())
         raise CtcError(f'{path}: not a YAML file: {text}') from None
+
+
+def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
+    """Return `value`; raise `ParameterError` unless it is a mapping with no other keys."""
+    allowed = 'a mapping of ' + ', '.join(keys)
+    if not isinstance(value, dict):
+        raise ParameterError(name, value, allowed)
+    for key in value:
+        if key not in keys:
+            raise ParameterError(name, key, allowed)
+    return value

@@ -17,8 +17,8 @@ import ctc_chattering
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control', 'monitoring',
-         'simulation', 'experiment', 'analysis', 'identification', 'ros', 'bags',
-         'nodes', 'launch', 'studies', 'live', 'cli')
+         'simulation', 'experiment', 'batch', 'analysis', 'identification', 'ros', 'bags',
+         'nodes', 'launch', 'studies', 'robustness', 'live', 'cli')
 #: These know nothing of ROS.
 NUMERIC = ORDER[:ORDER.index('ros')]
 #: Packages that ROS brings.

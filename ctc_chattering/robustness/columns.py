@@ -1,0 +1,38 @@
+"""Columns of the results of a map, one row a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+INTEGER, TEXT, NUMBER = 'int64', 'string', 'float64'
+#: Which run it is; before the axes and what is uncertain.
+WHICH = {'run': INTEGER, 'point': INTEGER, 'repeat': INTEGER, 'seed': INTEGER,
+         'variant': TEXT, 'law': TEXT, 'switching': TEXT}
+#: What came of it, and the numbers that sum it up; without a number where it failed.
+RESULT = {'engine': TEXT, 'failure': TEXT, 'reason': TEXT,
+          'error': NUMBER, 'variation': NUMBER, 'saturated': NUMBER}
+#: Metrics of each joint, and of all; as `analysis.metrics` has them.
+PER_JOINT = ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'max_torque_step_nm',
+             'max_torque_rate_nm_per_s')
+OVERALL = {'max_error_norm1_rad': NUMBER, 'reaching_time_s': NUMBER, 'missing_samples': INTEGER}
+
+
+def of_results(n: int) -> dict[str, str]:
+    """Return name and type of the columns behind the axes, for `n` joints."""
+    joints = {f'{name}_{i}': NUMBER for name in PER_JOINT for i in range(1, n + 1)}
+    return {**RESULT, **joints, **OVERALL}
+
+
+def of_map(quantities: Sequence[str], n: int) -> dict[str, str]:
+    """
+    Return name and type of all columns, in order.
+
+    Parameters
+    ----------
+    quantities : sequence of str
+        Names of the axes, then of what is uncertain.
+    n : int
+        Number of joints.
+
+    """
+    return {**WHICH, **dict.fromkeys(quantities, NUMBER), **of_results(n)}

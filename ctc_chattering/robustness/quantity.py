@@ -1,0 +1,265 @@
+"""What a map varies: parameters that one number sets, over the values of an axis or drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import dataclasses
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.experiment.node_parameters import LOOP, NODES
+from ctc_chattering.experiment.parameter_file import changed, Setup
+from ctc_chattering.experiment.yaml_file import mapping
+from ctc_chattering.parameters import LARGEST, Parameter
+
+#: Most runs of a map, and values of an axis.
+MOST = 10_000_000
+#: Distributions, and the two numbers of each; of `choice` any number of values.
+DISTRIBUTIONS = ('uniform', 'log_uniform', 'normal', 'choice')
+#: Parameters that the spec itself sets: by its duration, and by seed and repeat.
+_SET = ('duration', 'noise_seed')
+_OF_QUANTITY = ('parameter', 'parameters', 'factor')
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """
+    Parameters that one number sets.
+
+    Attributes
+    ----------
+    name : str
+        Column of the results.
+    targets : tuple of (str, Parameter)
+        Node, one of `LOOP`, and its parameter. A parameter for every joint has the number on each.
+    factor : bool
+        Whether the number multiplies what the parameter has otherwise.
+
+    """
+
+    name: str
+    targets: tuple[tuple[str, Parameter], ...]
+    factor: bool
+
+    @property
+    def unit(self) -> str:
+        """Unit of the number; empty for a factor, and where there is none."""
+        return '' if self.factor else self.targets[0][1].unit
+
+    @property
+    def known(self) -> bool:
+        """Whether the controller knows of it: not all is the plant's alone."""
+        return any(node != 'plant' for node, _ in self.targets)
+
+    def value(self, spec: Parameter, x: float, now: Any, n: int) -> Any:
+        """
+        Return what a parameter gets.
+
+        Parameters
+        ----------
+        spec : Parameter
+            One of the targets.
+        x : float
+            The number.
+        now : object
+            Value of the parameter so far.
+        n : int
+            Number of joints.
+
+        """
+        if self.factor:
+            value: Any = tuple(x * y for y in now) if isinstance(now, tuple) else x * now
+        else:
+            value = (x,) * n if spec.shape else x
+        return int(value) if spec.kind == 'int' and value == round(value) else value
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis(Quantity):
+    """A quantity with the values that a map has of it, ascending."""
+
+    values: tuple[float, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Uncertain(Quantity):
+    """
+    A quantity that is drawn.
+
+    Attributes
+    ----------
+    distribution : str
+        One of `DISTRIBUTIONS`.
+    numbers : tuple of float
+        Ends of `uniform` and `log_uniform`; mean and standard deviation of `normal`; the values
+        of `choice`, each as likely as the others.
+
+    """
+
+    distribution: str
+    numbers: tuple[float, ...]
+
+    @property
+    def typical(self) -> tuple[float, ...]:
+        """Values that must be allowed: the ends, the values, or the mean."""
+        return self.numbers[:1] if self.distribution == 'normal' else self.numbers
+
+
+def applied(setup: Setup, settings: Iterable[tuple[Quantity, float]], noise_seed: int | None = None
+            ) -> Setup:
+    """
+    Return a setup with quantities set to numbers, one after the other.
+
+    Parameters
+    ----------
+    setup : Setup
+        Of the file, or of a law.
+    settings : iterable of (Quantity, float)
+        What is set.
+    noise_seed : int, optional
+        Of the plant, in place of that of the setup.
+
+    Raises
+    ------
+    CtcError
+        If a value is not allowed, or contradicts another.
+
+    """
+    values: dict[str, dict[str, Any]] = {node: {} for node in LOOP}
+    for quantity, x in settings:
+        for node, spec in quantity.targets:
+            config = getattr(setup, node)
+            now = values[node].get(spec.name, getattr(config, spec.field))
+            values[node][spec.name] = quantity.value(spec, x, now, len(config.joint_names))
+    if noise_seed is not None:
+        values['plant']['noise_seed'] = noise_seed
+    return changed(setup, values)
+
+
+def read_axis(name: str, tree: object) -> Axis:
+    """Return an axis of a spec; raise `ParameterError` that names the key."""
+    key = f'axes.{name}'
+    values = mapping(key, tree, (*_OF_QUANTITY, 'values', 'range', 'count', 'spacing'))
+    return Axis(name, *_parameters(key, values), _grid(key, values))
+
+
+def read_uncertain(name: str, tree: object) -> Uncertain:
+    """Return an uncertain quantity of a spec; raise `ParameterError` that names the key."""
+    key = f'uncertain.{name}'
+    values = mapping(key, tree, (*_OF_QUANTITY, *DISTRIBUTIONS))
+    given = [x for x in DISTRIBUTIONS if x in values]
+    if len(given) != 1:
+        raise ParameterError(key, given, 'one of ' + ', '.join(DISTRIBUTIONS))
+    (kind,) = given
+    numbers = _numbers(f'{key}.{kind}', values[kind])
+    fits, allowed = {
+        'uniform': (len(numbers) == 2 and numbers[0] < numbers[-1], 'two numbers, ascending'),
+        'log_uniform': (len(numbers) == 2 and 0.0 < numbers[0] < numbers[-1],
+                        'two numbers > 0, ascending'),
+        'normal': (len(numbers) == 2 and numbers[-1] > 0.0, 'mean and standard deviation > 0'),
+        'choice': (len(set(numbers)) == len(numbers) > 0, 'different numbers')}[kind]
+    if not fits:
+        raise ParameterError(f'{key}.{kind}', numbers, allowed)
+    return Uncertain(name, *_parameters(key, values), kind, numbers)
+
+
+def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup) -> None:
+    """
+    Check quantities alone and against each other.
+
+    Parameters
+    ----------
+    quantities : iterable of (Quantity, tuple of float)
+        In the order in which they are set, with values that must be allowed.
+    setup : Setup
+        Of the file.
+
+    Raises
+    ------
+    CtcError
+        For a value that is not allowed, a parameter that is set again and not multiplied, or a
+        factor that changes nothing.
+
+    """
+    by: dict[tuple[str, str], str] = {}
+    for quantity, numbers in quantities:
+        for node, spec in quantity.targets:
+            here = f'{node}.{spec.name}'
+            other = by.setdefault((node, spec.name), quantity.name)
+            if other != quantity.name and not quantity.factor:
+                raise ParameterError(quantity.name, here, f'a factor, for {other} sets it, too')
+            now = getattr(getattr(setup, node), spec.field)
+            if quantity.factor and other == quantity.name and not any(
+                    0.0 < abs(x) < np.inf for x in (now if isinstance(now, tuple) else (now,))):
+                raise ParameterError(f'{quantity.name}: factor of {here}', now,
+                                     'a value in the file that a factor changes')
+        for x in numbers:
+            try:
+                applied(setup, [(quantity, x)])
+            except CtcError as error:
+                raise CtcError(f'{quantity.name} = {x:g}: {error}') from None
+
+
+def _parameters(key: str, values: dict[str, Any]
+                ) -> tuple[tuple[tuple[str, Parameter], ...], bool]:
+    """Return the targets of a quantity, and whether it is a factor."""
+    given = [x for x in ('parameter', 'parameters') if x in values]
+    if len(given) != 1:
+        raise ParameterError(key, given, 'one of parameter, parameters')
+    texts = values[given[0]] if given[0] == 'parameters' else [values[given[0]]]
+    texts = Parameter(f'{key}.{given[0]}', 'str[]', (), '').coerce(texts)
+    found = [target for text in texts for target in _targets(f'{key}.{given[0]}', text)]
+    if not found or len({(node, spec.name) for node, spec in found}) < len(found):
+        raise ParameterError(f'{key}.{given[0]}', texts, 'one or more, each once')
+    return tuple(found), Parameter(f'{key}.factor', 'bool', False, '').coerce(
+        values.get('factor', False))
+
+
+def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
+    """Return the nodes that have a parameter, and its declaration."""
+    node, _, name = text.partition('.')
+    nodes, name = ((node,), name) if node in LOOP else (LOOP, text)
+    found = [(node, spec) for node in nodes
+             if (spec := NODES[node][0].parameters().get(name))]
+    if name in _SET:
+        raise ParameterError(key, text, 'any other: duration, seed and repeats set it')
+    if not all(spec.kind in ('int', 'float', 'float[]') for _, spec in found) or not found:
+        raise ParameterError(key, text, f'a parameter of {", ".join(LOOP)} that is a number or '
+                             'a number a joint, such as plant.coulomb_friction')
+    return found
+
+
+def _grid(key: str, values: dict[str, Any]) -> tuple[float, ...]:
+    """Return the values of an axis, from a list, or from range, count and spacing."""
+    if ('values' in values) == ('range' in values):
+        raise ParameterError(key, [x for x in ('values', 'range') if x in values],
+                             'one of values, range')
+    if 'values' in values:
+        if extra := {'count', 'spacing'} & set(values):
+            raise ParameterError(key, min(extra), 'with range only')
+        numbers = _numbers(f'{key}.values', values['values'])
+        if not numbers or any(a >= b for a, b in pairwise(numbers)):
+            raise ParameterError(f'{key}.values', numbers, 'one number or more, ascending')
+        return numbers
+    ends, spacing = _numbers(f'{key}.range', values['range']), values.get('spacing', 'linear')
+    if spacing not in ('linear', 'log'):
+        raise ParameterError(f'{key}.spacing', spacing, 'linear | log')
+    if len(ends) != 2 or ends[0] >= ends[1] or (spacing == 'log' and ends[0] <= 0.0):
+        raise ParameterError(f'{key}.range', ends, 'two numbers, ascending'
+                             + (', > 0' if spacing == 'log' else ''))
+    count = Parameter(f'{key}.count', 'int', None, '', minimum=2, maximum=MOST)
+    number = count.coerce(values.get('count'))
+    count.check(number, 0)
+    space = np.geomspace if spacing == 'log' else np.linspace
+    return tuple(space(*ends, number).tolist())
+
+
+def _numbers(key: str, value: object) -> tuple[float, ...]:
+    """Return a list of finite numbers."""
+    spec = Parameter(key, 'float[]', (), '', minimum=-LARGEST, maximum=LARGEST)
+    numbers: tuple[float, ...] = spec.coerce(value)
+    spec.check(numbers, 0)
+    return numbers
