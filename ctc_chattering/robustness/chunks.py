@@ -1,0 +1,164 @@
+"""Chunks of runs that are computed together, and keys of all that their results depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import dataclasses
+from functools import cache
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow
+
+import ctc_chattering
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.robustness import columns
+from ctc_chattering.robustness.evaluation import (
+    available,
+    engine_of,
+    evaluate,
+    REFERENCE,
+    refused,
+)
+from ctc_chattering.robustness.quantity import applied
+from ctc_chattering.robustness.runs import Runs
+from ctc_chattering.robustness.spec import MapSpec
+
+#: Control steps of a chunk times the square of the number of joints, about a second of work; and
+#: how many steps of the compiled loop cost what one of the reference does.
+_STEPS, _REFERENCE = 4e6, 30
+#: Parameters on which the number of steps of a run depends.
+_OF_STEPS = ('control_period', 'integration_step')
+#: What computes a row, relative to the package.
+_SOURCES = ('errors.py', 'parameters.py', 'numerics', 'dynamics', 'trajectory', 'control',
+            'simulation', 'experiment', 'batch', 'analysis/metrics.py', 'analysis/result.py',
+            'studies/recommended.py', 'robustness/chunks.py', 'robustness/columns.py',
+            'robustness/evaluation.py', 'robustness/quantity.py', 'robustness/runs.py')
+
+
+@cache
+def version() -> str:
+    """Return the version of the package and a word that changes with the text of what computes."""
+    package, text = Path(ctc_chattering.__file__).parent, hashlib.sha256()
+    for name in _SOURCES:
+        path = package / name
+        for file in sorted(path.rglob('*.py')) if path.is_dir() else [path]:
+            text.update(file.read_bytes())
+    return f'{ctc_chattering.__version__}+{text.hexdigest()[:12]}'
+
+
+def schema(spec: MapSpec) -> pyarrow.Schema:
+    """Return the columns of the results."""
+    names = [quantity.name for quantity in (*spec.axes, *spec.uncertain)]
+    kinds = columns.of_map(names, len(spec.setup.controller.joint_names))
+    return pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in kinds.items()])
+
+
+def contents(runs: Runs) -> dict[str, Any]:
+    """Return all that the results of a map depend on, besides engine and code, as JSON has it."""
+    spec, setup = runs.spec, runs.spec.setup
+    quantities = {kind: [{
+        'name': x.name, 'parameters': [f'{node}.{spec.name}' for node, spec in x.targets],
+        'factor': x.factor} for x in found]
+        for kind, found in (('axes', spec.axes), ('uncertain', spec.uncertain))}
+    for tree, axis in zip(quantities['axes'], spec.axes):
+        tree['values'] = axis.values
+    for tree, x, draws in zip(quantities['uncertain'], spec.uncertain, runs.draws.T):
+        tree.update({x.distribution: x.numbers, 'draws': draws.tolist()})
+    return {
+        'parameters': dict(setup.values), 'route': setup.route,
+        'descriptions': {node: hashlib.sha256(text.encode()).hexdigest()
+                         for node, text in setup.descriptions.items()}, 'window': spec.window,
+        'laws': [dataclasses.asdict(variant) for variant in spec.variants], **quantities,
+        **spec.repeats.as_mapping(), 'failure': spec.failure.as_mapping()}
+
+
+def map_key(runs: Runs, engine: str) -> str:
+    """Return a word that changes with everything that the results of a map depend on."""
+    return _key([contents(runs), engine, version()])
+
+
+def chunk_key(key: str, chunk: range) -> str:
+    """Return the name of a chunk of the map with the given key."""
+    return _key([key, chunk.start, chunk.stop])
+
+
+def _key(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def engines(runs: Runs, engine: str) -> dict[str, tuple[str, str]]:
+    """Return the engine of each law at the first point, and why it is another than asked for."""
+    each = runs.spec.repeats.repeats
+    return {variant.name: engine_of(runs.setup(i * each), engine)
+            for i, variant in enumerate(runs.spec.variants)}
+
+
+def chunks(runs: Runs, engine: str) -> list[range]:
+    """
+    Return the runs of a map in chunks of about a second of work each.
+
+    Their size depends on nothing but the spec and the engine.
+    """
+    spec = runs.spec
+    used = [x for x, _ in engines(runs, engine).values()]
+    cost = sum(_REFERENCE if x == REFERENCE else 1 for x in used) / len(used)
+    steps = max(map(_steps, [spec.setup, *_with_other_steps(spec)]))
+    n = len(spec.setup.controller.joint_names)
+    size = max(1, int(_STEPS / (n ** 2 * cost * steps)))
+    return [range(k, min(k + size, len(runs))) for k in range(0, len(runs), size)]
+
+
+def _steps(setup: Setup) -> float:
+    plant = setup.plant
+    return plant.duration / min(plant.control_period, plant.integration_step)
+
+
+def _with_other_steps(spec: MapSpec) -> Iterator[Setup]:
+    """Yield the file with each value of an axis that changes the number of steps."""
+    for axis in spec.axes:
+        if any(target.name in _OF_STEPS for _, target in axis.targets):
+            yield from (applied(spec.setup, [(axis, x)]) for x in axis.values)
+
+
+def compute(runs: Runs, chunk: range, engine: str, made_by: str) -> pyarrow.Table:
+    """
+    Return the rows of a chunk.
+
+    Parameters
+    ----------
+    runs : Runs
+        The map.
+    chunk : range
+        Numbers of the runs.
+    engine : str
+        As `engine_of` takes it.
+    made_by : str
+        `version` of the process that asks.
+
+    Raises
+    ------
+    CtcError
+        If this process has another version of the package, or not the engine.
+
+    """
+    if made_by != version():
+        raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
+                       'install the same one everywhere')
+    available(engine)
+    rows = [row(runs, run, engine) for run in chunk]
+    return pyarrow.Table.from_pylist(rows, schema(runs.spec))
+
+
+def row(runs: Runs, run: int, engine: str) -> dict[str, Any]:
+    """Return the row of a run."""
+    which = runs.columns(run)
+    try:
+        setup = runs.setup(run)
+    except CtcError as error:
+        n = len(runs.spec.setup.controller.joint_names)
+        return {**which, **refused(n, error, engine)}
+    return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure, engine)}

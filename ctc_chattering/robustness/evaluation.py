@@ -1,0 +1,156 @@
+"""One run of a map: simulated, summed up, and whether it is a failure."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering.analysis.metrics import metrics, within
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.errors import CtcError, refused_as, UsageError
+from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.robustness.columns import of_results, OVERALL, PER_JOINT
+from ctc_chattering.robustness.spec import Failure
+from ctc_chattering.simulation.closed_loop import Run
+
+#: The compiled loop, and the one of `ctc simulate`.
+BATCH, REFERENCE = ENGINES = ('batch', 'reference')
+#: Part of a limit from which a torque is at it.
+_AT_LIMIT = 1.0 - 1e-9
+
+
+def available(engine: str | None = None) -> tuple[str, str]:
+    """
+    Return an engine, the fastest that there is by default, and why it is not `BATCH`.
+
+    Raises
+    ------
+    UsageError
+        If the engine that is asked for is not installed.
+
+    """
+    try:
+        from ctc_chattering.batch import closed_loop  # noqa: F401
+    except ModuleNotFoundError as error:
+        reason = f'{error.name} is not installed: pip install {error.name}'
+        if engine == BATCH:
+            raise UsageError(f'--engine batch: {reason}') from None
+        return REFERENCE, reason
+    return engine or BATCH, ''
+
+
+def engine_of(setup: Setup, engine: str) -> tuple[str, str]:
+    """
+    Return the engine that runs a setup, and why it is another than asked for.
+
+    Parameters
+    ----------
+    setup : Setup
+        The run.
+    engine : str
+        `BATCH` for the compiled loop where it can, or `REFERENCE`.
+
+    """
+    if engine == REFERENCE:
+        return REFERENCE, ''
+    from ctc_chattering.batch.closed_loop import unsupported
+    reason = unsupported(setup)
+    return (REFERENCE if reason else BATCH), reason
+
+
+def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine: str
+             ) -> dict[str, Any]:
+    """
+    Return the columns of a run's results, `of_results`; None where there is no number.
+
+    Parameters
+    ----------
+    setup : Setup
+        What to run.
+    window : (float, float)
+        Evaluated interval [s].
+    failure : Failure
+        What counts as one.
+    engine : str
+        As `engine_of` takes it.
+
+    """
+    used, _ = engine_of(setup, engine)
+    row = dict.fromkeys(of_results(len(setup.controller.joint_names)))
+    row.update(engine=used, failure='', reason='')
+    try:
+        with refused_as('the run failed'), np.errstate(all='ignore'):
+            run = _simulated(setup, used)
+            row.update(_numbers(run, setup, window))
+    except CtcError as error:
+        return {**row, 'failure': 'diverged', 'reason': str(error)}
+    row['failure'], row['reason'] = _judged(row, setup, failure)
+    return row
+
+
+def refused(n: int, error: CtcError, engine: str) -> dict[str, Any]:
+    """Return the columns of a run of `n` joints whose parameters are not allowed."""
+    return {**dict.fromkeys(of_results(n)), 'engine': engine, 'failure': 'refused',
+            'reason': str(error)}
+
+
+def _simulated(setup: Setup, engine: str) -> Run:
+    """Return the run with its true states."""
+    if engine == REFERENCE:
+        return simulated(setup, truth=True).run
+    from ctc_chattering.batch.closed_loop import simulate
+    return simulate(setup, truth=True)
+
+
+def _numbers(run: Run, setup: Setup, window: tuple[float, float]) -> dict[str, Any]:
+    """Return the numbers of a run; raise `CtcError` if it has no finite error."""
+    found = metrics(run, window, period=setup.plant.control_period)
+    if found['rms_error_rad'] is None:
+        raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')
+    row = {f'{name}_{i}': _finite(x) for name in PER_JOINT for i, x in enumerate(found[name], 1)}
+    row.update({name: _finite(found[name]) for name in OVERALL})
+    row['error'] = _finite(max(found['rms_error_rad']))
+    row['variation'] = _finite(max(found['torque_variation_nm_per_s']))
+    if row['error'] is None:
+        raise CtcError('the error is not finite')
+    at_limit = np.abs(run.tau[within(run.t, window)]) >= _AT_LIMIT * np.array(_limits(setup))
+    row['saturated'] = float(at_limit.any(axis=1).mean())
+    return row
+
+
+def _finite(x: float | None) -> float | None:
+    return x if x is not None and np.isfinite(x) else None
+
+
+def _limits(setup: Setup) -> list[float]:
+    """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
+    config, plant = setup.controller, setup.plant
+    of_model = _effort_limits(config.model, config.joint_names,
+                              setup.descriptions.get('controller', ''), config.locked)
+    effort = [a if a < np.inf else b for a, b in zip(config.effort_limit, of_model)]
+    return list(map(min, effort, plant.torque_saturation))
+
+
+@lru_cache(8)
+def _effort_limits(name: str, joint_names: tuple[str, ...], description: str,
+                   locked: tuple[str, ...]) -> tuple[float, ...]:
+    """Return the limits that a model knows of, shape (n,); inf where it knows none."""
+    model = make_model(name, 0.0, joint_names, description, locked_positions(locked))
+    return tuple(model.effort_limits) or (np.inf,) * len(joint_names)
+
+
+def _judged(row: dict[str, Any], setup: Setup, failure: Failure) -> tuple[str, str]:
+    """Return kind and reason of a failure; empty for none."""
+    if row['error'] > failure.error_above:
+        errors = [row[f'rms_error_rad_{i}'] for i in range(1, len(setup.plant.joint_names) + 1)]
+        joint = setup.controller.joint_names[errors.index(row['error'])]
+        return 'error', f'{joint}: {row["error"]:.3g} > {failure.error_above:g} rad'
+    if row['saturated'] > failure.saturated_above:
+        return 'saturated', (f'a torque at its limit in {row["saturated"]:.3g} > '
+                             f'{failure.saturated_above:g} of the samples')
+    if failure.not_reached and row['reaching_time_s'] is None:
+        return 'not reached', 'v never stays within its band'
+    return '', ''
