@@ -6,7 +6,7 @@ Frame of body i: at the joint, its axis along z. A body's parent comes before it
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,8 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 
 
-class Arm(NamedTuple):
+@dataclasses.dataclass
+class Arm:
     """A model of n joints; with no bodies it is the two-link arm in closed form."""
 
     #: Acceleration of gravity, downwards [m/s²].
@@ -42,7 +43,8 @@ class Arm(NamedTuple):
     inertia: Array
 
 
-class BodyScratch(NamedTuple):
+@dataclasses.dataclass
+class BodyScratch:
     """
     Scratch of the dynamics of a tree, all in the frame of the base and about its origin.
 

@@ -6,7 +6,7 @@ Problem and method are those of `numerics/box_qp.py`, in place and without alloc
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 _MOST_CHANGES = 1000
 
 
-class BoxScratch(NamedTuple):
+@dataclasses.dataclass
+class BoxScratch:
     """Scratch of `nearest`; arrays of shape (n,) and (n, n)."""
 
     side: Array

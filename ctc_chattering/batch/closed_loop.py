@@ -13,6 +13,7 @@ import numpy as np
 
 from ctc_chattering.batch.arm import arm_of, body_scratch
 from ctc_chattering.batch.box_qp import box_scratch
+from ctc_chattering.batch.compiler import compiling
 from ctc_chattering.batch.control_state import (
     control_scratch,
     control_settings,
@@ -48,6 +49,8 @@ from ctc_chattering.simulation.plant_config import PlantConfig
 
 #: Models that are kept.
 _KEPT = 64
+#: In the place of random numbers that nothing asks for: they take time to be made.
+_UNUSED = generator(0)
 
 
 def unsupported(setup: Setup) -> str:
@@ -87,21 +90,27 @@ def simulate(setup: Setup, truth: bool = False) -> Run:
         raise CtcError(f'the compiled loop does not have {reason}')
     if setup.plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
+    with compiling(len(setup.plant.joint_names)):
+        return _run(setup, truth)
+
+
+def _run(setup: Setup, truth: bool) -> Run:
+    """Run what `simulate` has checked."""
     config, controller = setup.plant, setup.controller
     description = setup.descriptions.get('plant', '')
     if config.payload:
         description = with_payload(description, config.joint_names, config.payload)
     plant = _plant(config, _model(config, description))
-    sensor = record(sensor_settings(config, plant.c.period))
+    period, delay = period_ns(config.control_period), controller.input_delay
+    sensor = record(sensor_settings(config, seconds(period)))
     seen = record(sensor_state(len(config.joint_names)))
     sources = _sources(config)
     measure(plant.s.q, plant.s.dq, sensor, seen, sources.noise)
-    period, delay = period_ns(config.control_period), controller.input_delay
     count = samples(config.duration, period) + 1
-    table = reference_table(
-        setup.reference, setup.route,
-        dict(zip(config.joint_names, zip(seen.q.tolist(), seen.dq.tolist()))),
-        controller.joint_names, period, count + delay)
+    start = tuple(zip(config.joint_names, zip(seen.q.tolist(), seen.dq.tolist())))
+    starts = setup.reference.start_duration or setup.route is not None
+    table = reference_table(setup.reference, setup.route, start if starts else (),
+                            controller.joint_names, period, count + delay)
     law = _controller(controller, _model(controller, setup.descriptions.get('controller', '')))
     out = np.empty((count, 5, len(config.joint_names)))
     end, k, joint, rows = run(plant, law, sensor, seen, sources, table, truth, out)
@@ -137,28 +146,34 @@ def _model(config: RobotConfig, description: str) -> Model:
     return _made(config.model, config.gravity, config.joint_names, description, config.locked)
 
 
+_arm = lru_cache(_KEPT)(arm_of)
+
+
 def _plant(config: PlantConfig, model: Model) -> Plant:
     """Return the plant at its start."""
     n = model.n
-    return Plant(*map(record, (
-        arm_of(model, config.gravity), plant_settings(config), plant_state(config),
-        plant_scratch(n), body_scratch(n), friction_scratch(n), box_scratch(n))))
+    return Plant(
+        record(_arm(model, config.gravity)), record(plant_settings(config)),
+        record(plant_state(config)), record(plant_scratch(n)), record(body_scratch(n)),
+        record(friction_scratch(n)), record(box_scratch(n)))
 
 
 def _controller(config: ControllerConfig, model: Model) -> Controller:
     """Return the controller at its start."""
     n = model.n
-    arm = arm_of(model, config.gravity, config.inertia_scale, config.gravity_scale)
-    arm, c, s, now, at, w, body, box = map(record, (
-        arm, control_settings(config, model), control_state(config), evaluated(n), evaluated(n),
-        control_scratch(n), body_scratch(n), box_scratch(n)))
-    law = ObserverFeedback(*map(record, (
-        feedback_settings(config), observer_settings(config), feedback_state(config),
-        observer_scratch(n), box_scratch(n))))
-    return Controller(arm, c, s, now, at, w, body, box, np.zeros(n, np.int8), law)
+    law = ObserverFeedback(
+        record(feedback_settings(config)), record(observer_settings(config)),
+        record(feedback_state(config)), record(observer_scratch(n)), record(box_scratch(n)))
+    return Controller(
+        record(_arm(model, config.gravity, config.inertia_scale, config.gravity_scale)),
+        record(control_settings(config, model)), record(control_state(config)),
+        record(evaluated(n)), record(evaluated(n)), record(control_scratch(n)),
+        record(body_scratch(n)), record(box_scratch(n)), np.zeros(n, np.int8), law)
 
 
 def _sources(config: PlantConfig) -> Sources:
     """Return the random numbers of a configuration."""
-    seed = config.noise_seed
-    return Sources(generator(seed), generator(f'{seed} loss'), generator(f'{seed} lateness'))
+    seed, perfect = config.noise_seed, sensor_settings(config, 1.0).perfect
+    return Sources(_UNUSED if perfect else generator(seed),
+                   generator(f'{seed} loss') if config.sample_loss else _UNUSED,
+                   generator(f'{seed} lateness') if config.late_samples else _UNUSED)

@@ -8,9 +8,12 @@ changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import fcntl
 import hashlib
 from pathlib import Path
+import sys
 from typing import Any, TypeVar
 
 import numba
@@ -37,9 +40,29 @@ def cache_directory() -> Path:
     return Path.home() / '.cache' / 'ctc_chattering' / 'numba' / source_key()
 
 
-def is_cached() -> bool:
-    """Return whether there is compiled code of this version of the source text."""
-    return any(cache_directory().rglob('*.nbc'))
+def is_compiled(n: int) -> bool:
+    """Return whether there is compiled code for `n` joints, of this version of the source text."""
+    return _mark(n).exists()
+
+
+@contextmanager
+def compiling(n: int) -> Iterator[None]:
+    """Have one process at a time compile what is called here for the first time."""
+    if is_compiled(n):
+        yield
+        return
+    mark = _mark(n)
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    with mark.with_suffix('.lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+        mark.touch()
+
+
+def _mark(n: int) -> Path:
+    """Return the file that is there once all is compiled for `n` joints."""
+    version = f'{sys.implementation.cache_tag}-numba-{numba.__version__}'
+    return cache_directory() / f'{version}-{n}-joints'
 
 
 def compiled(function: F) -> F:
@@ -49,9 +72,9 @@ def compiled(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """Return the same, copied into each function that calls it: for what is short or called once."""
+    """Return the same, copied into each function that calls it."""
     made: F = numba.njit(**_OPTIONS, forceinline=True)(function)
     return made
 
 
-numba.config.CACHE_DIR = str(cache_directory())
+setattr(numba.config, 'CACHE_DIR', str(cache_directory()))  # noqa: B010 - has no stub

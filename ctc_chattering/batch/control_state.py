@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 from math import exp, expm1, inf
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 
 
-class ControlSettings(NamedTuple):
+@dataclasses.dataclass
+class ControlSettings:
     """Parameters of laws, filter and limits; arrays of shape (n,) or (n, n)."""
 
     #: Index in `LAWS` and in `SWITCHINGS`.
@@ -59,7 +60,8 @@ class ControlSettings(NamedTuple):
     friction_velocity: float
 
 
-class ControlState(NamedTuple):
+@dataclasses.dataclass
+class ControlState:
     """What the control step remembers; arrays of shape (n,) unless they say otherwise."""
 
     #: ξ of the filter, and torque sent last.
@@ -86,7 +88,8 @@ class ControlState(NamedTuple):
     level: Array
 
 
-class Evaluated(NamedTuple):
+@dataclasses.dataclass
+class Evaluated:
     """A state and a reference with what the laws need of them, as `control.laws.base.State`."""
 
     q: Array
@@ -106,7 +109,8 @@ class Evaluated(NamedTuple):
     xi: Array
 
 
-class ControlScratch(NamedTuple):
+@dataclasses.dataclass
+class ControlScratch:
     """Scratch of the control step; arrays of shape (n,) and (n, n)."""
 
     compensation: Array
@@ -152,7 +156,8 @@ def control_state(config: ControllerConfig) -> ControlState:
 
 def evaluated(n: int) -> Evaluated:
     """Return room for a state of `n` joints."""
-    return Evaluated(*(np.zeros((n, n) if name in 'MC' else n) for name in Evaluated._fields))
+    return Evaluated(*(np.zeros((n, n) if field.name in 'MC' else n)
+                       for field in dataclasses.fields(Evaluated)))
 
 
 def control_scratch(n: int) -> ControlScratch:

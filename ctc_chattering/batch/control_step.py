@@ -19,7 +19,8 @@ from ctc_chattering.batch.control_state import (
     ControlState,
     Evaluated,
 )
-from ctc_chattering.batch.dynamics import evaluate as evaluate_model, Flags, forward_dynamics
+from ctc_chattering.batch.dynamics import evaluate as evaluate_model
+from ctc_chattering.batch.dynamics import Flags, forward_dynamics
 from ctc_chattering.batch.linear_algebra import solve
 from ctc_chattering.batch.observer_feedback import ObserverFeedback
 from ctc_chattering.control.controller import LAWS
@@ -52,6 +53,7 @@ def evaluate(p: Controller, at: Evaluated, point: Array) -> None:
     Parameters
     ----------
     p : Controller
+        Whose gains and model.
     at : Evaluated
         With q, dq and ξ.
     point : array, shape (3, n)
@@ -149,6 +151,7 @@ def step(p: Controller, k: int, q: Array, dq: Array, table: Array, tau: Array) -
     Parameters
     ----------
     p : Controller
+        After the last sample.
     k : int
         Index of the point of the reference at this sample.
     q, dq : array, shape (n,)

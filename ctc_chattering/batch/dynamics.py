@@ -15,7 +15,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 Flags = npt.NDArray[np.int8]
 
 
-@inlined
+@compiled
 def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array) -> None:
     """Set M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""
     if len(arm.parent):
@@ -26,7 +26,7 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
         two_link.gravity_torque(arm, q, G)
 
 
-@inlined
+@compiled
 def mass_and_bias(arm: Arm, q: Array, dq: Array, s: BodyScratch) -> None:
     """Set M and C dq + G in the scratch."""
     if len(arm.parent):

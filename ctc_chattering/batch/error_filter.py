@@ -1,4 +1,4 @@
-"""The filter (3) with a state ξ that needs no acceleration, as `control/error_filter.py` has it."""
+"""The filter (3) with the state ξ, as `control/error_filter.py` has it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ def advance(c: ControlSettings, xi: Array, de: Array, u: Array, correction: Arra
 
 
 @inlined
-def nominal_response(c: ControlSettings, v: Array, u: Array, correction: Array, out: Array) -> None:
+def nominal_response(c: ControlSettings, v: Array, u: Array, correction: Array, out: Array
+                     ) -> None:
     """Set y: what v would be a period later if dde + Kv de + Kp e were 0, shape (n,) [rad/s]."""
     for i in range(len(v)):
         out[i] = c.decay * v[i] + c.rest * u[i] + correction[i]

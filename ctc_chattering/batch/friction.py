@@ -6,8 +6,8 @@ The mode of a joint is +1 or -1 if it slides, 0 if it sticks or has no friction.
 
 from __future__ import annotations
 
+import dataclasses
 from math import inf
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 _HOLD = 1.0 + 1e-12
 
 
-class FrictionScratch(NamedTuple):
+@dataclasses.dataclass
+class FrictionScratch:
     """Scratch of this module; arrays of shape (n,) and (n, n)."""
 
     load: Array

@@ -8,8 +8,8 @@ and its slope.
 
 from __future__ import annotations
 
+import dataclasses
 from math import exp
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,8 @@ _NO_LAG = 1e-12
 _SLOW, _MOVING = 60.0, 2e-3
 
 
-class ObserverSettings(NamedTuple):
+@dataclasses.dataclass
+class ObserverSettings:
     """Parameters; arrays of shape (n,)."""
 
     period: float
@@ -53,7 +54,8 @@ class ObserverSettings(NamedTuple):
     forget: float
 
 
-class ObserverScratch(NamedTuple):
+@dataclasses.dataclass
+class ObserverScratch:
     """Scratch; arrays of shape (n,) and (n, n)."""
 
     mean: Array
@@ -80,7 +82,8 @@ def observer_settings(config: ControllerConfig) -> ObserverSettings:
 
 def observer_scratch(n: int) -> ObserverScratch:
     """Return scratch for `n` joints."""
-    return ObserverScratch(*[np.zeros(n)] * 4, np.zeros((n, n)))
+    zero = np.zeros(n)
+    return ObserverScratch(zero, zero, zero, zero, np.zeros((n, n)))
 
 
 @inlined

@@ -6,6 +6,7 @@ The reference that drives can follow is that of `control/feasible_reference.py`.
 
 from __future__ import annotations
 
+import dataclasses
 from math import sqrt
 from typing import NamedTuple
 
@@ -17,14 +18,13 @@ from ctc_chattering.batch.box_qp import BoxScratch, nearest
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.control_state import Evaluated
 from ctc_chattering.batch.dynamics import evaluate
-from ctc_chattering.batch.linear_algebra import solve
+from ctc_chattering.batch.linear_algebra import copy, solve
 from ctc_chattering.batch.observer import (
     DQ,
     ObserverScratch,
     ObserverSettings,
     P,
     Q,
-    SLOPE,
     TORQUE,
 )
 from ctc_chattering.control import feasible_reference as feasible
@@ -39,7 +39,8 @@ _LEAD, _PART, _RAMP_RETURN, _BEHIND, _LEAST, _TINY = (
     feasible._TINY)
 
 
-class FeedbackSettings(NamedTuple):
+@dataclasses.dataclass
+class FeedbackSettings:
     """Parameters; arrays of shape (n,) or (n, n)."""
 
     kp: Array
@@ -51,7 +52,8 @@ class FeedbackSettings(NamedTuple):
     rate: Array
 
 
-class FeedbackState(NamedTuple):
+@dataclasses.dataclass
+class FeedbackState:
     """What the law remembers, and scratch; arrays of shape (n,) unless they say otherwise."""
 
     #: Observed state (5, n), M there (n, n), and whether there are any.
@@ -193,8 +195,8 @@ def foresee(p: ObserverFeedback, arm: Arm, body: BodyScratch, now: Evaluated, se
 
     """
     s = p.s
-    s.arriving[:] = s.observed
-    s.M[:] = now.M
+    copy(s.observed, s.arriving)
+    copy(now.M, s.M)
     set_bias(now.C, now.dq, now.G, s.bias)
     for j in range(delay):
         observer.predict(p.o, p.w, p.box, s.arriving, s.M, s.bias, s.level,
@@ -242,10 +244,9 @@ def lead(p: ObserverFeedback, arm: Arm, body: BodyScratch, point: Array) -> None
     """Replace the wanted torque by the command that gives it in spite of the lag, (4)."""
     s, o, h = p.s, p.o, p.o.period
     n = len(s.tau)
+    copy(s.arriving, s.after)
     for i in range(n):
         s.half[i] = 0.5 * (s.arriving[TORQUE, i] + s.tau[i])
-        for a in range(5):
-            s.after[a, i] = s.arriving[a, i]
         s.after[TORQUE, i] = s.half[i]
         step = point[2, i] - s.ddq[i] if s.followed else 0.0
         s.point[0, i] = point[0, i] + h * (point[1, i] + h * (0.5 * point[2, i] + step / 6.0))
@@ -300,4 +301,4 @@ def advance(p: ObserverFeedback, now: Evaluated, tau: Array, lost: Array) -> Non
     relieve(p.c, s.half, now.M, s.lower, s.dx)
     set_bias(now.C, now.dq, now.G, s.bias)
     observer.predict(p.o, p.w, p.box, s.observed, now.M, s.bias, s.level, tau, s.observed)
-    s.mass[:] = now.M
+    copy(now.M, s.mass)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 from math import ceil, inf
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,8 @@ from ctc_chattering.simulation.plant_config import PlantConfig
 LONGEST_DELAY = 100
 
 
-class PlantSettings(NamedTuple):
+@dataclasses.dataclass
+class PlantSettings:
     """Parameters of a plant in SI units, as `PlantConfig` declares them; arrays of shape (n,)."""
 
     #: Sample period [ns] and [s], steps of the integrator in it, and index of the last sample.
@@ -52,7 +53,8 @@ class PlantSettings(NamedTuple):
     late_samples: float
 
 
-class PlantState(NamedTuple):
+@dataclasses.dataclass
+class PlantState:
     """State of a plant; arrays of shape (n,) unless they say otherwise."""
 
     k: int
@@ -79,7 +81,8 @@ class PlantState(NamedTuple):
     lost_in_a_row: int
 
 
-class PlantScratch(NamedTuple):
+@dataclasses.dataclass
+class PlantScratch:
     """Scratch of the integrator; arrays of shape (n,)."""
 
     #: Torque less constant friction; torques at the start, middle and end of a step.
@@ -110,9 +113,9 @@ def plant_settings(config: PlantConfig) -> PlantSettings:
     pushed = any(config.disturbance_push)
     return PlantSettings(
         ns, h, max(1, ceil(h / config.integration_step - 1e-9)), samples(config.duration, ns),
-        *map(np.array, (config.coulomb_friction, config.viscous_friction,
-                        config.stribeck_friction, config.stribeck_velocity, config.load_friction,
-                        config.friction_asymmetry)),
+        np.array(config.coulomb_friction), np.array(config.viscous_friction),
+        np.array(config.stribeck_friction), np.array(config.stribeck_velocity),
+        np.array(config.load_friction), np.array(config.friction_asymmetry),
         any(config.viscous_friction) or any(config.stribeck_friction),
         any(config.load_friction), any(config.friction_asymmetry),
         np.array(config.disturbance_amplitude), np.array(config.disturbance_frequency),
@@ -137,4 +140,4 @@ def plant_state(config: PlantConfig) -> PlantState:
 
 def plant_scratch(n: int) -> PlantScratch:
     """Return scratch for `n` joints."""
-    return PlantScratch(*[np.zeros(n)] * len(PlantScratch._fields))
+    return PlantScratch(*[np.zeros(n)] * len(dataclasses.fields(PlantScratch)))

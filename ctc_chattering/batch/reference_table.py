@@ -8,25 +8,28 @@ import numpy as np
 
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.polynomials import quintic
-from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
-from ctc_chattering.trajectory.smooth_start import Motion, mean, Transition
-from ctc_chattering.trajectory.waypoints import Route
+from ctc_chattering.trajectory.smooth_start import mean, Motion, Transition
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 #: Motions whose samples are kept.
 _KEPT = 16
 
 
+@lru_cache(_KEPT)
 def reference_table(config: ReferenceConfig, route: Route | None,
-                    start: dict[str, tuple[float, float]], joints: tuple[str, ...], period: int,
-                    count: int) -> Array:
+                    start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
+                    period: int, count: int) -> Array:
     """
     Return the desired motion at ``k period``, shape (count, 3, n) [rad, rad/s, rad/s²].
 
     Parameters
     ----------
-    config, route, start
+    config, route
         As `make_motion` takes them.
+    start : tuple of (str, (float, float))
+        Position [rad] and velocity [rad/s] of the robot at the start by joint.
     joints : tuple of str, shape (n,)
         Order of the joints.
     period : int
@@ -35,31 +38,27 @@ def reference_table(config: ReferenceConfig, route: Route | None,
         Number of samples.
 
     """
-    if route is None and not config.start_duration:
-        return _sinusoid(config, joints, period, count)
-    motion = make_motion(config, route, start)
+    motion = make_motion(config, route, dict(start))
     order = [config.joint_names.index(name) for name in joints]
     if not isinstance(motion, Transition):
         return _sampled(motion, order, period, count)
-    if route is None:
-        table = _sinusoid(config.changed({'start_duration': 0.0}), joints, period, count).copy()
+    if route is None:  # What does not depend on the start.
+        table = reference_table(
+            config.changed({'start_duration': 0.0}), None, (), joints, period, count).copy()
     else:
         table = _sampled(motion.after, order, period, count)
     inside = min(-(-motion.end // period), count)
-    before = _sampled(motion.before, order, period, inside)
-    s = np.arange(inside) * period / motion.end
-    weight = quintic(s[:, np.newaxis], seconds(motion.end), 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    braking = motion.before
+    assert isinstance(braking, Waypoints)
+    moving = min(-(-braking.end // period) + 1, inside)
+    before = _sampled(braking, order, period, moving)
+    before = np.concatenate((before, np.repeat(before[-1:], inside - moving, axis=0)))
+    s: Array = np.arange(inside)[:, np.newaxis] * period / motion.end
+    weight = quintic(s, seconds(motion.end), 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
     rows = mean(weight, tuple(before.transpose(1, 0, 2)),
                 tuple(table[:inside].transpose(1, 0, 2)))
     table[:inside] = np.stack(rows, axis=1)
     return table
-
-
-@lru_cache(_KEPT)
-def _sinusoid(config: ReferenceConfig, joints: tuple[str, ...], period: int, count: int) -> Array:
-    """Return the samples of a sinusoid."""
-    order = [config.joint_names.index(name) for name in joints]
-    return _sampled(make_motion(config), order, period, count)
 
 
 def _sampled(motion: Motion, order: list[int], period: int, count: int) -> Array:
@@ -67,4 +66,5 @@ def _sampled(motion: Motion, order: list[int], period: int, count: int) -> Array
     points = (motion.at(k * period) for k in range(count))
     flat = np.fromiter((x for point in points for row in point for x in row), float,
                        count * 3 * len(order) if count else 0)
-    return flat.reshape(count, 3, -1)[:, :, order]
+    table: Array = flat.reshape(count, 3, -1)[:, :, order]
+    return table

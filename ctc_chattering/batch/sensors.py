@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import dataclasses
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant_config import PlantConfig
 
 
-class SensorSettings(NamedTuple):
+@dataclasses.dataclass
+class SensorSettings:
     """Parameters of the sensors; arrays of shape (n,)."""
 
     #: Whether position and velocity are measured as they are, and the velocity as it is.
@@ -26,7 +27,8 @@ class SensorSettings(NamedTuple):
     period: float
 
 
-class SensorState(NamedTuple):
+@dataclasses.dataclass
+class SensorState:
     """What the sensors remember, and what they show; arrays of shape (n,)."""
 
     q: Array

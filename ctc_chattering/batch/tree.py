@@ -27,6 +27,9 @@ from ctc_chattering.batch.arm import Arm, BodyScratch
 from ctc_chattering.batch.compiler import inlined
 from ctc_chattering.numerics.linear_algebra import Array
 
+#: Row and column of the six elements of an inertia that is kept.
+_ROW, _COLUMN = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+
 
 @inlined
 def place(arm: Arm, q: Array, s: BodyScratch) -> None:
@@ -66,28 +69,25 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
 def weigh(arm: Arm, s: BodyScratch) -> None:
     """Set mass, first moment and inertia of every body about the origin."""
     for i in range(len(arm.parent)):
-        R, I, m, o = s.rotation[i], arm.inertia[i], arm.mass[i], arm.center[i]
+        R, A, m, o = s.rotation[i], arm.inertia[i], arm.mass[i], arm.center[i]
         cx = s.origin[i, 0] + R[0, 0] * o[0] + R[0, 1] * o[1] + R[0, 2] * o[2]
         cy = s.origin[i, 1] + R[1, 0] * o[0] + R[1, 1] * o[1] + R[1, 2] * o[2]
         cz = s.origin[i, 2] + R[2, 0] * o[0] + R[2, 1] * o[1] + R[2, 2] * o[2]
         s.mass[i] = m
         s.moment[i, 0], s.moment[i, 1], s.moment[i, 2] = m * cx, m * cy, m * cz
         J = s.inertia[i]
-        J[0] = _turned(R, I, 0, 0) + m * (cy * cy + cz * cz)
-        J[1] = _turned(R, I, 1, 1) + m * (cx * cx + cz * cz)
-        J[2] = _turned(R, I, 2, 2) + m * (cx * cx + cy * cy)
-        J[3] = _turned(R, I, 0, 1) - m * cx * cy
-        J[4] = _turned(R, I, 0, 2) - m * cx * cz
-        J[5] = _turned(R, I, 1, 2) - m * cy * cz
-
-
-@inlined
-def _turned(R: Array, I: Array, a: int, b: int) -> float:  # noqa: E741 - the symbol
-    """Return an element of R I Rᵀ."""
-    x = R[a, 0] * I[0, 0] + R[a, 1] * I[0, 1] + R[a, 2] * I[0, 2]
-    y = R[a, 0] * I[0, 1] + R[a, 1] * I[1, 1] + R[a, 2] * I[1, 2]
-    z = R[a, 0] * I[0, 2] + R[a, 1] * I[1, 2] + R[a, 2] * I[2, 2]
-    return float(x * R[b, 0] + y * R[b, 1] + z * R[b, 2])
+        for e in range(6):                                            # R A Rᵀ
+            a, b = _ROW[e], _COLUMN[e]
+            x = R[a, 0] * A[0, 0] + R[a, 1] * A[0, 1] + R[a, 2] * A[0, 2]
+            y = R[a, 0] * A[0, 1] + R[a, 1] * A[1, 1] + R[a, 2] * A[1, 2]
+            z = R[a, 0] * A[0, 2] + R[a, 1] * A[1, 2] + R[a, 2] * A[2, 2]
+            J[e] = x * R[b, 0] + y * R[b, 1] + z * R[b, 2]
+        J[0] += m * (cy * cy + cz * cz)
+        J[1] += m * (cx * cx + cz * cz)
+        J[2] += m * (cx * cx + cy * cy)
+        J[3] -= m * cx * cy
+        J[4] -= m * cx * cz
+        J[5] -= m * cy * cz
 
 
 @inlined
@@ -188,7 +188,9 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
     weigh(arm, s)
     move(arm, dq, s)
     couple(arm, s)
-    M[:], C[:] = 0.0, 0.0
+    for i in range(len(G)):
+        for j in range(len(G)):
+            M[i, j] = C[i, j] = 0.0
     for j in range(len(arm.parent) - 1, -1, -1):
         m, h, J, S, D, W, P, b = (s.mass[j], s.moment[j], s.inertia[j], s.joint[j],
                                   s.joint_rate[j], s.coupling[j], s.momentum[j], arm.joint[j])

@@ -7,6 +7,10 @@ derivative by time. At s = 0 the value is the given one, to the last bit.
 
 from __future__ import annotations
 
+from typing import Any, TypeVar
+
+T = TypeVar('T', bound=Any)
+
 
 def linear(s: float, h: float, x0: float, x1: float) -> tuple[float, float, float]:
     """Return the straight line from `x0` to `x1`."""
@@ -26,9 +30,9 @@ def cubic(s: float, h: float, x0: float, v0: float, x1: float,
             (2.0 * c2 + s * 6.0 * c3) / (h * h))
 
 
-def quintic(s: float, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
-            a1: float) -> tuple[float, float, float]:
-    """Return the quintic that has accelerations `a0` and `a1` at its ends as well."""
+def quintic(s: T, h: float, x0: float, v0: float, a0: float, x1: float, v1: float,
+            a1: float) -> tuple[T, T, T]:
+    """Return the quintic that has accelerations `a0` and `a1` at its ends; `s` may be an array."""
     v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h * h, a1 * h * h
     d = x1 - x0
     c2 = 0.5 * a0

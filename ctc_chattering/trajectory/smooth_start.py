@@ -24,7 +24,7 @@ class Motion(Protocol):
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
 
 
-def braking(t0: int, start: Point, duration: float) -> Motion:
+def braking(t0: int, start: Point, duration: float) -> Waypoints:
     """
     Return the motion from a state to rest: the velocity falls to 0 as a cubic in time.
 
