@@ -35,6 +35,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', files('config')),
         (f'share/{NAME}/config/trajectories', files('config/trajectories')),
+        (f'share/{NAME}/config/maps', files('config/maps')),
     ],
     python_requires='>=3.10',
     install_requires=[

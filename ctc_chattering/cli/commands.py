@@ -5,31 +5,25 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from contextlib import closing
-import os
-from pathlib import Path
 import sys
 import time
-from typing import Any
 
 from ctc_chattering.analysis.export import write_csv, write_npz
 from ctc_chattering.analysis.output import prepare, write_text
-from ctc_chattering.analysis.result import Result, simulated, write_metrics
-from ctc_chattering.analysis.run_names import names
-from ctc_chattering.cli.options import find_file, overrides
+from ctc_chattering.analysis.result import simulated, write_metrics
+from ctc_chattering.cli.options import check, find_file, number_of_jobs, overrides
+from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present, print_results
 from ctc_chattering.cli.progress import Progress, progress_bar
-from ctc_chattering.cli.table import print_columns
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.node_parameters import parameter_table
-from ctc_chattering.experiment.robot_description import read_description
-from ctc_chattering.parameters import check_joint_names, Parameter
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
-#: Names in an output directory.
-_FIGURES, _METRICS, _PAGE, _BAGS = 'figures', 'metrics.json', 'index.html', 'bags'
+#: Name in an output directory.
+_BAGS = 'bags'
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -41,14 +35,14 @@ def simulate(options: argparse.Namespace) -> int:
         over.setdefault('plant', {})['duration'] = _DURATION
         setup = parameter_file.load(file, over)
     if options.out is not None:
-        prepare(options.out, (_METRICS, 'trajectory.npz'), options.overwrite)
+        prepare(options.out, (METRICS, 'trajectory.npz'), options.overwrite)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         result = simulated(setup, progress)
         progress(setup.plant.duration)
     if options.out is not None:
-        write_metrics([result], options.out / _METRICS)
+        write_metrics([result], options.out / METRICS)
         write_npz(result, options.out / 'trajectory.npz')
-    _print_table([result])
+    print_results([result])
     return 0
 
 
@@ -58,7 +52,7 @@ def reproduce(options: argparse.Namespace) -> int:
     from ctc_chattering.launch.graph import run_graph
     from ctc_chattering.ros.domain import own_domain
 
-    out = prepare(options.out, (_BAGS, _FIGURES, _METRICS, _PAGE), options.overwrite)
+    out = prepare(options.out, (_BAGS, FIGURES, METRICS, PAGE), options.overwrite)
     bags = []
     width = max(len(experiment.name) for experiment in EXPERIMENTS)
     with own_domain():
@@ -71,7 +65,7 @@ def reproduce(options: argparse.Namespace) -> int:
                 progress(duration)
     from ctc_chattering.bags.reader import read_bag
 
-    return _present([read_bag(bag) for bag in bags], bags, out)
+    return present([read_bag(bag) for bag in bags], bags, out)
 
 
 def plot(options: argparse.Namespace) -> int:
@@ -92,8 +86,8 @@ def plot(options: argparse.Namespace) -> int:
     if not results:
         raise CtcError('no bag of this package in '
                        + ', '.join(str(path) for path in options.bags))
-    out = prepare(options.out, (_FIGURES, _METRICS, _PAGE), options.overwrite)
-    return _present(results, bags, out, options.format)
+    out = prepare(options.out, (FIGURES, METRICS, PAGE), options.overwrite)
+    return present(results, bags, out, options.format)
 
 
 def export(options: argparse.Namespace) -> int:
@@ -108,21 +102,6 @@ def export(options: argparse.Namespace) -> int:
     return 0
 
 
-def _present(results: Sequence[Result], bags: Sequence[Path], out: Path,
-             extra: str = 'svg') -> int:
-    """Write figures, metrics and page into `out`; the figures as `extra` as well."""
-    from ctc_chattering.analysis.figures import save_figures
-    from ctc_chattering.analysis.report import write_page
-
-    print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
-    figures = save_figures(results, out / _FIGURES, extra)
-    write_metrics(results, out / _METRICS)
-    write_page(results, figures, out / _PAGE, [os.path.relpath(bag, out) for bag in bags])
-    _print_table(results)
-    print(f'{len(figures)} figures: open {out / _PAGE}')
-    return 0
-
-
 def study(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
     from ctc_chattering.studies import law_study
@@ -130,13 +109,13 @@ def study(options: argparse.Namespace) -> int:
     from ctc_chattering.studies.cases import CASES
     from ctc_chattering.studies.study_figures import save_study_figures
 
-    jobs, start = _jobs(options.jobs), time.monotonic()
+    jobs, start = number_of_jobs(options.jobs), time.monotonic()
     variants: Sequence[str] = LAWS if options.laws else SWITCHINGS
     if options.laws:
         out = prepare(options.out, ('laws.md', 'laws.csv'), options.overwrite)
         page, runs = out / 'laws.md', law_study.run_laws(CASES, jobs=jobs)
     else:
-        out = prepare(options.out, (_FIGURES, 'study.md', 'study.csv'), options.overwrite)
+        out = prepare(options.out, (FIGURES, 'study.md', 'study.csv'), options.overwrite)
         page, runs = out / 'study.md', switching_study.run_cases(CASES, SWITCHINGS, jobs)
     outcomes = list(progress_bar(runs, desc=page.stem, unit='run',
                                  total=len(CASES) * len(variants)))
@@ -148,7 +127,7 @@ def study(options: argparse.Namespace) -> int:
         print('drawing ...', flush=True)
         text = switching_study.to_markdown(outcomes) + '\n## Figures\n' + ''.join(
             f'\n![{figure.caption}]({figure.path.relative_to(out)})\n'
-            for figure in save_study_figures(outcomes, out / _FIGURES))
+            for figure in save_study_figures(outcomes, out / FIGURES))
     write_text(page, text)
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s: '
@@ -169,7 +148,7 @@ def compare(options: argparse.Namespace) -> int:
         chosen.conditions(options), chosen.laws(options), chosen.budget(options))
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)
-    jobs = 1 if options.ros else _jobs(options.jobs)
+    jobs = 1 if options.ros else number_of_jobs(options.jobs)
     outcomes = list(progress_bar(
         comparison.compare(todo, jobs, over_ros if options.ros else over_simulation),
         desc='compare', unit='law', total=len(todo)))
@@ -179,17 +158,10 @@ def compare(options: argparse.Namespace) -> int:
     return 0
 
 
-def _jobs(number: int | None) -> int:
-    """Return the number of processes; all processors by default."""
-    jobs = (os.cpu_count() or 1) if number is None else number
-    _check('--jobs', jobs, 1)
-    return jobs
-
-
 def replay(options: argparse.Namespace) -> int:
     """Run `ctc replay`."""
-    _check('--rate', options.rate, 0, exclusive=True)
-    _check('--delay', options.delay, 0)
+    check('--rate', options.rate, 0, exclusive=True)
+    check('--delay', options.delay, 0)
     from ctc_chattering.bags.repair import open_bag
     with closing(open_bag(options.bag)) as reader:
         from ctc_chattering.bags.replay import play
@@ -217,31 +189,8 @@ def identify(options: argparse.Namespace) -> int:
 
 def check_model(options: argparse.Namespace) -> int:
     """Run `ctc check-model`."""
-    from ctc_chattering.dynamics.inertia_check import inertia_faults
-    from ctc_chattering.dynamics.model_check import check_dynamics
-    from ctc_chattering.dynamics.registry import make_model
-
-    _check('--samples', options.samples, 1)
-    _check('--seed', options.seed, 0)
-    _check('--gravity', options.gravity, 0)
-    name = options.model or ('urdf' if options.urdf else 'two_link')
-    if (name == 'urdf') != (options.urdf is not None):
-        raise CtcError(f'the model {name} {"needs" if name == "urdf" else "takes no"} --urdf FILE')
-    urdf = read_description(options.urdf) if options.urdf else ''
-    joints = _joints(options.joints, urdf)
-    model = make_model(name, options.gravity, joints, urdf)
-    print(f'{name}, {model.n} joints: {", ".join(joints)}')
-    findings = check_dynamics(model, options.seed, options.samples)
-    print_columns([('', 'worst', 'allowed', 'check')] + [
-        ('ok' if x.passed else 'FAILED', f'{x.worst:.2g}', f'{x.tolerance:.2g}', x.name)
-        for x in findings])
-    failed = [x for x in findings if not x.passed]
-    for x in failed:
-        print(f'{x.name}: worst at q = {_numbers(list(x.q))}, dq = {_numbers(list(x.dq))}'
-              + (f': {x.error}' if x.error else ''))
-    for fault in inertia_faults(urdf, joints) if urdf else ():
-        print(f'warning: {fault}')
-    return 1 if failed else 0
+    from ctc_chattering.cli.model_check import run
+    return run(options)
 
 
 def excite(options: argparse.Namespace) -> int:
@@ -250,51 +199,13 @@ def excite(options: argparse.Namespace) -> int:
     return run(options)
 
 
-def _joints(option: str | None, urdf: str) -> tuple[str, ...]:
-    """Return the joints that the option names, by default all of the robot that can move."""
-    from ctc_chattering.dynamics.urdf_parser import Tree
-
-    joints: tuple[str, ...] = ('joint1', 'joint2')
-    if option is not None:
-        joints = tuple(x.strip() for x in option.split(','))
-    elif urdf:
-        joints = Tree(urdf).movable
-        if not joints:
-            raise CtcError('the description has no joint that moves')
-    check_joint_names(joints)
-    return joints
+def map(options: argparse.Namespace) -> int:  # noqa: A001
+    """Run `ctc map`."""
+    from ctc_chattering.cli.map import run
+    return run(options)
 
 
 def parameters(_options: argparse.Namespace) -> int:
     """Run `ctc parameters`."""
     print(parameter_table())
     return 0
-
-
-def _check(option: str, value: float, minimum: float, exclusive: bool = False) -> None:
-    """Raise `ParameterError` unless the value of an option is finite and large enough."""
-    Parameter(option, type(value).__name__, None, '', minimum=minimum,
-              exclusive=exclusive).check(value, 0)
-
-
-def _print_table(results: Sequence[Result]) -> None:
-    """Print the runs' numbers in a table."""
-    rows: list[Sequence[str]] = [(
-        'run', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]', 'v reached [s]')]
-    notes = []
-    for name, result in zip(names(results), results):
-        m = result.metrics()
-        rows.append((name, *(_numbers(m[key]) for key in (
-            'rms_error_rad', 'max_error_norm1_rad', 'torque_variation_nm_per_s',
-            'reaching_time_s'))))
-        notes += [f'{name}: {text}' for text in m['notes']]
-    print_columns(rows)
-    if notes:
-        print('\n'.join(notes))
-
-
-def _numbers(value: Any) -> str:
-    if value is None:
-        return '-'
-    items = value if isinstance(value, list) else [value]
-    return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)

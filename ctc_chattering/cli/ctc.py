@@ -57,6 +57,27 @@ def _add_experiments(commands: Any) -> None:
         'and a parameter file of every run.')
     add_comparison_options(compare)
     _add_output(compare, None)
+    _add_map(commands)
+
+
+def _add_map(commands: Any) -> None:
+    parser = _add(
+        commands, 'map', 'run laws over grids and draws of parameters: where does which one fail?',
+        'Write map.parquet, a row a run; map.json, figures and index.html. What is there of the '
+        'same map is not computed again.')
+    parser.add_argument('spec', metavar='SPEC.yaml',
+                        help='what to run, docs/maps.md; or the name of one of the package')
+    parser.add_argument('--jobs', type=int, metavar='N',
+                        help='processes, as many as there are processors by default')
+    parser.add_argument('--scheduler', metavar='ADDRESS',
+                        help='of a dask cluster that is there, tcp://host:port')
+    parser.add_argument('--engine', choices=('batch', 'reference'),
+                        help='the compiled loop, the default if numba is installed, where it can '
+                             'run what is asked for; or the loop of ctc simulate')
+    parser.add_argument('--explain', metavar='POINT',
+                        help='write and draw one run, by its number or by name=value,... of axes, '
+                             'law and repeat')
+    _add_output(parser, 'map')
 
 
 def _add_bags(commands: Any) -> None:

@@ -13,6 +13,7 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.package_share import find_config
+from ctc_chattering.parameters import Parameter
 
 #: Names for pip of modules that are called otherwise.
 _PACKAGES = {'pinocchio': 'pin', 'yaml': 'PyYAML', 'dask': "'dask[distributed]'",
@@ -64,6 +65,19 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
         if value is not None:
             result.setdefault(section, {})[name] = value
     return result
+
+
+def check(option: str, value: float, minimum: float, exclusive: bool = False) -> None:
+    """Raise `ParameterError` unless the value of an option is finite and large enough."""
+    Parameter(option, type(value).__name__, None, '', minimum=minimum,
+              exclusive=exclusive).check(value, 0)
+
+
+def number_of_jobs(number: int | None) -> int:
+    """Return the number of processes; all processors by default."""
+    jobs = (os.cpu_count() or 1) if number is None else number
+    check('--jobs', jobs, 1)
+    return jobs
 
 
 def guarded(name: str, command: Callable[[], int]) -> int:

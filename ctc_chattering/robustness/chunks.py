@@ -124,7 +124,7 @@ def _with_other_steps(spec: MapSpec) -> Iterator[Setup]:
             yield from (applied(spec.setup, [(axis, x)]) for x in axis.values)
 
 
-def compute(runs: Runs, chunk: range, engine: str, made_by: str) -> pyarrow.Table:
+def compute(runs: Runs, engine: str, made_by: str, chunk: range) -> pyarrow.Table:
     """
     Return the rows of a chunk.
 
@@ -132,12 +132,12 @@ def compute(runs: Runs, chunk: range, engine: str, made_by: str) -> pyarrow.Tabl
     ----------
     runs : Runs
         The map.
-    chunk : range
-        Numbers of the runs.
     engine : str
         As `engine_of` takes it.
     made_by : str
         `version` of the process that asks.
+    chunk : range
+        Numbers of the runs.
 
     Raises
     ------

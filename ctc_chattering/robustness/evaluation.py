@@ -61,6 +61,12 @@ def engine_of(setup: Setup, engine: str) -> tuple[str, str]:
     return (REFERENCE if reason else BATCH), reason
 
 
+def must_compile(setup: Setup) -> bool:
+    """Return whether the compiled loop is not there yet on this machine."""
+    from ctc_chattering.batch.compiler import is_compiled
+    return not is_compiled(len(setup.plant.joint_names))
+
+
 def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine: str
              ) -> dict[str, Any]:
     """

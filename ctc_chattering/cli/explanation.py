@@ -1,0 +1,94 @@
+"""`ctc map --explain`: one run of a map, its parameter file, its samples, figures and page."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.analysis.export import write_npz
+from ctc_chattering.analysis.output import prepare, writing
+from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
+from ctc_chattering.cli.progress import Progress
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.parameter_file import changed, Setup
+from ctc_chattering.robustness import chunks
+from ctc_chattering.robustness.point import find_run
+from ctc_chattering.robustness.runs import Runs
+from ctc_chattering.robustness.shards import read_table, SHARDS
+
+#: Names in the directory of a run, which is below that of all of them.
+_FOLDER, _PARAMETERS, _SAMPLES = 'explain', 'run.yaml', 'trajectory.npz'
+#: Parameters of a robot that are paths; package:// is none.
+_PATHS = ('description', 'trajectory_file')
+
+
+def explain(runs: Runs, engine: str, options: argparse.Namespace) -> int:
+    """Write and print one run of a map, simulated by the loop of `ctc simulate`."""
+    run = find_run(runs, options.explain)
+    which = {name: x for name, x in runs.columns(run).items() if name not in ('law', 'switching')}
+    print(', '.join(f'{name} {x:g}' if isinstance(x, float) else f'{name} {x}'
+                    for name, x in which.items()))
+    row = _row(runs, run, engine, options.out)
+    if row is not None:
+        print('in the map: ' + (f'{row["failure"]}: {row["reason"]}' if row['failure'] else
+                                f'no failure, error {row["error"]:.3g} rad'))
+    out = prepare(options.out / _FOLDER / str(run), (
+        _PARAMETERS, _SAMPLES, FIGURES, METRICS, PAGE), options.overwrite)
+    setup = _written(runs.setup(run), f'run_{run}', out / _PARAMETERS)
+    print(f'its parameters: {out / _PARAMETERS}')
+    result, failure = _simulated(setup)
+    if failure:
+        print(f'this run ends: {failure}')
+    if result is None:
+        return 0
+    write_npz(result, out / _SAMPLES)
+    return present([result], [], out)
+
+
+def _row(runs: Runs, run: int, engine: str, directory: Path) -> dict[str, Any] | None:
+    """Return the row of a run, if the map of a directory has it."""
+    key = chunks.map_key(runs, engine)
+    part = next(part for part in chunks.chunks(runs, engine) if run in part)
+    path = directory / SHARDS / f'{chunks.chunk_key(key, part)}.parquet'
+    if not path.exists():
+        return None
+    row: dict[str, Any] = read_table(path).slice(run - part.start, 1).to_pylist()[0]
+    return row
+
+
+def _written(setup: Setup, title: str, path: Path) -> Setup:
+    """Write the parameter file of a setup, and return what is read from it."""
+    values = {node: {name: _absolute(x) if name in _PATHS else x for name, x in mine.items()}
+              for node, mine in setup.values.items()}
+    values['plant']['experiment'] = title
+    with writing(path):
+        parameter_file.dump(values, path)
+    return parameter_file.load(path)
+
+
+def _absolute(location: str) -> str:
+    return str(Path(location).resolve()) if location and '://' not in location else location
+
+
+def _simulated(setup: Setup) -> tuple[Result | None, str]:
+    """Return a run, or what comes before its failure, and the failure."""
+    reached = 0.0
+
+    def progress(t: float) -> None:
+        nonlocal reached
+        reached = t
+        bar(t)
+
+    with Progress(setup.plant.experiment, setup.plant.duration) as bar:
+        try:
+            result = simulated(setup, progress)
+            bar(setup.plant.duration)
+            return result, ''
+        except CtcError as error:
+            failure = str(error)
+    if not reached:
+        return None, failure
+    return simulated(changed(setup, {'plant': {'duration': reached}})), failure

@@ -1,0 +1,131 @@
+"""`ctc map`: from a spec to results, figures and a page, or to one run of them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import importlib.metadata
+import sys
+import time
+from typing import Any
+
+import pyarrow
+
+from ctc_chattering.analysis.result import finite
+from ctc_chattering.cli.explanation import explain
+from ctc_chattering.cli.options import number_of_jobs
+from ctc_chattering.cli.progress import progress_bar
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.errors import UsageError
+from ctc_chattering.experiment.package_share import find_config
+from ctc_chattering.robustness import chunks, scheduler
+from ctc_chattering.robustness.evaluation import available, BATCH, must_compile
+from ctc_chattering.robustness.runs import Runs
+from ctc_chattering.robustness.shards import Directory, TABLE
+from ctc_chattering.robustness.spec import read_spec
+from ctc_chattering.simulation.registry import make_plant
+
+#: Folder of the package's own specs, below `config`.
+_FOLDER = 'maps'
+#: Packages whose versions are noted with the results.
+_PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc map`."""
+    if options.jobs is not None and options.scheduler is not None:
+        raise UsageError('--jobs and --scheduler exclude each other: a cluster has its workers')
+    jobs = number_of_jobs(options.jobs)
+    runs = Runs(read_spec(find_config(options.spec, folder=_FOLDER)))
+    engine, reason = available(options.engine)
+    if options.explain is not None:
+        return explain(runs, engine, options)
+    _try(runs)
+    parts, key = chunks.chunks(runs, engine), chunks.map_key(runs, engine)
+    keys = [chunks.chunk_key(key, part) for part in parts]
+    about = {'key': key, 'spec': finite(chunks.contents(runs)), 'engine': engine,
+             'versions': _versions(), 'runs': len(runs), 'chunks': len(parts)}
+    directory = Directory(options.out, about, options.overwrite)
+    start = time.monotonic()
+    todo = [(key, part) for key, part in zip(keys, parts) if not directory.has(key)]
+    _announce(runs, engine, reason, len(parts), todo)
+    if todo:
+        _compute(runs, engine, todo, directory, jobs, options.scheduler)
+    table = directory.merge(keys, chunks.schema(runs.spec))
+    counts = {name: _counts(table[name]) for name in ('engine', 'failure')}
+    directory.describe({**about, 'engines': counts['engine'], 'failures': counts['failure'],
+                        'computed_now': sum(len(part) for _, part in todo),
+                        'seconds': round(time.monotonic() - start, 1)})
+    failed = sum(n for kind, n in counts['failure'].items() if kind)
+    print(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
+          f'{options.out / TABLE}')
+    return 0
+
+
+def _try(runs: Runs) -> None:
+    """Make the robot and the controller of each law, so that what is missing shows here."""
+    each = runs.spec.repeats.repeats
+    for i in range(len(runs.spec.variants)):
+        setup = runs.setup(i * each)
+        make_plant(setup.plant, setup.descriptions.get('plant', ''))
+        Controller(setup.controller, model_of(
+            setup.controller, setup.descriptions.get('controller', '')))
+
+
+def _announce(runs: Runs, engine: str, reason: str, count: int,
+              todo: Sequence[tuple[str, range]]) -> None:
+    """Print what will run, and what is there already."""
+    used = chunks.engines(runs, engine)
+    reasons = {f'{name}: {why}': None for name, (_, why) in used.items() if why}
+    if reason:
+        reasons[reason] = None
+    names = sorted({x for x, _ in used.values()})
+    print(f'{len(runs)} runs in {count} chunks, engine {" and ".join(names)}'
+          + (f' ({"; ".join(reasons)})' if reasons else ''))
+    left = sum(len(part) for _, part in todo)
+    if left < len(runs):
+        print(f'{len(runs) - left} runs are there already')
+    sys.stdout.flush()
+
+
+def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directory: Directory,
+             jobs: int, address: str | None) -> None:
+    """Compute what is missing, and write each chunk as it comes."""
+    version = chunks.version()
+    sizes = {key: len(part) for key, part in todo}
+    done = len(runs) - sum(sizes.values())
+    try:
+        with scheduler.workers(min(jobs, len(todo)), address) as client:
+            count = scheduler.threads(client)
+            print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
+            if engine == BATCH and must_compile(runs.spec.setup):
+                print('the loop is compiled first, once for this version: about a minute',
+                      flush=True)
+            scheduler.check_versions(client, version)
+            with progress_bar(total=len(runs), initial=done, desc='map', unit='run') as bar:
+                for key, table in scheduler.computed(
+                        client, chunks.compute, (runs, engine, version), todo):
+                    directory.write(key, table)
+                    done += sizes[key]
+                    bar.update(sizes[key])
+    except KeyboardInterrupt:
+        print(f'{done} of {len(runs)} runs are in {directory.path}; the same command goes on',
+              file=sys.stderr)
+        raise
+
+
+def _counts(column: pyarrow.ChunkedArray) -> dict[str, int]:
+    """Return how often each text is in a column."""
+    return dict(sorted((x['values'], x['counts']) for x in column.value_counts().to_pylist()))
+
+
+def _versions() -> dict[str, Any]:
+    """Return the versions of this package and of those that the results depend on."""
+    found = {'ctc_chattering': chunks.version(), 'python': sys.version.split()[0]}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,54 @@
+"""Results of runs as figures, metrics and page, and as a table on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import os
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.analysis.result import Result, write_metrics
+from ctc_chattering.analysis.run_names import names
+from ctc_chattering.cli.table import print_columns
+
+#: Names in an output directory.
+FIGURES, METRICS, PAGE = 'figures', 'metrics.json', 'index.html'
+
+
+def present(results: Sequence[Result], bags: Sequence[Path], out: Path,
+            extra: str = 'svg') -> int:
+    """Write figures, metrics and page into `out`; the figures as `extra` as well."""
+    from ctc_chattering.analysis.figures import save_figures
+    from ctc_chattering.analysis.report import write_page
+
+    print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
+    figures = save_figures(results, out / FIGURES, extra)
+    write_metrics(results, out / METRICS)
+    write_page(results, figures, out / PAGE, [os.path.relpath(bag, out) for bag in bags])
+    print_results(results)
+    print(f'{len(figures)} figures: open {out / PAGE}')
+    return 0
+
+
+def print_results(results: Sequence[Result]) -> None:
+    """Print the runs' numbers in a table."""
+    rows: list[Sequence[str]] = [(
+        'run', 'RMS e [rad]', 'max |e|_1 [rad]', 'torque variation [N*m/s]', 'v reached [s]')]
+    notes = []
+    for name, result in zip(names(results), results):
+        m = result.metrics()
+        rows.append((name, *(numbers(m[key]) for key in (
+            'rms_error_rad', 'max_error_norm1_rad', 'torque_variation_nm_per_s',
+            'reaching_time_s'))))
+        notes += [f'{name}: {text}' for text in m['notes']]
+    print_columns(rows)
+    if notes:
+        print('\n'.join(notes))
+
+
+def numbers(value: Any) -> str:
+    """Return a number, or some of them, in short."""
+    if value is None:
+        return '-'
+    items = value if isinstance(value, list) else [value]
+    return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)

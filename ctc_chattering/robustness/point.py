@@ -1,0 +1,96 @@
+"""A run of a map by its number, or by values of axes, law and repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ctc_chattering.errors import ParameterError, UsageError
+from ctc_chattering.robustness.quantity import Axis
+from ctc_chattering.robustness.runs import Runs
+from ctc_chattering.robustness.spec import Variant
+
+_LAW, _REPEAT = 'law', 'repeat'
+
+
+def find_run(runs: Runs, text: str) -> int:
+    """
+    Return the number of the run that a text names.
+
+    Parameters
+    ----------
+    runs : Runs
+        Of the map.
+    text : str
+        A number, or ``name=value,...`` of the axes, law and repeat; the value of an axis that is
+        nearest is taken. What has one value only may be left out.
+
+    Raises
+    ------
+    UsageError
+        If it names no run, or more than one.
+
+    """
+    spec = runs.spec
+    try:
+        if text.strip().isdecimal():
+            return _among('run', int(text), len(runs))
+        given = dict(_pair(word) for word in text.split(','))
+        choices = {**{axis.name: [f'{x:g}' for x in axis.values] for axis in spec.axes},
+                   _LAW: [variant.name for variant in spec.variants],
+                   _REPEAT: [str(k) for k in range(spec.repeats.repeats)]}
+        for name in given:
+            if name not in choices:
+                raise ParameterError(name, given[name], 'a run number, or ' + ', '.join(choices))
+        for name, values in choices.items():
+            if len(values) > 1 and name not in given:
+                shown = ', '.join(values if len(values) < 20 else [values[0], '...', values[-1]])
+                raise ParameterError(name, '', f'one of {shown}: there is more than one')
+        indices = tuple(_nearest(axis, given[axis.name]) if axis.name in given else 0
+                        for axis in spec.axes)
+        variant = _law(spec.variants, given[_LAW]) if _LAW in given else 0
+        repeat = _among(_REPEAT, _number(_REPEAT, given.get(_REPEAT, '0')), spec.repeats.repeats)
+    except ParameterError as error:
+        raise UsageError(f'--explain {text}: {error}') from None
+    return runs.number(indices, variant, repeat)
+
+
+def _pair(word: str) -> tuple[str, str]:
+    name, equals, value = (x.strip() for x in word.partition('='))
+    if not (name and equals and value):
+        raise ParameterError('POINT', word, 'a run number, or name=value,...')
+    return name, value
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ParameterError(name, text, 'a number') from None
+
+
+def _among(name: str, number: float, count: int) -> int:
+    """Return `number` as an index below `count`."""
+    if number != number // 1 or not 0 <= number < count:
+        raise ParameterError(name, number, f'0 to {count - 1}')
+    return int(number)
+
+
+def _nearest(axis: Axis, text: str) -> int:
+    """Return the index of the value of an axis that is nearest to a number."""
+    x = _number(axis.name, text)
+    distances = [abs(value - x) for value in axis.values]
+    least = min(distances)
+    near = [k for k, distance in enumerate(distances) if distance == least]
+    if len(near) != 1:
+        raise ParameterError(axis.name, text, 'a number nearest to one of '
+                             + ', '.join(f'{axis.values[k]:g}' for k in near) or 'a number')
+    return near[0]
+
+
+def _law(variants: Sequence[Variant], text: str) -> int:
+    """Return the index of the variant with this name, or of the only one under this law."""
+    found = [i for i, x in enumerate(variants) if x.name == text] or [
+        i for i, x in enumerate(variants) if x.law == text]
+    if len(found) != 1:
+        raise ParameterError(_LAW, text, ' | '.join(x.name for x in variants))
+    return found[0]
