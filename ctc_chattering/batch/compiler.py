@@ -9,11 +9,14 @@ changed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import fcntl
+from functools import lru_cache
 import hashlib
+import os
 from pathlib import Path
 import sys
+import tempfile
 from typing import Any, TypeVar
 
 import numba
@@ -35,9 +38,16 @@ def source_key() -> str:
     return text.hexdigest()[:16]
 
 
+@lru_cache(1)
 def cache_directory() -> Path:
-    """Return where compiled code is kept."""
-    return Path.home() / '.cache' / 'ctc_chattering' / 'numba' / source_key()
+    """Return where compiled code is kept: with the user, or where that is not allowed, in /tmp."""
+    for parent in (Path.home() / '.cache', Path(tempfile.gettempdir()) / f'cache-{os.getuid()}'):
+        directory = parent / 'ctc_chattering' / 'numba' / source_key()
+        with suppress(OSError):
+            directory.mkdir(parents=True, exist_ok=True)
+            if os.access(directory, os.W_OK):
+                break
+    return directory
 
 
 def is_compiled(n: int) -> bool:
@@ -52,7 +62,6 @@ def compiling(n: int) -> Iterator[None]:
         yield
         return
     mark = _mark(n)
-    mark.parent.mkdir(parents=True, exist_ok=True)
     with mark.with_suffix('.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield

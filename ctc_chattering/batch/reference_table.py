@@ -42,6 +42,7 @@ def reference_table(config: ReferenceConfig, route: Route | None,
     order = [config.joint_names.index(name) for name in joints]
     if not isinstance(motion, Transition):
         return _sampled(motion, order, period, count)
+    table: Array
     if route is None:  # What does not depend on the start.
         table = reference_table(
             config.changed({'start_duration': 0.0}), None, (), joints, period, count).copy()
