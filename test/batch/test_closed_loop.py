@@ -1,0 +1,178 @@
+"""The compiled closed loop against the reference: random parameters, every law, every end."""
+
+from __future__ import annotations
+
+import dataclasses
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.batch.closed_loop import simulate, unsupported
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.simulation.closed_loop import Event, Run
+from ctc_chattering.trajectory.waypoints import Route
+
+#: Largest relative difference of RMS errors: where the motion is regular, and where it rattles.
+REGULAR, RATTLING = 5e-3, 0.1
+
+
+def file(name: str) -> Path:
+    return config_directory() / f'{name}.yaml'
+
+
+def random_setup(name: str, seed: int, law: str, switching: str, duration: float) -> Setup:
+    """Return a parameter file with random friction, imperfections and gains."""
+    rng = np.random.default_rng(seed)
+    base = parameter_file.load(file(name))
+    kf, n = np.array(base.plant.coulomb_friction), len(base.plant.joint_names)
+
+    def each(low: float, high: float) -> list[float]:
+        return [float(x) for x in rng.uniform(low, high, n)]
+
+    def some(values: dict[str, Any]) -> dict[str, Any]:
+        return {key: x for key, x in values.items() if rng.random() < 0.3}
+
+    plant = some({
+        'coulomb_friction': (kf * each(0.0, 1.5)).tolist(), 'viscous_friction': each(0.0, 2.0),
+        'stribeck_friction': (kf * each(0.0, 0.4)).tolist(), 'load_friction': each(0.0, 0.05),
+        'friction_asymmetry': each(-0.4, 0.4), 'disturbance.amplitude': each(0.0, 2.0),
+        'disturbance.frequency': each(0.0, 20.0), 'disturbance.push': each(-5.0, 5.0),
+        'position_noise': each(0.0, 1e-4), 'velocity_noise': each(0.0, 5e-3),
+        'encoder_resolution': each(0.0, 1e-4), 'velocity_sensor': 'filtered',
+        'sample_loss': 0.1, 'late_samples': 0.1, 'torque_resolution': each(0.0, 0.1),
+        'torque_rate_limit': (5e3 * kf).tolist(), 'actuator_lag': each(0.0, 3e-3),
+        'input_delay': int(rng.integers(1, 3)), 'integration_step': 4e-4})
+    if plant.get('velocity_sensor') and rng.random() < 0.5:
+        plant['velocity_sensor'] = 'difference'
+    controller = some({
+        'kp': each(50.0, 400.0), 'kv': each(20.0, 60.0), 'ka': (kf * each(0.5, 2.0)).tolist(),
+        'lambda': rng.uniform(5.0, 40.0), 'b': rng.uniform(0.5, 2.0),
+        'observer_bandwidth': rng.uniform(100.0, 2000.0), 'boundary_layer': 0.2,
+        'effort_limit': (40.0 * kf).tolist(), 'effort_rate_limit': (1e3 * kf).tolist(),
+        'anti_windup': False, 'inertia_scale': rng.uniform(0.8, 1.2),
+        'gravity_scale': rng.uniform(0.8, 1.2), 'friction_level': kf.tolist(),
+        'actuator_lag': plant.get('actuator_lag', each(0.0, 2e-3)),
+        'torque_rate_limit': (5e3 * kf).tolist(), 'input_delay': plant.get('input_delay', 0)})
+    return parameter_file.load(file(name), {
+        '/**': {'control_period': float(rng.choice([5e-4, 1e-3, 2e-3]))},
+        'plant': {**plant, 'duration': duration, 'noise_seed': seed},
+        'controller': {**controller, 'law': law, 'switching': switching},
+        'reference': some({'start_duration': 0.7})})
+
+
+def rms(run: Run) -> Array:
+    error: Array = np.sqrt(np.mean((run.q_d - run.q) ** 2, axis=0))
+    return error
+
+
+def compared(setup: Setup, truth: bool) -> float:
+    """Return the largest relative difference of the RMS errors; all else agrees."""
+    right, found = simulated(setup, truth=truth).run, simulate(setup, truth)
+    np.testing.assert_array_equal(found.t, right.t)
+    for name in ('q_d', 'dq_d', 'ddq_d'):
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(right, name), rtol=1e-12, atol=1e-11)
+    return float(np.abs(rms(found) / rms(right) - 1.0).max())
+
+
+VARIANTS = [(law, switching) for law in LAWS
+            for switching in (SWITCHINGS if law == 'chattering' else ('sign',))]
+
+
+@pytest.mark.parametrize(('law', 'switching'), VARIANTS)
+def test_random_parameters(law: str, switching: str) -> None:
+    """Noise is that of the reference, so that even a run with noise is the same run."""
+    differences = []
+    for seed in range(4):
+        setup = random_setup('friction', 100 * VARIANTS.index((law, switching)) + seed, law,
+                             switching, 0.6)
+        differences.append(compared(setup, truth=seed % 2 == 0))
+    rattles = law == 'super_twisting' or switching == 'sign' and law == 'chattering'
+    assert max(differences) < (RATTLING if rattles else REGULAR)
+    assert min(differences) < 1e-9
+
+
+@pytest.mark.parametrize(('law', 'switching'), [
+    ('chattering', 'implicit_observer'), ('compensation', 'sign'), ('observer_feedback', 'sign')])
+def test_a_robot_of_a_description(law: str, switching: str) -> None:
+    setup = parameter_file.load(file('panda'), {
+        'plant': {'duration': 0.5, 'payload': 1.5, 'velocity_noise': [1e-3] * 7,
+                  'input_delay': 1},
+        'controller': {'law': law, 'switching': switching, 'input_delay': 1}})
+    assert compared(setup, truth=True) < 1e-6
+
+
+def test_the_payload_moves_the_plant_only() -> None:
+    """The check above would pass if both arms carried it."""
+    errors = []
+    for payload in (0.0, 1.5):
+        setup = parameter_file.load(file('panda'), {
+            'plant': {'duration': 0.3, 'payload': payload}, 'controller': {'law': 'pd_gravity'}})
+        errors.append(rms(simulate(setup)))
+    assert (np.abs(errors[1] / errors[0] - 1.0) > 0.05).any()
+
+
+def test_waypoints() -> None:
+    rest = ((0.0, 0.0), (0.0, 0.0))
+    route = Route(('joint1', 'joint2'), (0, 400_000_000, 700_000_000), (
+        ((3.0, 1.5), *rest), ((3.3, 1.2), *rest), ((3.1, 1.6), *rest)))
+    for start in (0.0, 0.3):
+        setup = dataclasses.replace(
+            parameter_file.load(file('friction'), {'plant': {'duration': 0.8},
+                                                   'reference': {'start_duration': start}}),
+            route=route)
+        assert compared(setup, truth=True) < 1e-9
+
+
+def test_the_same_seed_is_the_same_run_and_another_is_another() -> None:
+    def noisy(seed: int) -> Run:
+        return simulate(parameter_file.load(file('friction'), {'plant': {
+            'duration': 0.2, 'velocity_noise': [1e-3, 1e-3], 'noise_seed': seed}}))
+    np.testing.assert_array_equal(noisy(4).tau, noisy(4).tau)
+    assert (noisy(4).tau != noisy(5).tau).any()
+
+
+@pytest.mark.parametrize('controller', [
+    {'law': 'compensation', 'kv': [3000.0, 3000.0]}, {'error_limit': [3.0, 3.0]}])
+def test_a_run_that_does_not_end(controller: dict[str, Any]) -> None:
+    """Both say why in the same words, and when."""
+    setup = parameter_file.load(file('friction'), {
+        'plant': {'duration': 2.0, 'torque_saturation': [inf, inf]}, 'controller': controller})
+    texts = []
+    for run in (lambda: simulated(setup).run, lambda: simulate(setup)):
+        with pytest.raises(CtcError) as error:
+            run()
+        texts.append(str(error.value).split('t = ')[1].split(' s')[0])
+    assert texts[0] == texts[1]
+
+
+def test_what_it_does_not_have() -> None:
+    setup = parameter_file.load(file('friction'))
+    assert unsupported(setup) == ''
+    plant = setup.plant
+    for other, reason in (
+            ({'plant': plant.changed({'plant_backend': 'mujoco'})}, 'plant_backend mujoco'),
+            ({'plant': plant.changed({'joint_stiffness': [1e4, 1e4], 'motor_inertia': [1.0, 1.0]})},
+             'elastic joints'),
+            ({'events': (Event(1.0, 'plant', {}),)}, 'events'),
+            ({'controller': setup.controller.changed({'model': 'mine:Arm'})}, 'model mine:Arm')):
+        with_it = dataclasses.replace(setup, **other)
+        assert unsupported(with_it) == reason
+        with pytest.raises(CtcError, match=f'the compiled loop does not have {reason}'):
+            simulate(with_it)
+
+
+def test_a_run_must_end() -> None:
+    setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.0}})
+    with pytest.raises(CtcError, match='a simulation must end'):
+        simulate(setup)
