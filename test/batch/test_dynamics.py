@@ -14,19 +14,18 @@ from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.linear_algebra import Array
 
 
 def branching() -> str:
     """Return a robot with two arms, a slide, skew axes, a fixed joint and one to be locked."""
     skew = '0.6 0 0.8'
     return urdf([
-        link('base', 9.0, inertia=(1.0, 1.0, 1.0)), link('trunk', 4.0, (0.1, 0.2, 0.3),
-                                                         (0.3, 0.2, 0.4)),
-        link('left', 2.0, (0.0, 0.1, 0.2), (0.05, 0.04, 0.03)), link('slide', 1.0, (0.1, 0.0, 0.3),
-                                                                     (0.01, 0.02, 0.03)),
-        link('right', 1.5, (0.2, -0.1, 0.1), (0.02, 0.03, 0.04)), link('tool', 0.7, (0.0, 0.0, 0.2),
-                                                                       (0.01, 0.01, 0.02)),
+        link('base', 9.0, inertia=(1.0, 1.0, 1.0)),
+        link('trunk', 4.0, (0.1, 0.2, 0.3), (0.3, 0.2, 0.4)),
+        link('left', 2.0, (0.0, 0.1, 0.2), (0.05, 0.04, 0.03)),
+        link('slide', 1.0, (0.1, 0.0, 0.3), (0.01, 0.02, 0.03)),
+        link('right', 1.5, (0.2, -0.1, 0.1), (0.02, 0.03, 0.04)),
+        link('tool', 0.7, (0.0, 0.0, 0.2), (0.01, 0.01, 0.02)),
         link('wrist', 0.5, (0.0, 0.05, 0.1), (0.004, 0.005, 0.006)),
         joint('turn', 'continuous', 'base', 'trunk', skew, '0.1 0 0.5', rpy='0.3 0.2 -0.4'),
         joint('shoulder', 'revolute', 'trunk', 'left', '0 1 0', '0 0.2 0.4', rpy='1 0 0.5'),
@@ -56,7 +55,7 @@ def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
         evaluate(arm, q, dq, body, M, C, G)
         for found, right in zip((M, C, G), scaled.evaluate(q, dq)):
             np.testing.assert_allclose(found, right, rtol=0, atol=1e-12 * np.abs(right).max())
-        fixed: Array = rng.random(n) < 0.4
+        fixed = rng.random(n) < 0.4
         ddq = np.zeros(n)
         forward_dynamics(arm, q, dq, u, fixed.astype(np.int8), body, ddq)
         mask = sum(1 << i for i in range(n) if fixed[i])
