@@ -151,7 +151,7 @@ def test_a_run_that_does_not_end(controller: dict[str, Any]) -> None:
     texts = []
     for run in (simulated, simulate):
         with pytest.raises(CtcError) as error:
-            run(setup)  # type: ignore[operator]
+            run(setup)
         texts.append(str(error.value).split('t = ')[1].split(' s')[0])
     assert texts[0] == texts[1]
 
