@@ -17,10 +17,11 @@ from ctc_chattering.cli.options import number_of_jobs
 from ctc_chattering.cli.progress import progress_bar
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import UsageError
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.robustness import chunks, scheduler
 from ctc_chattering.robustness.evaluation import available, BATCH, must_compile
+from ctc_chattering.robustness.map_report import write_report
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory, TABLE
 from ctc_chattering.robustness.spec import read_spec
@@ -59,7 +60,8 @@ def run(options: argparse.Namespace) -> int:
                         'seconds': round(time.monotonic() - start, 1)})
     failed = sum(n for kind, n in counts['failure'].items() if kind)
     print(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
-          f'{options.out / TABLE}')
+          f'{options.out / TABLE}; drawing ...', flush=True)
+    print(f'open {write_report(runs.spec, table, options.out)}')
     return 0
 
 
@@ -93,26 +95,26 @@ def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directo
              jobs: int, address: str | None) -> None:
     """Compute what is missing, and write each chunk as it comes."""
     version = chunks.version()
-    sizes = {key: len(part) for key, part in todo}
-    done = len(runs) - sum(sizes.values())
-    try:
-        with scheduler.workers(min(jobs, len(todo)), address) as client:
-            count = scheduler.threads(client)
-            print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
-            if engine == BATCH and must_compile(runs.spec.setup):
-                print('the loop is compiled first, once for this version: about a minute',
-                      flush=True)
-            scheduler.check_versions(client, version)
-            with progress_bar(total=len(runs), initial=done, desc='map', unit='run') as bar:
-                for key, table in scheduler.computed(
-                        client, chunks.compute, (runs, engine, version), todo):
+    with scheduler.workers(min(jobs, len(todo)), address) as client:
+        count = scheduler.threads(client)
+        print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
+        scheduler.check_versions(client, version)
+        if engine == BATCH and must_compile(runs.spec.setup):
+            print('the loop is compiled first, once for this version: about a minute', flush=True)
+        tables = scheduler.computed(client, chunks.compute, (runs, engine, version), todo)
+        there = len(runs) - sum(len(part) for _, part in todo)
+        with progress_bar(total=len(runs), initial=there, desc='map', unit='run') as bar:
+            def ended(error: BaseException) -> str:
+                return (f'{str(error) or "stopped"}; {bar.n} of {len(runs)} runs are in '
+                        f'{directory.path}, the same command goes on')
+            try:
+                for key, table in tables:
                     directory.write(key, table)
-                    done += sizes[key]
-                    bar.update(sizes[key])
-    except KeyboardInterrupt:
-        print(f'{done} of {len(runs)} runs are in {directory.path}; the same command goes on',
-              file=sys.stderr)
-        raise
+                    bar.update(len(table))
+            except CtcError as error:
+                raise CtcError(ended(error)) from None
+            except KeyboardInterrupt as error:
+                raise KeyboardInterrupt(ended(error)) from None
 
 
 def _counts(column: pyarrow.ChunkedArray) -> dict[str, int]:

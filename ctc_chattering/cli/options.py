@@ -94,8 +94,8 @@ def guarded(name: str, command: Callable[[], int]) -> int:
     except ModuleNotFoundError as error:
         print(f'{name}: {_how_to_install(error)}', file=sys.stderr, flush=True)
         return 2
-    except KeyboardInterrupt:
-        print(f'{name}: stopped', file=sys.stderr, flush=True)
+    except KeyboardInterrupt as stop:
+        print(f'{name}: {str(stop) or "stopped"}', file=sys.stderr, flush=True)
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -18,6 +18,7 @@ from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness import columns
 from ctc_chattering.robustness.evaluation import (
     available,
+    BATCH,
     engine_of,
     evaluate,
     REFERENCE,
@@ -148,7 +149,9 @@ def compute(runs: Runs, engine: str, made_by: str, chunk: range) -> pyarrow.Tabl
     if made_by != version():
         raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
                        'install the same one everywhere')
-    available(engine)
+    _, reason = available()
+    if reason and engine == BATCH:
+        raise CtcError(f'a worker cannot run the compiled loop: {reason}')
     rows = [row(runs, run, engine) for run in chunk]
     return pyarrow.Table.from_pylist(rows, schema(runs.spec))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 import logging
 from multiprocessing import resource_tracker
 import signal
@@ -11,15 +12,18 @@ from typing import Any, TypeVar
 
 import dask
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster
+from distributed.comm.addressing import parse_address, parse_host_port
 
 from ctc_chattering.errors import CtcError
 
 T = TypeVar('T')
+_LOST = 'the scheduler is lost'
 #: Tasks in flight per thread: the next ones wait at the worker while results are on their way.
 _IN_FLIGHT = 4
-#: Time to connect, and to wait for workers to end [s].
-_CONNECT, _END = 10, 2
-_LOG = 'distributed'
+#: Time to connect [s].
+_CONNECT = 10
+#: What dask logs besides what is raised.
+_LOGS = ('distributed', 'distributed.client')
 
 
 @contextmanager
@@ -40,7 +44,8 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
         If there is no scheduler at the address.
 
     """
-    logging.getLogger(_LOG).setLevel(logging.CRITICAL)
+    for name in _LOGS:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if address is not None:
         with _connected(address) as client:
             yield client
@@ -60,6 +65,7 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
 def _connected(address: str) -> Iterator[Client]:
     """Yield a client of the scheduler at an address."""
     try:
+        parse_host_port(parse_address(address)[1])
         client = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         text = ' '.join(str(error).split())
@@ -106,9 +112,9 @@ def check_versions(client: Client, version: str) -> None:
     def installed() -> str:  # By value, for it must run where there is no such package.
         try:
             from ctc_chattering.robustness.chunks import version
-        except ImportError as error:
+            return version()
+        except (ImportError, OSError) as error:
             return f'none that makes maps ({error})'
-        return version()
 
     for worker, found in client.run(installed).items():
         if found != version:
@@ -141,34 +147,39 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
         If a task raises one, kills one worker after the other, or the scheduler is lost.
 
     """
+    try:
+        yield from _computed(client, function, shared, iter(tasks))
+    except OSError:
+        raise CtcError(_LOST) from None
+
+
+def _computed(client: Client, function: Callable[..., Any], shared: Sequence[Any],
+              waiting: Iterator[tuple[str, Any]]) -> Iterator[tuple[str, Any]]:
+    """Do what `computed` does, but for the errors of a connection."""
     common = client.submit(tuple, shared, pure=False)
-    waiting, done = iter(tasks), as_completed(loop=client.loop, with_results=True,
-                                              raise_errors=False)
-    room = _IN_FLIGHT * threads(client)
+    done = as_completed(loop=client.loop)
     while True:
-        for _ in range(room):
-            name, task = next(waiting, (None, None))
-            if name is None:
-                break
+        room = _IN_FLIGHT * threads(client) - done.count()
+        for name, task in islice(waiting, max(0, room)):
             done.add(client.submit(_called, function, common, task, key=name))
         if done.is_empty():
             return
-        for future, result in done.next_batch():
-            yield future.key, _result(future, result)
+        futures = done.next_batch()
+        for future in futures:
+            _check(future)
+        for future, result in zip(futures, client.gather(futures)):
+            yield future.key, result
             future.release()
-        room = _IN_FLIGHT * threads(client) - done.count()
 
 
 def _called(function: Callable[..., Any], shared: Sequence[Any], task: Any) -> Any:
     return function(*shared, task)
 
 
-def _result(future: Future, result: Any) -> Any:
-    """Return the result of a task, or raise `CtcError`."""
-    if future.status == 'finished':
-        return result
+def _check(future: Future) -> None:
+    """Raise `CtcError` unless a task that is done has a result."""
     if future.status == 'error':
-        error = result[1]
+        error = future.exception()
         if isinstance(error, KilledWorker):
             raise CtcError(f'{error.allowed_failures + 1} workers were killed while they computed '
                            'the same runs; is there enough memory?')
@@ -176,4 +187,5 @@ def _result(future: Future, result: Any) -> Any:
             raise error
         text = ' '.join(str(error).split())
         raise CtcError(f'a worker failed: {type(error).__name__}: {text}') from error
-    raise CtcError('the scheduler is lost')
+    if future.status != 'finished':
+        raise CtcError(_LOST)
