@@ -22,7 +22,7 @@ BASE = 'compensation'
 #: Kinds of failure, the worst first.
 KINDS = ('diverged', 'error', 'saturated', 'not reached', 'refused')
 #: Columns of the results that `map_data` reads, besides axes and uncertain parameters.
-COLUMNS = ('repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
+COLUMNS = ('run', 'repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
 #: Of the error.
 QUANTILES = (0.05, 0.5, 0.95)
 
@@ -53,8 +53,8 @@ class MapData:
         RMS error, the largest of the joints [rad].
     failure : ndarray of int, shape (N,)
         Index in `KINDS`; -1 for none.
-    draw : ndarray of int, shape (N,)
-        The repeat.
+    run, draw : ndarray of int, shape (N,)
+        Number of the run, and the repeat.
     seeds : (int, int)
         Smallest and largest.
     engines : mapping of str to int
@@ -72,6 +72,7 @@ class MapData:
     point: Counts
     error: Array
     failure: Counts
+    run: Counts
     draw: Counts
     seeds: tuple[int, int]
     engines: Mapping[str, int]
@@ -180,8 +181,8 @@ def map_data(table: Any, axes: Mapping[str, str], uncertain: Sequence[str] = ())
     return MapData(
         wide, tuple(axis for axis in every if axis not in wide), tuple(uncertain),
         tuple(variants), tuple(laws[k] for k in law[first]), columns, variant, point, error,
-        failure, np.asarray(table['repeat']), (int(seed.min()), int(seed.max())),
-        dict(zip(engines, np.bincount(engine).tolist())))
+        failure, np.asarray(table['run']), np.asarray(table['repeat']),
+        (int(seed.min()), int(seed.max())), dict(zip(engines, np.bincount(engine).tolist())))
 
 
 def slices(data: MapData, most: int) -> tuple[list[tuple[int, ...]], int]:

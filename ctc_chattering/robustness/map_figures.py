@@ -164,7 +164,8 @@ def _maps(data: MapData) -> Iterator[tuple[str, Figure, str]]:
         name = ''.join(f'_{axis.name}_{k}' for axis, k in zip(data.axes[3:], rest))
         yield f'error{name}', error_map(data, rest), (
             f'Median of the RMS error of the worst joint, of {_runs(data)}; all panels have the '
-            f'same colours.{left_out}')
+            'same colours. A median hides single runs; they show among the failures.'
+            f'{left_out}')
         yield f'failure{name}', failure_map(data, rest), _failure_caption(data) + left_out
         if data.base is not None and len(data.variants) > 1:
             yield f'gain{name}', gain_map(data, rest), (

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ctc_chattering.robustness.boundary import LEVEL, passing_ranges
 from ctc_chattering.robustness.map_axis import number
-from ctc_chattering.robustness.map_data import MapData, spaced
+from ctc_chattering.robustness.map_data import Counts, MapData, spaced
 
 #: Most rows of a table.
 _ROWS = 60
@@ -19,7 +19,7 @@ _ROWS = 60
 @dataclasses.dataclass(frozen=True)
 class Contrast:
     """
-    Failures of a law against those of the base, point by point and draw by draw.
+    A law against the base, point by point and draw by draw.
 
     Attributes
     ----------
@@ -29,10 +29,12 @@ class Contrast:
         Runs in which only the law, or only the base, failed.
     points : str
         Where half of the law's runs or more fail, and less of the base's; empty for nowhere.
+    larger : int
+        Runs in which the law has the larger error; one that diverged has the largest.
     loss : float
-        Largest error of the law over that of the base, of the medians; 1 if never larger.
-    where : str
-        Point of that loss; empty without axes.
+        Largest error of a run over that of the base; 0 where no run of both has one.
+    run, where : int, str
+        Number and point of the run of that loss.
 
     """
 
@@ -40,24 +42,30 @@ class Contrast:
     worse: int
     better: int
     points: str
+    larger: int
     loss: float
+    run: int
     where: str
 
 
 def contrast(data: MapData, variant: int, base: int) -> Contrast:
-    """Return the failures of a variant against those of another."""
-    mine, other = _outcomes(data, variant), _outcomes(data, base)
-    both = (mine >= 0) & (other >= 0)
+    """Return a variant against another."""
+    rows, others = _rows(data, variant), _rows(data, base)
+    both = (rows >= 0) & (others >= 0)
+    mine, other = rows[both], others[both]
+    failed, failed_other = data.failure[mine] >= 0, data.failure[other] >= 0
+    error, original = data.error[mine], data.error[other]
+    usable = np.isfinite(error) & np.isfinite(original) & (original > 0.0)
+    ratio = np.divide(error, original, out=np.zeros(len(error)), where=usable)
+    worst = int(mine[np.argmax(ratio)]) if len(mine) else 0
     p = data.probability
     alone = (p[variant] >= LEVEL) & (p[base] < LEVEL)
-    median, original = data.median[variant], data.median[base]
-    usable = np.isfinite(median) & np.isfinite(original) & (original > 0.0)
-    ratio = np.divide(median, original, out=np.zeros(median.shape), where=usable)
-    worst = np.unravel_index(int(np.argmax(ratio)), ratio.shape) if ratio.ndim else ()
     return Contrast(
-        int(both.sum()), int((both & (mine > other)).sum()), int((both & (mine < other)).sum()),
-        extent(data, alone) if data.axes else '', max(1.0, float(ratio.max())),
-        ', '.join(axis.at(int(k)) for axis, k in zip(data.axes, worst)))
+        len(mine), int((failed & ~failed_other).sum()), int((failed_other & ~failed).sum()),
+        extent(data, alone) if data.axes else '', int((error > original).sum()),
+        float(ratio.max(initial=0.0)), int(data.run[worst]), ', '.join(
+            axis.at(int(k)) for axis, k in zip(data.axes, np.unravel_index(
+                data.point[worst], data.shape) if data.axes else ())))
 
 
 def extent(data: MapData, points: npt.NDArray[np.bool_]) -> str:
@@ -106,10 +114,10 @@ def _span(low: float, high: float) -> str:
     return number(low) if low == high else f'{number(low)} to {number(high)}'
 
 
-def _outcomes(data: MapData, variant: int) -> npt.NDArray[np.int8]:
-    """Return for every point and draw 1 for a failure, 0 for none, -1 without a run."""
-    mine = data.variant == variant
+def _rows(data: MapData, variant: int) -> Counts:
+    """Return the row of every point and draw, shape (points times draws,); -1 without a run."""
+    mine = np.flatnonzero(data.variant == variant)
     draws = int(data.draw.max()) + 1
-    found = np.full(int(np.prod(data.shape, dtype=np.int64)) * draws, -1, np.int8)
-    found[data.point[mine] * draws + data.draw[mine]] = data.failure[mine] >= 0
+    found = np.full(int(np.prod(data.shape, dtype=np.int64)) * draws, -1, np.int64)
+    found[data.point[mine] * draws + data.draw[mine]] = mine
     return found

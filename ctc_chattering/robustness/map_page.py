@@ -11,12 +11,10 @@ import numpy as np
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.robustness.boundary import side, wilson
-from ctc_chattering.robustness.map_axis import number
+from ctc_chattering.robustness.map_axis import GridAxis, number
 from ctc_chattering.robustness.map_data import Counts, KINDS, MapData
 from ctc_chattering.robustness.map_numbers import Contrast, contrast, passing
 
-#: What a loss of the error must exceed to be named.
-_LOSS = 1.05
 _NUMBER = ' class="n"'
 
 
@@ -34,7 +32,8 @@ def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
     path : Path
         The page, for example ``out/index.html``.
     facts : mapping of str to str
-        Further lines of the summary, for example what counts as a failure.
+        What axes and uncertain parameters are, by name, and further lines of the summary, for
+        example what counts as a failure.
     files : mapping of str to str
         Names of files beside the page, and what they are.
 
@@ -74,7 +73,7 @@ def _lead(data: MapData) -> str:
 def _failures(data: MapData) -> str:
     """Return the table of failures: a row a variant, a column a kind."""
     used = [k for k in range(len(KINDS)) if data.kinds[k].any()]
-    heads = ['law', 'runs', 'fail', *(KINDS[k] for k in used), 'median error [rad], 95 % below',
+    heads = ['law', 'runs', 'fail', *(KINDS[k] for k in used), 'median error [rad], 95 % quantile',
              *(['points that pass / undecided / fail'] if data.axes else [])]
     sides = side(data.failed, data.runs)
     rows = []
@@ -103,12 +102,16 @@ def _against_base(data: MapData) -> Iterator[str]:
     name = data.variants[base]
     yield f'<h3>Where a law is worse than {escape(name)}</h3>'
     found = {v: contrast(data, v, base) for v in range(len(data.variants)) if v != base}
-    for v in sorted(found, key=lambda v: (-found[v].worse, v)):
-        class_ = ' class="attention"' if found[v].worse or found[v].loss > _LOSS else ''
-        yield (f'<p{class_}><b>{escape(data.variants[v])}</b> '
+    worse = [v for v in found if found[v].larger or found[v].worse]
+    for v in sorted(worse, key=lambda v: (-found[v].worse, -found[v].loss)):
+        yield (f'<p class="attention"><b>{escape(data.variants[v])}</b> '
                f'{escape(_sentences(found[v], name))}</p>')
-    yield ('<p class="fine">Of runs at the same point, with the same draw and the same noise.'
-           '</p>')
+    for v in found:
+        if v not in worse:
+            yield (f'<p><b>{escape(data.variants[v])}</b> nowhere; {escape(name)} fails where it '
+                   f'does not in {found[v].better} of {_many(found[v].runs, "run")}.</p>')
+    yield ('<p class="fine">Of runs at the same point, with the same draw and the same noise. '
+           '<code>ctc map SPEC --explain RUN</code> shows one.</p>')
 
 
 def _sentences(found: Contrast, base: str) -> str:
@@ -116,10 +119,11 @@ def _sentences(found: Contrast, base: str) -> str:
             f'the reverse in {found.better}.')
     if found.points:
         text += f' Half of its runs or more fail, and less of {base}, at {found.points}.'
-    if found.loss > _LOSS:
-        text += f' Its median error is up to {found.loss:.3g} times as large'
-        text += f', at {found.where}.' if found.where else '.'
-    return text
+    text += f' In {_many(found.larger, "run")} its error is the larger one'
+    if found.loss > 1.0:
+        text += f', up to {number(found.loss)} times as large in run {found.run}'
+        text += f', {found.where}' if found.where else ''
+    return text + '.'
 
 
 def _boundaries(data: MapData) -> Iterator[str]:
@@ -136,19 +140,22 @@ def _boundaries(data: MapData) -> Iterator[str]:
 
 
 def _summary(data: MapData, facts: Mapping[str, str]) -> str:
-    """Return axes, draws, seeds and engines, then `facts`."""
+    """Return axes, draws, seeds and engines, then the `facts` of nothing of these."""
     first, last = data.seeds
-    lines = {axis.label: f'{len(axis.values)} values, {number(axis.values[0])} to '
-             f'{number(axis.values[-1])}' for axis in data.axes}
-    lines |= {axis.label: f'{number(*axis.values)}, one value' for axis in data.fixed}
-    if data.uncertain:
-        lines['drawn'] = ', '.join(data.uncertain)
+    lines = {axis.label: ': '.join(filter(None, (_values(axis), facts.get(axis.name))))
+             for axis in (*data.axes, *data.fixed)}
+    lines |= {name: facts.get(name, 'drawn') for name in data.uncertain}
     lines['runs'] = (f'{_many(data.repeats, "run")} of each law'
                      + (' at each point' if data.axes else '')
                      + f'; seeds of the noise {first} to {last}')
     lines['engines'] = ', '.join(f'{name}: {_many(n, "run")}' for name, n in data.engines.items())
-    lines |= facts
+    lines |= {name: text for name, text in facts.items() if name not in data.columns}
     return _table([], [[*line] for line in lines.items()])
+
+
+def _values(axis: GridAxis) -> str:
+    first, *others = (number(x) for x in axis.values)
+    return f'{len(axis.values)} values, {first} to {others[-1]}' if others else first
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

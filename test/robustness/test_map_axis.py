@@ -8,7 +8,7 @@ import pytest
 from ctc_chattering.robustness.map_axis import GridAxis, number, round_decades
 
 GRIDS = {
-    'linear': [(0.0, 1.0, 2.0), (1.0, 1.5, 2.0, 2.5), (0.0, 1.0, 2.0, 5.0), (-3.0, 3.0),
+    'linear': [(0.0, 1.0, 2.0), (1.0, 1.5, 2.0, 2.5), (0.0, 1.0, 2.0, 7.0), (-3.0, 3.0),
                (0.9, 1.0, 1.1), (2.0, 10.0)],
     'log': [(1.0, 10.0, 100.0), (2.0, 5.0, 10.0, 20.0), tuple(np.geomspace(1.0, 40.0, 12)),
             (5e-4, 1e-3, 2e-3), (1.0, 100.0)],

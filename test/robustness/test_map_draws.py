@@ -60,6 +60,9 @@ def test_bars_are_the_shares_of_the_kinds(data: MapData) -> None:
                   for v in range(len(data.variants))]
         assert [bar.get_width() for bar in mine] == pytest.approx(
             [n / 80 for n in counts] if any(counts) else [])
+        worse = [int(((data.failure >= 0) & (data.failure < kind) & (data.variant == v)).sum())
+                 for v in range(len(data.variants))]
+        assert [bar.get_x() for bar in mine] == pytest.approx([n / 80 for n in worse][:len(mine)])
     legend = ax.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == [

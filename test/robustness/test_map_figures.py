@@ -60,6 +60,12 @@ def shown(ax: Axes, layer: int = 0) -> Any:
     return np.ma.filled(values.astype(float), np.nan)
 
 
+def rows(figure: Figure) -> list[str]:
+    """Return what is written beside the rows."""
+    return [' '.join(text.get_text().split()) for text in figure.texts
+            if text.get_rotation() == 90.0]
+
+
 def names(figure: Figure) -> list[str]:
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
@@ -119,6 +125,10 @@ def test_gains_are_decades_and_extremes_are_named() -> None:
     assert colours[3].tolist() == list(cmap.get_over())
     assert colours[4, 3] == 0.0  # The hatched background shows.
     assert len({tuple(x) for x in colours.tolist()}) == 6
+    assert colours[2, 0] > colours[2, 2] and colours[1, 0] > colours[1, 2], 'red is worse'
+    assert colours[3, 2] > colours[3, 0] and colours[0, 2] > colours[0, 0], 'blue is better'
+    patches = figure.legends[0].get_patches()
+    assert [x.get_facecolor() for x in patches[:2]] == [tuple(colours[3]), tuple(colours[2])]
     assert names(figure) == ['only compensation diverged', 'only this law diverged',
                              'both diverged']
 
@@ -161,6 +171,7 @@ def test_refused_and_missing_cells_have_colours_of_their_own() -> None:
     variants = ('compensation', 'chattering sign')
     error, failure = np.full((6, 2, 2), 1e-3), np.full((6, 2, 2), '', object)
     error[2, 1], failure[2, 1] = np.nan, 'refused'
+    error[0, 1, 0], failure[0, 1, 0] = np.nan, 'refused'  # One of two runs only.
     table = table_of(variants, {'a': [1., 2.], 'b': [1., 2., 3.]},
                      {'error': error, 'failure': failure})
     data = map_data(table.slice(0, 20), {'a': '', 'b': ''})
@@ -185,7 +196,7 @@ def test_a_third_axis_and_a_fourth() -> None:
             np.isinf(expected), np.nan, 1.0)
         assert np.clip(shown(ax), *meshes(ax)[0].get_clim()) == pytest.approx(
             expected, nan_ok=True)
-    assert [text.get_text() for text in figure.texts if text.get_rotation() == 90.0] == [
+    assert rows(figure) == [
         'delay 0 samples', 'delay 1 samples', 'delay 2 samples']
 
 
@@ -196,8 +207,8 @@ def test_more_laws_than_fit_beside_each_other_are_rows() -> None:
     assert [ax.get_title('left') for ax in found[:3]] == ['delay 0 samples', 'delay 1 samples', '']
     for k, ax in enumerate(found):
         assert shown(ax)[1, 1] >= data.median[k // 2, 1, 1, k % 2]
-    assert [' '.join(text.get_text().split()) for text in figure.texts
-            if text.get_rotation() == 90.0] == list(LAWS)
+    assert rows(figure) == list(LAWS)
+    assert rows(gain_map(data)) == list(LAWS)[1:], 'as in the other figures'
 
 
 CASES: dict[str, Any] = {

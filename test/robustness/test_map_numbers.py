@@ -57,23 +57,47 @@ def test_where_only_the_law_fails() -> None:
     assert extent(data, np.ones((2, 3), bool)) == '6 of 6 points, within a 1 to 2 N·m, b 10 to 40'
 
 
-def test_the_largest_loss_and_its_point() -> None:
-    errors = np.full((6, 2, 1), 1e-3)
+def test_the_largest_loss_and_its_run() -> None:
+    errors = np.full((6, 2, 2), 1e-3)
     errors[:, 1, 0] = [5e-4, 2e-3, 1e-3, 7e-3, np.nan, 1e-3]
     errors[5, 0, 0] = np.nan
-    data = grid(np.zeros((6, 2, 1), bool), errors)
+    data = grid(np.zeros((6, 2, 2), bool), errors)
     found = contrast(data, 1, 0)
     assert found.loss == pytest.approx(7.0)
     assert found.where == 'a 2 N·m, b 10'
-    assert contrast(data, 0, 1).loss == pytest.approx(2.0)
+    assert found.run == 3 * 4 + 2, 'four runs a point, two a law'
+    assert found.larger == 3, 'two errors, and the run that diverged'
+    back = contrast(data, 0, 1)
+    assert back.loss == pytest.approx(2.0)
+    assert (back.run, back.larger) == (0, 2)
     assert contrast(data, 0, 0).loss == 1.0
+    assert contrast(data, 0, 0).larger == 0
 
 
-def test_without_axes_or_partner() -> None:
-    data = grid([[[True, False, True], [False, False, True]]], axes={})
+def test_the_loss_is_that_of_the_worst_pair_of_rows() -> None:
+    table = made_up({'friction': [2.0, 10.0], 'ka': [1.0, 12.0]}, 6)
+    random = np.random.default_rng(2)
+    table = table.take(pa.array(random.permutation(len(table))))
+    data = map_data(table, {'friction': '', 'ka': ''})
+    rows = {(row['variant'], row['point'], row['repeat']): row for row in table.to_pylist()}
+    base = data.variants.index('compensation')
+    for v, name in enumerate(data.variants):
+        ratios = {row['run']: row['error'] / rows['compensation', point, repeat]['error']
+                  for (variant, point, repeat), row in rows.items()
+                  if variant == name and row['error'] is not None}
+        found = contrast(data, v, base)
+        assert v == base or found.run == max(ratios, key=lambda run: ratios[run])
+        assert found.loss == pytest.approx(max(ratios.values()))
+
+
+def test_without_axes_or_finite_errors() -> None:
+    failures = [[[True, False, True], [False, False, True]]]
+    data = grid(failures, axes={})
     found = contrast(data, 0, 1)
     assert (found.runs, found.worse, found.better) == (3, 1, 0)
-    assert (found.points, found.where, found.loss) == ('', '', 1.0)
+    assert (found.points, found.where, found.loss, found.larger) == ('', '', 1.0, 0)
+    gone = contrast(grid(failures, np.full((1, 2, 3), np.nan), axes={}), 0, 1)
+    assert (gone.loss, gone.larger) == (0.0, 0)
 
 
 def test_values_that_pass() -> None:

@@ -73,7 +73,8 @@ def table() -> Any:
 @pytest.fixture
 def page(table: Any, tmp_path: Path) -> Page:
     return written(map_data(table, UNITS, ('model', 'noise')), tmp_path,
-                   {'a run fails if': 'error > 0.005 rad & more'})
+                   {'a run fails if': 'error > 0.005 rad & more', 'ka': 'gain',
+                    'model': 'uniform'})
 
 
 def test_the_table_has_the_shares_of_the_rows(table: Any, page: Page) -> None:
@@ -125,7 +126,18 @@ def test_the_worst_law_comes_first(tmp_path: Path) -> None:
     assert page.classes.count(('p', 'attention')) == 2
     assert page.texts['h1'] == ['compensation fails in 12.5 %, observer_feedback in 100.0 % of '
                                 'the runs']
+    assert 'In 0 runs its error is the larger one.' in bad[0]
     assert page.tables[1][1] == ['ka [N·m]', 'all', '2', 'none']
+
+
+def test_a_law_that_is_nowhere_worse(tmp_path: Path) -> None:
+    failure = np.array([[['error', 'error'], ['', 'error']]])
+    data = map_data(table_of(('compensation', 'chattering sign'), {}, {
+        'error': [[[2.0, 2.0], [1.0, 2.0]]], 'failure': failure}), {})
+    page = written(data, tmp_path)
+    assert ('chattering sign nowhere; compensation fails where it does not in 1 of 2 runs.'
+            in page.texts['p'])
+    assert ('p', 'attention') not in page.classes
 
 
 def test_values_that_pass_along_each_axis(page: Page) -> None:
@@ -140,8 +152,8 @@ def test_values_that_pass_along_each_axis(page: Page) -> None:
 
 def test_what_was_run(page: Page) -> None:
     assert dict(page.tables[3]) == {
-        'friction [N·m]': '3 values, 2 to 20', 'ka [N·m]': '4 values, 1 to 40',
-        'drawn': 'model, noise', 'engines': 'batch: 360 runs',
+        'friction [N·m]': '3 values, 2 to 20', 'ka [N·m]': '4 values, 1 to 40: gain',
+        'model': 'uniform', 'noise': 'drawn', 'engines': 'batch: 360 runs',
         'runs': '5 runs of each law at each point; seeds of the noise 7 to 11',
         'a run fails if': 'error > 0.005 rad & more'}
     assert page.texts['p'][0] == ('6 laws over friction × ka: 12 points, 5 draws each, 360 runs '
@@ -164,7 +176,7 @@ def test_no_failure_and_one_value(tmp_path: Path) -> None:
     page = written(data, tmp_path)
     assert page.texts['h1'] == ['No run fails']
     assert page.tables[0][1] == ['compensation', '2', '0.0 %\n0.0 to 65.8', '1.00e−5\n1.00e−4']
-    assert ['ka [N·m]', '3, one value'] in page.tables[1]
+    assert ['ka [N·m]', '3'] in page.tables[1]
 
 
 def test_texts_are_escaped_and_nothing_is_fetched(tmp_path: Path) -> None:
@@ -181,3 +193,14 @@ def test_texts_are_escaped_and_nothing_is_fetched(tmp_path: Path) -> None:
 def test_a_page_that_cannot_be_written(table: Any, tmp_path: Path) -> None:
     with pytest.raises(CtcError, match=r'^cannot write '):
         write_map_page(map_data(table, UNITS), [], tmp_path, {}, {})
+
+
+def test_a_single_run_away_from_the_median_is_named(tmp_path: Path) -> None:
+    error = np.full((2, 2, 9), 1e-2)
+    error[:, 1] = 1e-3
+    error[1, 1, 4] = 12.0
+    data = map_data(table_of(('compensation', 'observer_feedback'), {'ka': [1.0, 20.0]}, {
+        'error': error, 'failure': np.where(error > 1.0, 'error', '')}), {'ka': 'N*m'})
+    (text,) = [x for x in written(data, tmp_path).texts['p'] if x.startswith('observer_feedback ')]
+    assert text.endswith('In 1 run its error is the larger one, up to 1200 times as large in '
+                         'run 31, ka 20 N·m.')
