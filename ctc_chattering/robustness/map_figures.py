@@ -144,7 +144,7 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
             'them diverged. Grey: medians of the others.')
     else:
         yield 'errors', distributions(data), (
-            'Share of the runs whose error is smaller; a curve that ends below 1 lacks the runs '
+            'Share of the runs with this error or less; a curve that ends below 1 lacks the runs '
             'that diverged. Further left is better.')
     yield 'failures', shares(data), (
         'Share of all runs that fail, by the first kind that applies, and the interval of 95 % '

@@ -195,8 +195,10 @@ def _percent(part: int, whole: int) -> str:
 
 def _error(value: float) -> str:
     """Return an error that does not break at its sign."""
-    return f'{value:.2e}'.replace('e-0', 'e−').replace('e-', 'e−') if np.isfinite(
-        value) else 'diverged'
+    if not np.isfinite(value):
+        return 'diverged'
+    mantissa, exponent = f'{value:.2e}'.split('e')
+    return f'{mantissa}e{int(exponent)}'.removesuffix('e0').replace('-', '−')
 
 
 def _many(n: int, noun: str) -> str:

@@ -204,3 +204,12 @@ def test_a_single_run_away_from_the_median_is_named(tmp_path: Path) -> None:
     (text,) = [x for x in written(data, tmp_path).texts['p'] if x.startswith('observer_feedback ')]
     assert text.endswith('In 1 run its error is the larger one, up to 1200 times as large in '
                          'run 31, ka 20 N·m.')
+
+
+@pytest.mark.parametrize(('error', 'text'), [
+    (4.567e-5, '4.57e−5'), (1.234e-12, '1.23e−12'), (7.54, '7.54'), (12.3, '1.23e1'),
+    (np.nan, 'diverged')])
+def test_errors_in_the_table(error: float, text: str, tmp_path: Path) -> None:
+    data = map_data(table_of(('compensation',), {}, {
+        'error': [[[error]]], 'failure': [[['']]]}), {})
+    assert written(data, tmp_path).tables[0][1][-1] == f'{text}\n{text}'
