@@ -89,7 +89,7 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine
     row.update(engine=used, failure='', reason='')
     try:
         with refused_as('the run failed'), np.errstate(all='ignore'):
-            run = _simulated(setup, used)
+            run = run_by(setup, used)
             row.update(_numbers(run, setup, window))
     except CtcError as error:
         return {**row, 'failure': 'diverged', 'reason': str(error)}
@@ -103,8 +103,8 @@ def refused(n: int, error: CtcError, engine: str) -> dict[str, Any]:
             'reason': str(error)}
 
 
-def _simulated(setup: Setup, engine: str) -> Run:
-    """Return the run with its true states."""
+def run_by(setup: Setup, engine: str) -> Run:
+    """Return the run of a setup with its true states, by an engine that has it."""
     if engine == REFERENCE:
         return simulated(setup, truth=True).run
     from ctc_chattering.batch.closed_loop import simulate
@@ -122,7 +122,7 @@ def _numbers(run: Run, setup: Setup, window: tuple[float, float]) -> dict[str, A
     row['variation'] = _finite(max(found['torque_variation_nm_per_s']))
     if row['error'] is None:
         raise CtcError('the error is not finite')
-    at_limit = np.abs(run.tau[within(run.t, window)]) >= _AT_LIMIT * np.array(_limits(setup))
+    at_limit = np.abs(run.tau[within(run.t, window)]) >= _AT_LIMIT * np.array(limits(setup))
     row['saturated'] = float(at_limit.any(axis=1).mean())
     return row
 
@@ -131,7 +131,7 @@ def _finite(x: float | None) -> float | None:
     return x if x is not None and np.isfinite(x) else None
 
 
-def _limits(setup: Setup) -> list[float]:
+def limits(setup: Setup) -> list[float]:
     """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
     config, plant = setup.controller, setup.plant
     of_model = _effort_limits(config.model, config.joint_names,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 import dataclasses
 from math import inf, prod
 from pathlib import Path
@@ -142,8 +143,15 @@ def read_spec(path: Path) -> MapSpec:
         Naming the file, the key, its value and what is allowed; before anything is run.
 
     """
-    try:
+    with errors_of(path):
         return parse(read_yaml(path), path)
+
+
+@contextmanager
+def errors_of(path: Path) -> Iterator[None]:
+    """Put the path of a file in front of the errors that reading it raises."""
+    try:
+        yield
     except ParameterError as error:
         raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
     except RecursionError:

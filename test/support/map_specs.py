@@ -1,0 +1,42 @@
+"""Specs of small maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ctc_chattering.robustness.runs import Runs
+from ctc_chattering.robustness.spec import MapSpec, parse
+
+#: On the reference at the start, so that short runs have small errors.
+ON_TRACK = {'initial_position': [3.141592653589793, 1.5707963267948966],
+            'initial_velocity': [3.141592653589793, 3.141592653589793]}
+#: Two axes, two laws, two draws: 24 runs of a tenth of a second.
+SMALL: dict[str, Any] = {
+    'params_file': 'friction', 'duration': 0.1,
+    'overrides': {'plant': {**ON_TRACK, 'velocity_noise': [1e-3, 1e-3]}},
+    'laws': ['compensation', 'chattering implicit'],
+    'axes': {'friction': {'parameter': 'plant.coulomb_friction', 'values': [2, 5, 10]},
+             'rate': {'parameter': 'control_period', 'values': [1e-3, 2e-3]}},
+    'uncertain': {'model': {'parameters': ['controller.inertia_scale', 'controller.gravity_scale'],
+                            'uniform': [0.9, 1.1]}},
+    'repeats': 2, 'seed': 7}
+
+
+def spec(**changes: Any) -> MapSpec:
+    """Return `SMALL` with other keys; None leaves one out."""
+    tree = {key: x for key, x in {**SMALL, **changes}.items() if x is not None}
+    return parse(yaml.safe_load(yaml.safe_dump(tree)), Path('small.yaml'))
+
+
+def runs(**changes: Any) -> Runs:
+    """Return the runs of `spec`."""
+    return Runs(spec(**changes))
+
+
+def written(path: Path, **changes: Any) -> Path:
+    """Write `SMALL` with other keys; return the path."""
+    path.write_text(yaml.safe_dump({**SMALL, **changes}), encoding='utf-8')
+    return path
