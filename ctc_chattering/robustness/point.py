@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite, nan
 
 from ctc_chattering.errors import ParameterError, UsageError
 from ctc_chattering.robustness.quantity import Axis
@@ -63,9 +64,12 @@ def _pair(word: str) -> tuple[str, str]:
 
 def _number(name: str, text: str) -> float:
     try:
-        return float(text)
+        number = float(text)
     except ValueError:
-        raise ParameterError(name, text, 'a number') from None
+        number = nan
+    if not isfinite(number):
+        raise ParameterError(name, text, 'a number')
+    return number
 
 
 def _among(name: str, number: float, count: int) -> int:
@@ -83,7 +87,7 @@ def _nearest(axis: Axis, text: str) -> int:
     near = [k for k, distance in enumerate(distances) if distance == least]
     if len(near) != 1:
         raise ParameterError(axis.name, text, 'a number nearest to one of '
-                             + ', '.join(f'{axis.values[k]:g}' for k in near) or 'a number')
+                             + ', '.join(f'{axis.values[k]:g}' for k in near))
     return near[0]
 
 

@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
 def spec(**changes: Any) -> MapSpec:
     """Return `SMALL` with other keys; None leaves one out."""
     tree = {key: x for key, x in {**SMALL, **changes}.items() if x is not None}
-    return parse(yaml.safe_load(yaml.safe_dump(tree)), Path('small.yaml'))
+    return parse(yaml.safe_load(yaml.safe_dump(tree, sort_keys=False)), Path('small.yaml'))
 
 
 def runs(**changes: Any) -> Runs:
@@ -38,5 +38,5 @@ def runs(**changes: Any) -> Runs:
 
 def written(path: Path, **changes: Any) -> Path:
     """Write `SMALL` with other keys; return the path."""
-    path.write_text(yaml.safe_dump({**SMALL, **changes}), encoding='utf-8')
+    path.write_text(yaml.safe_dump({**SMALL, **changes}, sort_keys=False), encoding='utf-8')
     return path

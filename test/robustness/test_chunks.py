@@ -1,0 +1,100 @@
+"""Chunks: size and keys depend on the spec and nothing else; their rows are complete."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from map_specs import runs, SMALL
+import pytest
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.robustness import chunks
+from ctc_chattering.robustness.evaluation import BATCH, evaluate, REFERENCE
+from ctc_chattering.robustness.runs import Runs
+
+
+def sizes(made: Runs, engine: str) -> list[int]:
+    found = chunks.chunks(made, engine)
+    assert [run for chunk in found for run in chunk] == list(range(len(made)))
+    return [len(chunk) for chunk in found]
+
+
+def test_a_chunk_has_so_many_control_steps() -> None:
+    """Check 4e6 / n² steps of the compiled loop, a thirtieth of them of the reference."""
+    long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 25}
+    assert sizes(runs(**long), BATCH) == [10] * 5
+    assert sizes(runs(**long, laws=['compensation']), REFERENCE) == [1] * 25
+    short = {**long, 'duration': 1.0, 'repeats': 100}
+    assert sizes(runs(**short, laws=['compensation']), REFERENCE) == [33, 33, 33, 1]
+
+
+def test_the_shortest_period_or_step_of_an_axis_counts() -> None:
+    long = {'duration': 100.0, 'uncertain': None, 'repeats': 50, 'laws': ['compensation']}
+    for name in ('control_period', 'plant.integration_step'):
+        axes = {'x': {'parameter': name, 'values': [5e-4, 1e-3]}}
+        assert sizes(runs(**long, axes=axes), BATCH) == [5] * 20
+
+
+def test_laws_that_take_the_reference_make_chunks_smaller() -> None:
+    elastic = {'plant': {'joint_stiffness': [1e4, 1e4], 'motor_inertia': [0.1, 0.1]}}
+    made = runs(overrides=elastic, duration=1.0, axes=None, laws=['compensation'], repeats=70)
+    assert sizes(made, BATCH) == [33, 33, 4]
+    assert chunks.engines(made, BATCH) == {'compensation': (REFERENCE, 'elastic joints')}
+
+
+def test_rows_are_those_of_their_runs() -> None:
+    made = runs()
+    table = chunks.compute(made, REFERENCE, chunks.version(), range(5, 9))
+    assert table.schema == chunks.schema(made.spec)
+    for run, row in zip(range(5, 9), table.to_pylist()):
+        assert row == {**made.columns(run), **evaluate(
+            made.setup(run), made.spec.window, made.spec.failure, REFERENCE)}
+
+
+def test_a_refused_run_is_a_row() -> None:
+    far = {'far': {'parameter': 'plant.viscous_friction', 'normal': [0.0, 1.0]}}
+    made = runs(axes=None, laws=['compensation'], uncertain=far, repeats=4)
+    rows = chunks.compute(made, REFERENCE, chunks.version(), range(4)).to_pylist()
+    assert [row['failure'] for row in rows] == [
+        'refused' if x < 0.0 else '' for x in made.draws[:, 0]]
+    reason = next(row['reason'] for row in rows if row['failure'])
+    assert reason.startswith('plant: viscous_friction: ')
+
+
+def test_another_version_does_not_compute() -> None:
+    with pytest.raises(CtcError, match=r'a worker has version .* not 0\.0\.0; install'):
+        chunks.compute(runs(), REFERENCE, '0.0.0', range(1))
+
+
+CHANGES: list[dict[str, Any]] = [
+    {'params_file': 'disturbance'}, {'duration': 0.2}, {'window': [0.02, 0.1]},
+    {'overrides': {}}, {'laws': ['compensation', 'chattering sign']}, {'seed': 8},
+    {'laws': ['compensation', {'law': 'chattering', 'switching': 'implicit', 'ka': [1.0, 1.0]}]},
+    {'axes': {**SMALL['axes'], 'rate': {'parameter': 'control_period', 'values': [1e-3]}}},
+    {'axes': dict(reversed(SMALL['axes'].items()))}, {'sampling': 'random'}, {'repeats': 3},
+    {'failure': {'error_above': 1.0}},
+    {'uncertain': {'model': {**SMALL['uncertain']['model'], 'uniform': [0.8, 1.1]}}},
+    {'uncertain': {'other': SMALL['uncertain']['model']}}]
+
+
+def test_keys_change_with_everything_that_matters() -> None:
+    keys = [chunks.map_key(runs(**change), BATCH) for change in [{}, *CHANGES]]
+    keys.append(chunks.map_key(runs(), REFERENCE))
+    keys += [chunks.chunk_key(keys[0], chunk) for chunk in (range(2), range(3), range(1, 3))]
+    assert len(set(keys)) == len(keys)
+    assert chunks.map_key(runs(), BATCH) == keys[0]
+
+
+def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
+    """Check waypoints under the same path."""
+    keys = set()
+    for end in (3.0, 3.1):
+        path = tmp_path / 'motion.yaml'
+        path.write_text(f'joint_names: [joint1, joint2]\npoints:\n'
+                        f'- {{positions: [{end}, 1.5], time_from_start: 1.0}}\n')
+        made = runs(overrides={'reference': {'trajectory_file': str(path)}})
+        keys.add(chunks.map_key(made, BATCH))
+    assert len(keys) == 2
+    panda = runs(params_file='panda', overrides={}, axes=None, laws=['compensation'])
+    assert set(chunks.contents(panda)['descriptions']) == {'plant', 'controller', 'reference'}
