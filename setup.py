@@ -48,9 +48,9 @@ setup(
         'mujoco': ['mujoco'],
         # The model urdf; of apt, ros-jazzy-pinocchio.
         'urdf': ['pin'],
-        # `ctc compare --trials`.
-        'tune': ['optuna'],
-        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'optuna', 'pin', 'playwright',
+        # `ctc tune`, and `ctc compare --trials`.
+        'tune': ['optuna>=5', 'scipy'],
+        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'optuna>=5', 'pin', 'playwright',
                  'pytest', 'pytest-xdist', 'scipy', 'viser>=1.1'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },

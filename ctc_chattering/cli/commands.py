@@ -205,6 +205,12 @@ def map(options: argparse.Namespace) -> int:  # noqa: A001
     return run(options)
 
 
+def tune(options: argparse.Namespace) -> int:
+    """Run `ctc tune`."""
+    from ctc_chattering.cli.tune import run
+    return run(options)
+
+
 def parameters(_options: argparse.Namespace) -> int:
     """Run `ctc parameters`."""
     print(parameter_table())

@@ -11,6 +11,7 @@ from typing import Any
 from ctc_chattering import __version__
 from ctc_chattering.cli.comparison_options import add_comparison_options
 from ctc_chattering.cli.options import add_params_file, add_run_options, guarded
+from ctc_chattering.cli.tune import add_tune_options
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -58,6 +59,7 @@ def _add_experiments(commands: Any) -> None:
     add_comparison_options(compare)
     _add_output(compare, None)
     _add_map(commands)
+    _add_tune(commands)
 
 
 def _add_map(commands: Any) -> None:
@@ -78,6 +80,17 @@ def _add_map(commands: Any) -> None:
                         help='write and draw one run, by its number or by name=value,... of axes, '
                              'law and repeat')
     _add_output(parser, 'map')
+
+
+def _add_tune(commands: Any) -> None:
+    parser = _add(
+        commands, 'tune', 'gains with little error and little torque variation for a robot that '
+        'is known in part',
+        'Search for them over draws of what is uncertain, within limits of the torque and its '
+        'rate, and validate them on fresh draws. Write tuned.yaml, a parameter file; all other '
+        'best compromises, figures and index.html.')
+    add_tune_options(parser)
+    _add_output(parser, 'tuned')
 
 
 def _add_bags(commands: Any) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import get_context
 import signal
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ctc_chattering.errors import CtcError
 
@@ -34,14 +35,34 @@ def in_parallel(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> It
         If a process was killed.
 
     """
+    with processes(jobs) as each:
+        yield from each(function, tasks)
+
+
+@contextmanager
+def processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """
+    Yield a `map` over processes, for several calls of it; with `chunksize` tasks at a time.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes; 1 for this one alone.
+
+    Raises
+    ------
+    CtcError
+        If a process was killed.
+
+    """
     if jobs == 1:
-        yield from map(function, tasks)
+        yield lambda function, tasks, chunksize=1: map(function, tasks)  # noqa: ARG005
         return
     try:
         # A fork of a process that has threads may wait for ever for what they hold. The processes
         # leave Ctrl-C to this one.
         with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
                                  (signal.SIGINT, signal.SIG_IGN)) as pool:
-            yield from pool.map(function, tasks)
+            yield pool.map
     except BrokenProcessPool:
         raise CtcError('a process of the study was killed; try fewer --jobs') from None

@@ -196,11 +196,11 @@ def search(objective: Callable[[dict[str, float]], float], ranges: Mapping[str, 
     return best
 
 
-def require_optuna() -> Any:
+def require_optuna(what: str = '--trials') -> Any:
     """Return the library, or raise `UsageError` that says how to install it."""
     try:
         import optuna
     except ImportError:
-        raise UsageError("--trials needs Optuna: pip install optuna, or '.[tune]' from the "
+        raise UsageError(f"{what} needs Optuna: pip install optuna, or '.[tune]' from the "
                          'checkout') from None
     return optuna

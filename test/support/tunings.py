@@ -1,0 +1,35 @@
+"""A short search for gains, for the tests that show one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.robustness.evaluation import REFERENCE
+from ctc_chattering.robustness.tune_runs import Evaluation, tune, Tuning
+from ctc_chattering.robustness.tune_spec import parse_tune, TuneSpec
+
+
+def one_process(function: Callable[[Any], Any], tasks: list[Any], chunksize: int = 1
+                ) -> Iterator[Any]:
+    """Map in this process."""
+    assert chunksize > 0
+    return map(function, tasks)
+
+
+def short_spec(**more: Any) -> TuneSpec:
+    """Return a spec of the paper's arm, short, at 200 Hz, with two draws."""
+    return parse_tune({
+        'duration': 0.5, 'repeats': 2,
+        'overrides': {'/**': {'control_period': 5e-3}, 'plant': {'integration_step': 5e-3}},
+        'uncertain': {'friction': {'parameter': 'plant.coulomb_friction', 'uniform': [5, 15]}},
+        **more}, Path('spec.yaml'))
+
+
+@lru_cache(4)
+def short_tuning(torque_limit: float = 5e3, percentile: float = 100.0) -> Tuning:
+    """Return a search of 12 trials."""
+    found = short_spec(tune={'torque_limit': torque_limit})
+    return tune(Evaluation(found, percentile, REFERENCE, one_process), 12, 1)
