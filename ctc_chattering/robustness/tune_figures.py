@@ -21,6 +21,10 @@ _DRAWN, _FRESH, _KNEE = '#0072B2', '#D55E00', '#CC3311'
 _OTHERS = ('#222222', '#7B5EA7', '#007A5A')
 #: Colour and mark of a trial that violates a constraint.
 _VIOLATING = {'torque': ('#B8860B', 'x'), 'torque rate': ('#888888', '+')}
+#: What numbers are, where they are not the parameters of the same name.
+_MEANING = {'pole': ', p of kp = p² [rad/s]', 'damping': ', d of kv = 2 d p',
+            'ka': ", times the file's", 'ki': ', times kp kv',
+            'adaptation_gain': ', times the friction'}
 #: Panels beside each other.
 _COLUMNS = 3
 #: Room around what is drawn, as a factor.
@@ -46,7 +50,7 @@ def front_figure(tuning: Tuning) -> Figure:
     _marks(ax, tuning)
     _fit(ax, [_place(x, fresh) for x in (*tuning.points, *tuning.others) for fresh in (0, 1)])
     ax.legend(fontsize=9, frameon=False, loc='upper left', bbox_to_anchor=(1.01, 1.0))
-    ax.set_position((0.075, ax.get_position().y0, 0.64, ax.get_position().height))
+    ax.set_position((0.075, ax.get_position().y0, 0.58, ax.get_position().height))
     return figure
 
 
@@ -115,7 +119,8 @@ def gains_figure(tuning: Tuning) -> Figure:
                                  (1.0,) * columns, 2.2)
     x = [point.drawn.variation for point in tuning.points]
     for k, name in enumerate(names):
-        ax = drawing.panel(figure, grid[k // columns, k % columns], name, '')
+        ax = drawing.panel(figure, grid[k // columns, k % columns], name + _MEANING.get(name, ''),
+                           '')
         limits = tuning.spec.ranges[name]
         y = [tuning.trials[i].numbers[name] for i in tuning.front]
         ax.plot(x, y, 'o', color=_DRAWN, markersize=5)
@@ -177,7 +182,7 @@ def _all(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
     yield 'front', front_figure(tuning), (
         'A dot a trial; the front has those that no other beats in both. The numbers are those '
         'of the table. Star, square, diamond and cross are on fresh draws. Where fresh draws lie '
-        'above or to the right of the front, the search was lucky.')
+        'above or to the right of the front, the search has fitted its own draws.')
     if tuning.points:
         yield 'numbers', gains_figure(tuning), (
             'Dashed: ends of the range that is searched. At an end the range may be too narrow.')

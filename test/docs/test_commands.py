@@ -34,6 +34,9 @@ ELSEWHERE = {
     'ros2 param': 'the client ros2', 'ros2 service': 'the client ros2',
     'ctc identify': 'a bag of a minute', 'ctc simulate --params-file identified': 'its result',
     'ros2 security': 'sros2', 'for name in': 'sros2', 'done': 'sros2',
+    'ctc tune --identified': 'its result', 'ctc tune tuning.yaml': 'a file of the user',
+    'ctc simulate --params-file tuned': 'a result of ctc tune',
+    'bringup --params-file tuned': 'a result of ctc tune',
     'ctc live': 'serves until Ctrl-C', 'bringup --live': 'runs until Ctrl-C',
     'ros2 launch': 'Gazebo', 'ros2 run ros_gz': 'Gazebo',
     'ros2 run robot_state_publisher': 'robot_state_publisher',
@@ -43,7 +46,7 @@ ELSEWHERE = {
     'ros2 run ctc_chattering controller --ros-args --enclave': 'a keystore',
     'ros2 run ctc_chattering plant --ros-args --enclave': 'a keystore'}
 #: What takes long here.
-SLOW = ('ctc compare', 'ctc plot', 'ros2 run ctc_chattering bringup --params-file',
+SLOW = ('ctc compare', 'ctc plot', 'ctc tune', 'ros2 run ctc_chattering bringup --params-file',
         'ros2 run ctc_chattering controller --ros-args --params-file $P -p',
         'ros2 run ctc_chattering reference --ros-args --params-file $P -p')
 #: Stands in for the client ros2, and for what pip puts on the path; runs are short.
