@@ -21,7 +21,6 @@ from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.robustness import chunks, scheduler
 from ctc_chattering.robustness.evaluation import available, BATCH, must_compile
-from ctc_chattering.robustness.map_report import write_report
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory, TABLE
 from ctc_chattering.robustness.spec import read_spec
@@ -61,6 +60,7 @@ def run(options: argparse.Namespace) -> int:
     failed = sum(n for kind, n in counts['failure'].items() if kind)
     print(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
           f'{options.out / TABLE}; drawing ...', flush=True)
+    from ctc_chattering.robustness.map_report import write_report  # Matplotlib takes time.
     print(f'open {write_report(runs.spec, table, options.out)}')
     return 0
 

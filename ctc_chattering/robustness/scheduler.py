@@ -55,8 +55,9 @@ def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
     with dask.config.set(settings):
         with _without_interrupts():
             cluster = LocalCluster(
-                n_workers=jobs, threads_per_worker=1, dashboard_address=None, memory_limit=0,
-                silence_logs=logging.CRITICAL)
+                n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+                scheduler_kwargs={'dashboard_address': '127.0.0.1:0'})
         with cluster, Client(cluster, set_as_default=False) as client:
             yield client
 

@@ -40,3 +40,11 @@ def written(path: Path, **changes: Any) -> Path:
     """Write `SMALL` with other keys; return the path."""
     path.write_text(yaml.safe_dump({**SMALL, **changes}, sort_keys=False), encoding='utf-8')
     return path
+
+
+#: 60 runs, each of which the error limit ends at once, and each a chunk of its own under the
+#: reference: 40 s are as many steps as a chunk may have.
+BRIEF: dict[str, Any] = {
+    **SMALL, 'duration': 40.0, 'repeats': 10, 'laws': ['compensation', 'chattering'],
+    'axes': {'limit': {'parameter': 'controller.error_limit', 'range': [1e-5, 1e-3], 'count': 3,
+                       'spacing': 'log'}}}

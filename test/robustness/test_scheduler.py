@@ -1,0 +1,95 @@
+"""Chunks over processes: all of them come, a bounded number at a time, or one line says why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import signal
+import socket
+from typing import Any
+
+import pytest
+from scheduler_tasks import add, die, die_once, fail
+
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.robustness import scheduler
+from ctc_chattering.robustness.chunks import version
+from ctc_chattering.robustness.scheduler import check_versions, computed, threads, workers
+
+
+@pytest.fixture(scope='module')
+def client() -> Iterator[Any]:
+    with workers(1) as made:
+        yield made
+
+
+def named(count: int, what: str) -> list[tuple[str, int]]:
+    return [(f'{what}-{k}', k) for k in range(count)]
+
+
+class Counted(list[Any]):
+    """A list that counts how much of it has been taken."""
+
+    taken = 0
+
+    def __iter__(self) -> Iterator[Any]:
+        for item in super().__iter__():
+            self.taken += 1
+            yield item
+
+
+def test_every_result_comes_and_few_tasks_are_in_flight(client: Any) -> None:
+    tasks, found = Counted(named(50, 'add')), {}
+    for name, result in computed(client, add, (100, 1000), tasks):
+        found[name] = result
+        assert tasks.taken - len(found) < 4 * threads(client)
+    assert found == {f'add-{k}': 1100 + k for k in range(50)}
+
+
+def test_what_a_task_raises_is_raised_here(client: Any) -> None:
+    with pytest.raises(ParameterError, match=r'ka: -1\.0 is not allowed; allowed: a number'):
+        list(computed(client, fail, ('ours',), named(3, 'ours')))
+    with pytest.raises(CtcError, match=r'^a worker failed: ZeroDivisionError: a division by'):
+        list(computed(client, fail, ('other',), named(3, 'other')))
+    assert len(list(computed(client, add, (1, 2), named(3, 'more')))) == 3
+
+
+def test_workers_have_this_version(client: Any) -> None:
+    check_versions(client, version())
+    with pytest.raises(CtcError, match=r'^worker tcp://.* has ctc_chattering .*, not 0\.0\.0: '):
+        check_versions(client, '0.0.0')
+
+
+def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
+    """Check with the only worker killed, which holds what all tasks share; another replaces it."""
+    (name, process), = computed(client, die_once, (str(tmp_path),), [('dies', 7)])
+    assert name == 'dies'
+    assert process != int((tmp_path / '7').read_text())
+
+
+def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
+    """Check the mask of a worker, which is now one that replaced another."""
+    (mask,) = client.run(lambda: signal.pthread_sigmask(signal.SIG_BLOCK, ())).values()
+    assert signal.SIGINT in mask
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+@pytest.mark.slow
+def test_a_task_that_kills_every_worker_ends_the_map() -> None:
+    with (workers(2) as client, pytest.raises(CtcError, match='4 workers were killed while')):
+        list(computed(client, die, (), named(1, 'die')))
+
+
+@pytest.mark.parametrize('address', ['nowhere', 'tcp://127.0.0.1:'])
+def test_what_is_no_address(address: str) -> None:
+    with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
+        workers(1, address).__enter__()
+
+
+def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scheduler, '_CONNECT', 0.2)
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        address = f'tcp://127.0.0.1:{free.getsockname()[1]}'
+        with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
+            workers(1, address).__enter__()

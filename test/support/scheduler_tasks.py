@@ -1,0 +1,32 @@
+"""What the tests of the scheduler compute: in a module, so that other processes find it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import signal
+
+from ctc_chattering.errors import ParameterError
+
+
+def add(a: int, b: int, task: int) -> int:
+    return a + b + task
+
+
+def fail(kind: str, _task: int) -> None:
+    if kind == 'ours':
+        raise ParameterError('ka', -1.0, 'a number >= 0')
+    raise ZeroDivisionError('a division\nby zero')
+
+
+def die_once(marks: str, task: int) -> int:
+    """Kill the process that computes this for the first time."""
+    mark = Path(marks) / f'{task}'
+    if not mark.exists():
+        mark.write_text(str(os.getpid()))
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()
+
+
+def die(_task: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
