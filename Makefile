@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test test-load slow lint compare benchmark latency live-cost soak identification clean
+.PHONY: demo live test test-load slow lint compare benchmark map-benchmark latency live-cost soak identification clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -55,6 +55,11 @@ compare: $(READY)
 benchmark: $(READY)
 	$(BIN)/python test/benchmark/benchmark.py
 
+# The compiled loop of `ctc map` beside `ctc simulate`, MuJoCo, and, where they are installed, JAX
+# and Drake: a Markdown table, in some minutes.
+map-benchmark: $(READY)
+	$(BIN)/python test/benchmark/batch.py
+
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)
 	$(BIN)/python test/benchmark/latency.py
@@ -75,7 +80,7 @@ identification: $(READY)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml
-	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (1.8 GB;'
+	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (2.2 GB;'
 	@echo 'some minutes, once) ...'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade pip

@@ -48,10 +48,13 @@ setup(
         'mujoco': ['mujoco'],
         # The model urdf; of apt, ros-jazzy-pinocchio.
         'urdf': ['pin'],
+        # `ctc map`; without numba it is slow.
+        'map': ['numba', 'dask[distributed]', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.
-        'tune': ['optuna>=5', 'scipy'],
-        'test': ['example-robot-data', 'hypothesis', 'mujoco', 'optuna>=5', 'pin', 'playwright',
-                 'pytest', 'pytest-xdist', 'scipy', 'viser>=1.1'],
+        'tune': ['optuna>=5', 'scipy>=1.15'],
+        'test': ['dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco', 'numba',
+                 'optuna>=5', 'pin', 'playwright', 'pyarrow', 'pytest', 'pytest-xdist',
+                 'scipy>=1.15', 'viser>=1.1'],
         'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
     },
     zip_safe=True,

@@ -34,6 +34,8 @@ ELSEWHERE = {
     'ros2 param': 'the client ros2', 'ros2 service': 'the client ros2',
     'ctc identify': 'a bag of a minute', 'ctc simulate --params-file identified': 'its result',
     'ros2 security': 'sros2', 'for name in': 'sros2', 'done': 'sros2',
+    'ctc map paper_arm': 'a cluster', 'dask ': 'a cluster', 'helm ': 'Kubernetes',
+    'kubectl ': 'Kubernetes',
     'ctc tune --identified': 'its result', 'ctc tune tuning.yaml': 'a file of the user',
     'ctc simulate --params-file tuned': 'a result of ctc tune',
     'bringup --params-file tuned': 'a result of ctc tune',
@@ -46,7 +48,8 @@ ELSEWHERE = {
     'ros2 run ctc_chattering controller --ros-args --enclave': 'a keystore',
     'ros2 run ctc_chattering plant --ros-args --enclave': 'a keystore'}
 #: What takes long here.
-SLOW = ('ctc compare', 'ctc plot', 'ctc tune', 'ros2 run ctc_chattering bringup --params-file',
+SLOW = ('ctc compare', 'ctc map', 'ctc plot', 'ctc tune',
+        'ros2 run ctc_chattering bringup --params-file',
         'ros2 run ctc_chattering controller --ros-args --params-file $P -p',
         'ros2 run ctc_chattering reference --ros-args --params-file $P -p')
 #: Stands in for the client ros2, and for what pip puts on the path; runs are short.

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from math import inf
 from pathlib import Path
+import re
 from typing import Any
 
 from map_specs import ON_TRACK, SMALL, spec, written
 import pytest
+import yaml
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
-from ctc_chattering.robustness.spec import read_spec
+from ctc_chattering.robustness.spec import KEYS, read_spec
 from ctc_chattering.studies.recommended import recommended_setup
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -92,6 +94,16 @@ def test_paths_count_from_the_spec(tmp_path: Path) -> None:
 @pytest.mark.parametrize('path', sorted((CONFIG / 'maps').iterdir()), ids=lambda x: x.stem)
 def test_specs_of_the_package(path: Path) -> None:
     assert read_spec(path).runs > 100
+
+
+def test_the_spec_of_the_docs_is_one(tmp_path: Path) -> None:
+    """Check that the page has every key, and nothing that is refused."""
+    page = (CONFIG.parent / 'docs' / 'maps.md').read_text(encoding='utf-8')
+    found = re.search(r'```yaml\n(params_file.*?)```', page, re.DOTALL)
+    assert found
+    (tmp_path / 'docs.yaml').write_text(found[1], encoding='utf-8')
+    assert read_spec(tmp_path / 'docs.yaml').runs == 4 * 12 * 3 * 3 * 3 * 4 * 16
+    assert {*KEYS} - {*yaml.safe_load(found[1])} == {'tune'}
 
 
 def test_a_law_is_recommended_as_docs_say() -> None:
