@@ -110,9 +110,14 @@ def notes(tuning: Tuning) -> Iterator[str]:
     if not point.fresh.allowed:
         yield (f'point {point.name} violates limits on fresh draws ({violations_text(point.fresh)}'
                '), as all points do')
-    for name, x in tuning.spec.ranges.items():
-        for end, edge in (('low', x.low), ('high', x.high)):
-            if x.low < x.high and 1.0 / _END < numbers[name] / edge < _END:
+    for x in tuning.others:
+        if x.fresh.allowed and x.fresh.error * x.fresh.variation < (
+                point.fresh.error * point.fresh.variation):
+            yield (f'{x.name}: a smaller product of error and torque variation than point '
+                   f'{point.name} on fresh draws; --law and --switching tune others')
+    for name, limits in tuning.spec.ranges.items():
+        for end, edge in (('low', limits.low), ('high', limits.high)):
+            if limits.low < limits.high and 1.0 / _END < numbers[name] / edge < _END:
                 yield (f'{name} of point {point.name} is at the {end} end of its range, {edge:g}: '
                        'a wider one may be better')
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from math import inf
 
 import pytest
@@ -95,11 +96,26 @@ def test_a_search_without_a_point_says_so() -> None:
     assert note in report.text(tuning)
 
 
+def test_settings_that_are_better_than_the_recommended_point_are_noted() -> None:
+    tuning = short_tuning()
+    best = report.best(tuning)
+    assert best is not None
+    assert not any('smaller product' in x for x in report.notes(tuning))
+    for scale, noted in ((1.0, False), (0.999, True)):
+        better = best.fresh._replace(error=scale * best.fresh.error)
+        other = tuning.others[2]._replace(fresh=better)
+        found = dataclasses.replace(tuning, others=(*tuning.others[:2], other))
+        assert any(x.startswith('recommended observer_feedback: a smaller product')
+                   for x in report.notes(found)) == noted
+    beyond = better._replace(violating={**better.violating, 'torque': 1})
+    found = dataclasses.replace(tuning, others=(tuning.others[2]._replace(fresh=beyond),))
+    assert not any('smaller product' in x for x in report.notes(found))
+
+
 def with_range(tuning: Tuning, low: float, high: float) -> Tuning:
     """Return a search as if `pole` had had another range."""
     ranges = {**tuning.spec.ranges, 'pole': Range(low, high)}
-    return Tuning(**{**vars(tuning), 'spec': type(tuning.spec)(
-        **{**vars(tuning.spec), 'ranges': ranges})})
+    return dataclasses.replace(tuning, spec=dataclasses.replace(tuning.spec, ranges=ranges))
 
 
 def test_a_number_at_the_end_of_its_range_is_noted() -> None:
