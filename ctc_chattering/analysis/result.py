@@ -50,6 +50,8 @@ class Result:
         The URDF of the controller's model; empty for a model that needs none.
     source : str
         Name of the bag; empty for a simulation.
+    window : (float, float)
+        Part of the run over which metrics are computed [s].
 
     """
 
@@ -59,6 +61,7 @@ class Result:
     computed: Terms | None = None
     description: str = ''
     source: str = ''
+    window: tuple[float, float] = WINDOW
 
     @cached_property
     def terms(self) -> Terms:
@@ -144,7 +147,7 @@ class Result:
         """
         count = TermSaturation(len(self.joint_names))
         t = self.run.t
-        inside = within(t, WINDOW)
+        inside = within(t, self.window)
         gaps = np.append(0, self.missing) > 0
         for (begin, config), (end, _) in pairwise([*self.configs, (np.inf, self.config)]):
             if config.takes('ka'):
@@ -157,7 +160,7 @@ class Result:
 
     def metrics(self) -> dict[str, Any]:
         """Return this run's entry of ``metrics.json``."""
-        numbers = metrics(self.run, period=self.config.control_period)
+        numbers = metrics(self.run, self.window, period=self.config.control_period)
         mixed = len(set(self.position_units)) > 1
         if mixed:
             numbers['max_error_norm1_rad'] = None

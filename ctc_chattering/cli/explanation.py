@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ def explain(runs: Runs, engine: str, options: argparse.Namespace) -> int:
         print(f'this run ends: {failure}')
     if result is None:
         return 0
+    result = dataclasses.replace(result, window=runs.spec.window)
     write_npz(result, out / _SAMPLES)
     return present([result], [], out)
 
