@@ -67,9 +67,8 @@ def run(options: argparse.Namespace) -> int:
 
 def _try(runs: Runs) -> None:
     """Make the robot and the controller of each law, so that what is missing shows here."""
-    each = runs.spec.repeats.repeats
     for i in range(len(runs.spec.variants)):
-        setup = runs.setup(i * each)
+        setup = runs.example(i)
         make_plant(setup.plant, setup.descriptions.get('plant', ''))
         Controller(setup.controller, model_of(
             setup.controller, setup.descriptions.get('controller', '')))

@@ -93,8 +93,7 @@ def _key(value: Any) -> str:
 
 def engines(runs: Runs, engine: str) -> dict[str, tuple[str, str]]:
     """Return the engine of each law at the first point, and why it is another than asked for."""
-    each = runs.spec.repeats.repeats
-    return {variant.name: engine_of(runs.setup(i * each), engine)
+    return {variant.name: engine_of(runs.example(i), engine)
             for i, variant in enumerate(runs.spec.variants)}
 
 

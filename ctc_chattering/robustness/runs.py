@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.robustness.quantity import applied, Quantity
 from ctc_chattering.robustness.sampling import draws
@@ -101,6 +102,15 @@ class Runs:
         known = tuple(x for quantity, x in settings[:len(self.spec.axes)] if quantity.known)
         return applied(self._of_law(place.variant, known), settings,
                        self.spec.repeats.seed + place.repeat)
+
+    def example(self, variant: int) -> Setup:
+        """Return a setup of a law: that of the first point without a draw, if it is allowed."""
+        axes = [(axis, axis.values[0]) for axis in self.spec.axes]
+        setup = self._of_law(variant, tuple(x for axis, x in axes if axis.known))
+        try:
+            return applied(setup, axes)
+        except CtcError:
+            return setup
 
     def _settings(self, place: Place) -> list[tuple[Quantity, float]]:
         """Return the numbers of all quantities at a place, in the order in which they are set."""

@@ -58,6 +58,7 @@ def test_a_refused_run_is_a_row() -> None:
     rows = chunks.compute(made, REFERENCE, chunks.version(), range(4)).to_pylist()
     assert [row['failure'] for row in rows] == [
         'refused' if x < 0.0 else '' for x in made.draws[:, 0]]
+    assert chunks.engines(made, REFERENCE) == {'compensation': (REFERENCE, '')}
     reason = next(row['reason'] for row in rows if row['failure'])
     assert reason.startswith('plant: viscous_friction: ')
 

@@ -95,3 +95,15 @@ def test_a_draw_that_is_not_allowed_is_refused_when_it_comes() -> None:
     assert len(negative) == 8
     with pytest.raises(CtcError, match='viscous_friction'):
         found.setup(negative[0])
+
+
+def test_an_example_is_a_run_without_its_draw() -> None:
+    """Check one at the first point, and one whose values contradict each other there."""
+    made = runs(uncertain=None, repeats=1)
+    assert made.example(1) == parameter_file.changed(made.setup(1), {'plant': {'noise_seed': 0}})
+    friction = {'parameter': 'plant.coulomb_friction', 'values': [1e9]}
+    axes = {'level': friction, 'factor': {**friction, 'values': [2.0], 'factor': True}}
+    made = runs(axes=axes, uncertain=None)
+    with pytest.raises(CtcError, match='coulomb_friction'):
+        made.setup(0)
+    assert made.example(0).controller.law == 'compensation'
