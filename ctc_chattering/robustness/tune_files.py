@@ -148,5 +148,5 @@ def _numbers(tuning: Tuning) -> str:
 def _row(cells: list[str], tag: str) -> str:
     """Return a row; cells behind the first have numbers."""
     return '<tr>' + ''.join(
-        f'<{tag}{" class=n" if i else ""}>{escape(cell)}</{tag}>'
+        f'<{tag}{" class=n" if i else ""}>{escape(cell).replace(" to ", "&nbsp;to&nbsp;")}</{tag}>'
         for i, cell in enumerate(cells)) + '</tr>'
