@@ -30,14 +30,10 @@ REFERENCE_ONLY = ('--engine', 'reference')
 
 @contextmanager
 def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """
-    Start `ctc map`, or a program, in a process group of its own; end it with all below it.
-
-    It yields to this process, which waits for what it does.
-    """
+    """Start `ctc map`, or a program, in a process group of its own; end it with all below it."""
     process = subprocess.Popen(
-        ['nice', '-n', '10', sys.executable, '-m', *map(str, arguments)], text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+        [sys.executable, '-m', *map(str, arguments)], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, start_new_session=True,
         env={**os.environ, 'PYTHONPATH': str(ROOT)})
     try:
         yield process
