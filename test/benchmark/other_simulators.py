@@ -92,6 +92,7 @@ class DrakeLoop:
         root = ElementTree.fromstring(self._setup.descriptions['plant'])
         _reduce(root, names)
         plant = drake.MultibodyPlant(_PERIOD)
+        plant.SetUseSampledOutputPorts(False)  # A tenth faster.
         drake.Parser(plant).AddModelsFromString(
             ElementTree.tostring(root, encoding='unicode'), 'urdf')
         base = root.find('link')
