@@ -11,6 +11,7 @@ from typing import Any
 
 import pyarrow
 
+from ctc_chattering.analysis.engine import available, BATCH, must_compile
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.cli.explanation import explain
 from ctc_chattering.cli.options import number_of_jobs
@@ -20,7 +21,6 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.robustness import chunks, scheduler
-from ctc_chattering.robustness.evaluation import available, BATCH, must_compile
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory, TABLE
 from ctc_chattering.robustness.spec import read_spec

@@ -58,10 +58,10 @@ def add_tune_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
+    from ctc_chattering.analysis.engine import available, engine_of, must_compile
     from ctc_chattering.analysis.output import prepare
     from ctc_chattering.cli.options import check, number_of_jobs
     from ctc_chattering.robustness import tune_report
-    from ctc_chattering.robustness.evaluation import available, engine_of, must_compile
     from ctc_chattering.robustness.tune_files import NAMES, PAGE, TUNED, write_tuning
     from ctc_chattering.robustness.tune_runs import Evaluation, tune
     from ctc_chattering.studies.tuning import require_optuna

@@ -13,17 +13,11 @@ from typing import Any
 import pyarrow
 
 import ctc_chattering
+from ctc_chattering.analysis.engine import available, BATCH, engine_of, REFERENCE
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness import columns
-from ctc_chattering.robustness.evaluation import (
-    available,
-    BATCH,
-    engine_of,
-    evaluate,
-    REFERENCE,
-    refused,
-)
+from ctc_chattering.robustness.evaluation import evaluate, refused
 from ctc_chattering.robustness.quantity import applied
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.spec import MapSpec
@@ -35,9 +29,10 @@ _STEPS, _REFERENCE = 4e6, 30
 _OF_STEPS = ('control_period', 'integration_step')
 #: What computes a row, relative to the package.
 _SOURCES = ('errors.py', 'parameters.py', 'numerics', 'dynamics', 'trajectory', 'control',
-            'simulation', 'experiment', 'batch', 'analysis/metrics.py', 'analysis/result.py',
-            'studies/recommended.py', 'robustness/chunks.py', 'robustness/columns.py',
-            'robustness/evaluation.py', 'robustness/quantity.py', 'robustness/runs.py')
+            'simulation', 'experiment', 'batch', 'analysis/engine.py', 'analysis/metrics.py',
+            'analysis/result.py', 'studies/recommended.py', 'robustness/chunks.py',
+            'robustness/columns.py', 'robustness/evaluation.py', 'robustness/quantity.py',
+            'robustness/runs.py')
 
 
 @cache

@@ -7,64 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from ctc_chattering.analysis.engine import engine_of, simulated_by
 from ctc_chattering.analysis.metrics import metrics, within
-from ctc_chattering.analysis.result import simulated
 from ctc_chattering.dynamics.registry import locked_positions, make_model
-from ctc_chattering.errors import CtcError, refused_as, UsageError
+from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.columns import of_results, OVERALL, PER_JOINT
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
 
-#: The compiled loop, and the one of `ctc simulate`.
-BATCH, REFERENCE = ENGINES = ('batch', 'reference')
 #: Part of a limit from which a torque is at it.
 _AT_LIMIT = 1.0 - 1e-9
-
-
-def available(engine: str | None = None) -> tuple[str, str]:
-    """
-    Return an engine, the fastest that there is by default, and why it is not `BATCH`.
-
-    Raises
-    ------
-    UsageError
-        If the engine that is asked for is not installed.
-
-    """
-    try:
-        from ctc_chattering.batch import closed_loop  # noqa: F401
-    except ModuleNotFoundError as error:
-        reason = f'{error.name} is not installed: pip install {error.name}'
-        if engine == BATCH:
-            raise UsageError(f'--engine batch: {reason}') from None
-        return REFERENCE, reason
-    return engine or BATCH, ''
-
-
-def engine_of(setup: Setup, engine: str) -> tuple[str, str]:
-    """
-    Return the engine that runs a setup, and why it is another than asked for.
-
-    Parameters
-    ----------
-    setup : Setup
-        The run.
-    engine : str
-        `BATCH` for the compiled loop where it can, or `REFERENCE`.
-
-    """
-    if engine == REFERENCE:
-        return REFERENCE, ''
-    from ctc_chattering.batch.closed_loop import unsupported
-    reason = unsupported(setup)
-    return (REFERENCE if reason else BATCH), reason
-
-
-def must_compile(setup: Setup) -> bool:
-    """Return whether the compiled loop is not there yet on this machine."""
-    from ctc_chattering.batch.compiler import is_compiled
-    return not is_compiled(len(setup.plant.joint_names))
 
 
 def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine: str
@@ -89,7 +42,7 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine
     row.update(engine=used, failure='', reason='')
     try:
         with refused_as('the run failed'), np.errstate(all='ignore'):
-            run = run_by(setup, used)
+            run = simulated_by(setup, used, truth=True).run
             row.update(_numbers(run, setup, window))
     except CtcError as error:
         return {**row, 'failure': 'diverged', 'reason': str(error)}
@@ -101,14 +54,6 @@ def refused(n: int, error: CtcError, engine: str) -> dict[str, Any]:
     """Return the columns of a run of `n` joints whose parameters are not allowed."""
     return {**dict.fromkeys(of_results(n)), 'engine': engine, 'failure': 'refused',
             'reason': str(error)}
-
-
-def run_by(setup: Setup, engine: str) -> Run:
-    """Return the run of a setup with its true states, by an engine that has it."""
-    if engine == REFERENCE:
-        return simulated(setup, truth=True).run
-    from ctc_chattering.batch.closed_loop import simulate
-    return simulate(setup, truth=True)
 
 
 def _numbers(run: Run, setup: Setup, window: tuple[float, float]) -> dict[str, Any]:

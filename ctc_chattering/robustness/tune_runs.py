@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.experiment.parameter_file import Setup
-from ctc_chattering.robustness.evaluation import run_by
 from ctc_chattering.robustness.tune import front, knee, Measured, Score, score, search, Trial
 from ctc_chattering.robustness.tune_spec import Draws, TuneSpec
 from ctc_chattering.studies.recommended import recommended, recommended_setup
@@ -94,7 +94,7 @@ def measured(task: tuple[Setup, tuple[float, float], str]) -> Measured:
     setup, window, engine = task
     try:
         with refused_as('the run failed'), np.errstate(all='ignore'):
-            run = run_by(setup, engine)
+            run = simulated_by(setup, engine, truth=True).run
     except CtcError as error:
         return Measured(inf, inf, (), (), str(error))
     period = setup.controller.control_period

@@ -9,9 +9,9 @@ from commands import ctc, refused
 from map_specs import SMALL, written
 import numpy as np
 
+from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness import chunks
-from ctc_chattering.robustness.evaluation import REFERENCE
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory
 from ctc_chattering.robustness.spec import read_spec

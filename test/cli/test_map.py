@@ -19,8 +19,8 @@ from pyarrow import parquet
 import pytest
 from stopwatch import PATIENCE
 
+from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.robustness import chunks
-from ctc_chattering.robustness.evaluation import REFERENCE
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory
 from ctc_chattering.robustness.spec import read_spec

@@ -9,20 +9,12 @@ from map_specs import ON_TRACK
 import numpy as np
 import pytest
 
+from ctc_chattering.analysis.engine import BATCH, ENGINES, REFERENCE
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.columns import of_results
-from ctc_chattering.robustness.evaluation import (
-    available,
-    BATCH,
-    engine_of,
-    ENGINES,
-    evaluate,
-    limits,
-    REFERENCE,
-    refused,
-)
+from ctc_chattering.robustness.evaluation import evaluate, limits, refused
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import simulate
 
@@ -130,11 +122,6 @@ def test_refused() -> None:
     assert (row['failure'], row['reason'], row['error']) == ('refused', 'no such value', None)
 
 
-def test_engines() -> None:
-    assert available() == available(BATCH) == (BATCH, '')
-    assert available(REFERENCE) == (REFERENCE, '')
+def test_a_row_says_what_simulated_it() -> None:
     elastic = setup({'joint_stiffness': [1e4, 1e4], 'motor_inertia': [0.1, 0.1]})
-    assert engine_of(elastic, BATCH) == (REFERENCE, 'elastic joints')
-    assert engine_of(setup(), BATCH) == (BATCH, '')
-    assert engine_of(setup(), REFERENCE) == (REFERENCE, '')
     assert evaluate(elastic, WINDOW, NONE, BATCH)['engine'] == REFERENCE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tunings import one_process, short_spec, short_tuning
 
-from ctc_chattering.robustness.evaluation import BATCH, REFERENCE
+from ctc_chattering.analysis.engine import BATCH, REFERENCE
 from ctc_chattering.robustness.tune import Limits, Measured, score
 from ctc_chattering.robustness.tune_runs import (
     Candidate,

@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.robustness.evaluation import REFERENCE
+from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.robustness.tune_runs import Evaluation, tune, Tuning
 from ctc_chattering.robustness.tune_spec import parse_tune, TuneSpec
 
