@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
     failed = sum(n for kind, n in counts['failure'].items() if kind)
     print(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
           f'{options.out / TABLE}; drawing ...', flush=True)
-    from ctc_chattering.robustness.map_report import write_report  # Matplotlib takes time.
+    from ctc_chattering.robustness.report.report import write_report  # Matplotlib takes time.
     print(f'open {write_report(runs.spec, table, options.out)}')
     return 0
 

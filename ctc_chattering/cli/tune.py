@@ -13,7 +13,7 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, ParameterError
 
 if TYPE_CHECKING:
-    from ctc_chattering.robustness.tune_spec import TuneSpec
+    from ctc_chattering.robustness.tuning.spec import TuneSpec
 
 #: Options that are keys of the spec, and of its section `tune`.
 _KEYS = {'duration': 'duration', 'draws': 'repeats', 'seed': 'seed'}
@@ -61,9 +61,9 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.engine import available, engine_of, must_compile
     from ctc_chattering.analysis.output import prepare
     from ctc_chattering.cli.options import check, number_of_jobs
-    from ctc_chattering.robustness import tune_report
-    from ctc_chattering.robustness.tune_files import NAMES, PAGE, TUNED, write_tuning
-    from ctc_chattering.robustness.tune_runs import Evaluation, tune
+    from ctc_chattering.robustness.tuning import report
+    from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
+    from ctc_chattering.robustness.tuning.runs import Evaluation, tune
     from ctc_chattering.studies.tuning import require_optuna
 
     require_optuna('ctc tune')
@@ -82,9 +82,9 @@ def run(options: argparse.Namespace) -> int:
         tuning = tune(Evaluation(spec, options.percentile, used, each), options.trials,
                       spec.repeats.seed)
     write_tuning(tuning, out)
-    print(tune_report.text(tuning))
+    print(report.text(tuning))
     if tuning.knee is None:
-        raise CtcError(f'no trial keeps the limits; {tune_report.closest(tuning.trials)}; '
+        raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '
                        f'see {out / PAGE}')
     print(f'\nopen {out / PAGE}; ctc simulate --params-file {out / TUNED}')
     return 0
@@ -94,8 +94,8 @@ def _spec(options: argparse.Namespace) -> TuneSpec:
     """Return what is tuned, from a spec, a parameter file, or what was identified."""
     from ctc_chattering.experiment.yaml_file import read_yaml
     from ctc_chattering.robustness.spec import errors_of
-    from ctc_chattering.robustness.tune_identified import identified_spec
-    from ctc_chattering.robustness.tune_spec import parse_tune
+    from ctc_chattering.robustness.tuning.identified import identified_spec
+    from ctc_chattering.robustness.tuning.spec import parse_tune
 
     if options.identified:
         return identified_spec(options.identified, _given({}, options))

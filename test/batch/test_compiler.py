@@ -10,8 +10,7 @@ from ctc_chattering.batch import compiler
 
 def test_another_source_text_is_another_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
                                               ) -> None:
-    before = compiler.source_key()
-    assert compiler.cache_directory().name == before
+    assert compiler.cache_directory().name == compiler.source_key()
     copy = tmp_path / 'batch'
     copy.mkdir()
     for path in Path(compiler.__file__).parent.glob('*.py'):
@@ -20,7 +19,8 @@ def test_another_source_text_is_another_cache(monkeypatch: pytest.MonkeyPatch, t
     drive = Path(compiler.__file__).parents[1] / 'simulation' / 'drive.py'
     (tmp_path / 'simulation' / 'drive.py').write_bytes(drive.read_bytes())
     monkeypatch.setattr(compiler, '_HERE', copy)
-    assert compiler.source_key() == before
+    before = compiler.source_key()
+    assert before != compiler.cache_directory().name
     for path in (copy / 'tree.py', tmp_path / 'simulation' / 'drive.py'):
         path.write_bytes(path.read_bytes() + b'\n')
         assert compiler.source_key() != before

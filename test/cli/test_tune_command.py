@@ -10,7 +10,7 @@ import pytest
 
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.experiment import parameter_file
-from ctc_chattering.robustness.tune_files import NAMES
+from ctc_chattering.robustness.tuning.files import NAMES
 
 SPEC = """
 params_file: robot.yaml

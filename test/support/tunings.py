@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.engine import REFERENCE
-from ctc_chattering.robustness.tune_runs import Evaluation, tune, Tuning
-from ctc_chattering.robustness.tune_spec import parse_tune, TuneSpec
+from ctc_chattering.robustness.tuning.runs import Evaluation, tune, Tuning
+from ctc_chattering.robustness.tuning.spec import parse_tune, TuneSpec
 
 
 def one_process(function: Callable[[Any], Any], tasks: list[Any], chunksize: int = 1

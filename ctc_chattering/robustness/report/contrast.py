@@ -1,0 +1,123 @@
+"""Numbers of a map: where a law fails, alone or with the base, and which values pass."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+
+from ctc_chattering.robustness.report.axis import number
+from ctc_chattering.robustness.report.boundary import LEVEL, passing_ranges
+from ctc_chattering.robustness.report.data import Counts, MapData, spaced
+
+#: Most rows of a table.
+_ROWS = 60
+
+
+@dataclasses.dataclass(frozen=True)
+class Contrast:
+    """
+    A law against the base, point by point and draw by draw.
+
+    Attributes
+    ----------
+    runs : int
+        Runs that both have.
+    worse, better : int
+        Runs in which only the law, or only the base, failed.
+    points : str
+        Where half of the law's runs or more fail, and less of the base's; empty for nowhere.
+    larger : int
+        Runs in which the law has the larger error; one that diverged has the largest.
+    loss : float
+        Largest error of a run over that of the base; 0 where no run of both has one.
+    run, where : int, str
+        Number and point of the run of that loss.
+
+    """
+
+    runs: int
+    worse: int
+    better: int
+    points: str
+    larger: int
+    loss: float
+    run: int
+    where: str
+
+
+def contrast(data: MapData, variant: int, base: int) -> Contrast:
+    """Return a variant against another."""
+    rows, others = _rows(data, variant), _rows(data, base)
+    both = (rows >= 0) & (others >= 0)
+    mine, other = rows[both], others[both]
+    failed, failed_other = data.failure[mine] >= 0, data.failure[other] >= 0
+    error, original = data.error[mine], data.error[other]
+    usable = np.isfinite(error) & np.isfinite(original) & (original > 0.0)
+    ratio = np.divide(error, original, out=np.zeros(len(error)), where=usable)
+    worst = int(mine[np.argmax(ratio)]) if len(mine) else 0
+    p = data.probability
+    alone = (p[variant] >= LEVEL) & (p[base] < LEVEL)
+    return Contrast(
+        len(mine), int((failed & ~failed_other).sum()), int((failed_other & ~failed).sum()),
+        extent(data, alone) if data.axes else '', int((error > original).sum()),
+        float(ratio.max(initial=0.0)), int(data.run[worst]), ', '.join(
+            axis.at(int(k)) for axis, k in zip(data.axes, np.unravel_index(
+                data.point[worst], data.shape) if data.axes else ())))
+
+
+def extent(data: MapData, points: npt.NDArray[np.bool_]) -> str:
+    """Return how many points these are, and between which values of each axis."""
+    found = np.nonzero(points)
+    if not len(found[0]):
+        return ''
+    spans = ', '.join(
+        f'{axis.name} ' + _span(axis.values[int(k.min())], axis.values[int(k.max())])
+        + f' {axis.unit}'.rstrip() for axis, k in zip(data.axes, found))
+    return f'{len(found[0])} of {points.size} points, within {spans}'
+
+
+def passing(data: MapData, along: int) -> tuple[list[tuple[str, list[str]]], int]:
+    """
+    Return which values of one axis pass at values of the others.
+
+    Returns
+    -------
+    rows : list of (str, list of str)
+        Values of the other axes, and the values that pass for each variant.
+    count : int
+        How many rows there are; of more than a page takes, some are returned.
+
+    """
+    others = [k for k in range(len(data.axes)) if k != along]
+    every = list(itertools.product(*(range(data.shape[k]) for k in others)))
+    p = np.moveaxis(data.probability, 1 + along, -1)
+    values = data.axes[along].values
+    rows = [(', '.join(data.axes[k].at(i) for k, i in zip(others, every[row])),
+             [_ranges(values, mine[every[row]]) for mine in p])
+            for row in spaced(len(every), _ROWS)]
+    return rows, len(every)
+
+
+def _ranges(values: tuple[float, ...], probability: npt.NDArray[np.float64]) -> str:
+    if np.isnan(probability).all():
+        return '–'
+    found = passing_ranges(values, probability)
+    if found == [(values[0], values[-1])]:
+        return 'all'
+    return ', '.join(_span(*ends) for ends in found) or 'none'
+
+
+def _span(low: float, high: float) -> str:
+    return number(low) if low == high else f'{number(low)} to {number(high)}'
+
+
+def _rows(data: MapData, variant: int) -> Counts:
+    """Return the row of every point and draw, shape (points times draws,); -1 without a run."""
+    mine = np.flatnonzero(data.variant == variant)
+    draws = int(data.draw.max()) + 1
+    found = np.full(int(np.prod(data.shape, dtype=np.int64)) * draws, -1, np.int64)
+    found[data.point[mine] * draws + data.draw[mine]] = mine
+    return found

@@ -1,0 +1,113 @@
+"""Figures of a map with one axis: error and failure probability of all variants as lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle
+import textwrap
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+import numpy as np
+
+from ctc_chattering.analysis import drawing
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.robustness.report.axis import GridAxis
+from ctc_chattering.robustness.report.boundary import LEVEL, wilson
+from ctc_chattering.robustness.report.data import MapData
+
+#: After Okabe and Ito; the first is that of law `compensation` in all figures.
+_COLOURS = ('#0072B2', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#6B4E2E', '#7B5EA7',
+            '#7F7F7F')
+_BASE_COLOUR = '#D55E00'
+_MARKED: dict[str, Any] = {'linewidth': 1.4, 'markersize': 4.5, 'markeredgecolor': 'white',
+                           'markeredgewidth': 0.5}
+
+
+def styles(data: MapData) -> list[dict[str, Any]]:
+    """Return colour, marker and dashes of each variant, distinct without colour as well."""
+    colours, markers = cycle(_COLOURS), cycle('o^Dv<P>X')
+    dashes = cycle(['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))])
+    return [{'color': _BASE_COLOUR, 'marker': 's', 'linestyle': '-'} if v == data.base else
+            {'color': next(colours), 'marker': next(markers), 'linestyle': next(dashes)}
+            for v in range(len(data.variants))]
+
+
+def lines(data: MapData) -> Figure:
+    """Draw median error and failure probability over the only axis."""
+    (axis,) = data.axes
+    figure, grid = drawing.sheet(f'Error and failures over {axis.name}', 2, (3.4, 1.0), 3.0)
+    above = drawing.panel(figure, grid[0, 0], 'median of the RMS error', 'RMS error [rad]')
+    below = drawing.panel(figure, grid[1, 0],
+                          'failure probability, with intervals of 95 % (Wilson)',
+                          'share of runs that fail')
+    drawing.log_axis(above, data.median[np.isfinite(data.median)])
+    for v, style in enumerate(styles(data)):
+        aside = 0.06 * (axis.edges[1] - axis.edges[0]) * (v - 0.5 * (len(data.variants) - 1))
+        _median(above, axis, data.median[v], aside, label=data.variants[v], **style)
+        low, high = wilson(data.failed[v], data.runs[v])
+        p = data.probability[v]
+        below.errorbar(axis.positions + aside, p, elinewidth=0.8, capsize=2.0, yerr=[
+            np.fmax(p - low, 0.0), np.fmax(high - p, 0.0)], **_MARKED, **style)
+    below.axhline(LEVEL, color=drawing.REFERENCE, linewidth=0.8, linestyle=(0, (4, 2.5)))
+    below.yaxis.set_major_formatter(PercentFormatter(1.0))
+    below.set_ylim(-0.04, 1.04)
+    for ax in (above, below):
+        _ruled(ax, axis, 10)
+    legend_beside(above)
+    return drawing.fit_titles(figure)
+
+
+def bands(data: MapData) -> Figure:
+    """Draw the spread of the error of each variant over the only axis, a panel each."""
+    (axis,) = data.axes
+    columns = min(len(data.variants), 3)
+    rows = -(-len(data.variants) // columns)
+    figure, grid = drawing.sheet(f'Spread of the error over {axis.name}', rows,
+                                 (1.0,) * columns, 2.2)
+    for v, style in enumerate(styles(data)):
+        ax = drawing.panel(figure, grid[v // columns, v % columns], data.variants[v],
+                           'RMS error [rad]')
+        drawing.log_axis(ax, data.quantiles[np.isfinite(data.quantiles)])
+        top = ax.get_ylim()[1]
+        low, _, high = np.minimum(data.quantiles[:, v], top)
+        ax.fill_between(axis.positions, low, high, color=style['color'], alpha=0.22,
+                        linewidth=0.0)
+        for other in range(len(data.variants)):
+            if other != v:
+                ax.plot(axis.positions, np.where(np.isinf(data.median[other]), np.nan,
+                                                 data.median[other]), color='#b5b5b5',
+                        linewidth=0.7, zorder=1)
+        _median(ax, axis, data.median[v], **style)
+        _ruled(ax, axis, 5)
+    return drawing.fit_titles(figure)
+
+
+def _median(ax: Axes, axis: GridAxis, values: Array, aside: float = 0.0, **style: Any) -> None:
+    """Draw a line, and a cross at the top, this far aside, where the median is infinite."""
+    gone = np.isinf(values)
+    ax.plot(axis.positions, np.where(gone, np.nan, values), **_MARKED, **style)
+    ax.plot(axis.positions[gone] + aside, np.ones(int(gone.sum())), 'x', color=style['color'],
+            markersize=6.0, transform=ax.get_xaxis_transform(), clip_on=False)
+
+
+def _ruled(ax: Axes, axis: GridAxis, most: int) -> None:
+    ax.set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
+    ax.set_xticks(*axis.ticks(most))
+
+
+def legend_beside(ax: Axes) -> None:
+    """Put the legend on the right of the axes."""
+    handles, names = ax.get_legend_handles_labels()
+    ax.legend(handles, [textwrap.fill(name.replace('$', r'\$'), 34) for name in names],
+              loc='upper left', bbox_to_anchor=(1.01, 1.02), frameon=False, fontsize=9)
+
+
+def names_on(ax: Axes, names: Sequence[str]) -> None:
+    """Let rows of the axes have names, from the top."""
+    ax.set_yticks(range(len(names)), [textwrap.fill(name, 40) for name in names],
+                  parse_math=False)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.tick_params(axis='y', length=0)

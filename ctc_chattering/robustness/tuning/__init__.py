@@ -1,0 +1,1 @@
+"""Search for gains that stand what is uncertain: `ctc tune`."""

@@ -1,0 +1,152 @@
+"""What `ctc tune` writes: parameter files, all numbers, figures and page."""
+
+from __future__ import annotations
+
+import csv
+from html import escape
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.analysis.output import write_text, writing
+from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.analysis.result import finite
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.robustness.tuning import report
+from ctc_chattering.robustness.tuning.figures import save_tune_figures
+from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
+from ctc_chattering.robustness.tuning.search import Score
+from ctc_chattering.robustness.tuning.spec import Draws, TuneSpec
+
+#: Names in the directory.
+TUNED, NUMBERS, FRONT, POINTS, FIGURES, PAGE = NAMES = (
+    'tuned.yaml', 'tune.json', 'front.csv', 'front', 'figures', 'index.html')
+_LEAD = ('Gains with little error and little torque variation for a robot that is known in part: '
+         'the best compromises of a search, and what they do on draws that it has not seen.')
+
+
+def write_tuning(tuning: Tuning, out: Path) -> None:
+    """Write everything into `out`; raise `CtcError` if that cannot be done."""
+    for point in tuning.points:
+        write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
+    recommended = report.best(tuning)
+    if recommended:
+        write_parameters(tuning.spec, recommended, out / TUNED)
+    write_text(out / NUMBERS, json.dumps(
+        finite(as_mapping(tuning)), indent=1, ensure_ascii=False) + '\n')
+    write_text(out / FRONT, to_csv(tuning))
+    figures = save_tune_figures(tuning, out / FIGURES)
+    files = {TUNED: 'parameter file of the recommended point', POINTS: 'of all points of the '
+             'front', FRONT: 'their numbers', NUMBERS: 'all trials'}
+    links = [f'<a href="{name}">{name}</a> ({what})' for name, what in files.items()
+             if recommended or name == NUMBERS]
+    write_sections(out / PAGE, escape(report.headline(tuning)), _numbers(tuning), figures, links,
+                   lead=_LEAD)
+
+
+def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
+    """
+    Write the file's parameters with the law and the gains of a point, and check them.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be written.
+
+    """
+    controller = spec.setup.controller.changed(point.values).as_mapping()
+    values = {**spec.values, 'controller': {**spec.values['controller'], **controller}}
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        parameter_file.dump(values, path)
+    parameter_file.load(path)
+
+
+def as_mapping(tuning: Tuning) -> dict[str, Any]:
+    """Return everything as JSON has it."""
+    spec, config = tuning.spec, tuning.spec.setup.controller
+    recommended = report.best(tuning)
+    return {
+        'name': spec.name, 'law': config.law, 'switching': config.switching_in_force or None,
+        'engine': tuning.engine, 'percentile': tuning.percentile, 'seed': tuning.seed,
+        'joint_names': list(config.joint_names), 'duration_s': spec.setup.plant.duration,
+        'window_s': list(spec.window), 'sampling': spec.repeats.sampling,
+        'limits': {'torque_nm': list(spec.limits.torque),
+                   'torque_rate_nm_per_s': list(spec.limits.rate)},
+        'uncertain': [{
+            'name': x.name, 'parameters': [f'{node}.{target.name}' for node, target in x.targets],
+            'factor': x.factor, 'distribution': x.distribution, 'numbers': list(x.numbers)}
+            for x in spec.uncertain],
+        'draws': {'search': _draws(spec.draws()), 'fresh': _draws(tuning.fresh)},
+        'search': {name: [x.low, x.high] for name, x in spec.ranges.items()},
+        'recommended_point': recommended and recommended.name,
+        'front': [{'trial': k, **_candidate(x)} for k, x in zip(tuning.front, tuning.points)],
+        'references': [_candidate(x) for x in tuning.others],
+        'trials': [{'trial': k, 'numbers': x.numbers, **_score(x.score)}
+                   for k, x in enumerate(tuning.trials)],
+        'notes': [*report.notes(tuning), *spec.notes]}
+
+
+def _draws(draws: Draws) -> dict[str, Any]:
+    return {'seed': draws.seed, 'values': draws.values}
+
+
+def _candidate(x: Candidate) -> dict[str, Any]:
+    return {'name': x.name, 'parameters': dict(x.values), 'drawn': _score(x.drawn),
+            'fresh': _score(x.fresh)}
+
+
+def _score(x: Score) -> dict[str, Any]:
+    return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
+            'max_torque_nm': list(x.torque), 'max_torque_rate_nm_per_s': list(x.rate),
+            'runs': len(x.runs), 'violating_runs': {name: n for name, n in x.violating.items()
+                                                    if n}}
+
+
+def to_csv(tuning: Tuning) -> str:
+    """Return a line per point of the front, with a header; numbers in full."""
+    rows = []
+    for k, x in enumerate(tuning.points):
+        numbers = tuning.trials[tuning.front[k]].numbers
+        row: dict[str, object] = {'point': x.name, 'recommended': int(k == tuning.knee), **{
+            f'search_{name}': value for name, value in numbers.items()}}
+        for name, value in x.values.items():
+            row.update({f'{name}_{i}': y for i, y in enumerate(value, 1)} if isinstance(
+                value, list) else {name: value})
+        for title, score in (('', x.drawn), ('fresh_', x.fresh)):
+            row.update({f'{title}error_rad': score.error,
+                        f'{title}torque_variation_nm_per_s': score.variation,
+                        **{f'{title}runs_violating_{name.replace(" ", "_")}': n
+                           for name, n in score.violating.items()}})
+        rows.append(row)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if rows else ['point'], lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _numbers(tuning: Tuning) -> str:
+    """Return the tables of the page, and what to note."""
+    head, *rows = report.table(tuning)
+    caption = ('<p class="fine">* recommended: of the points that keep the limits on fresh draws, '
+               'the one with the smallest product of error and torque variation there. These are '
+               f'{escape(report.part_of_runs(tuning.percentile))}; torque and rate are the '
+               'largest of all fresh draws. A column <i>fresh</i> is on draws that the search has '
+               'not seen.</p>')
+    facts = ''.join(f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>'
+                    for name, value in report.facts(tuning))
+    attention = ''.join(f'<p class="attention">{escape(note)}</p>' for note in (
+        *report.notes(tuning), *tuning.spec.notes))
+    return (f'{attention}<div class="scroll"><table><thead>{_row(head, "th")}</thead><tbody>'
+            + '\n'.join(_row(row, 'td') for row in rows)
+            + f'</tbody></table></div>{caption}<h3>What was run</h3><div class="scroll">'
+            f'<table><tbody>{facts}</tbody></table></div>')
+
+
+def _row(cells: list[str], tag: str) -> str:
+    """Return a row; cells behind the first have numbers."""
+    return '<tr>' + ''.join(
+        f'<{tag}{" class=n" if i else ""}>{escape(cell).replace(" to ", "&nbsp;to&nbsp;")}</{tag}>'
+        for i, cell in enumerate(cells)) + '</tr>'

@@ -1,0 +1,178 @@
+"""A search for gains in words and tables: for the terminal and for the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import inf
+from typing import Any
+
+from ctc_chattering.analysis.output import columns
+from ctc_chattering.analysis.run_names import number_text
+from ctc_chattering.robustness.quantity import Uncertain
+from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
+from ctc_chattering.robustness.tuning.search import (
+    CONSTRAINTS,
+    DIVERGED,
+    RATE,
+    Score,
+    TORQUE,
+    Trial,
+)
+from ctc_chattering.studies.tuning import SPACE, space
+
+#: Part of a range, on a logarithmic scale, that counts as its end.
+_END = 1.05
+#: Most joints whose numbers are all shown.
+_MANY = 3
+_VERBS = {DIVERGED: 'diverge', TORQUE: 'exceed the torque limit',
+          RATE: 'exceed the limit of the torque rate'}
+
+
+def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
+    """Yield what was done: heading and text."""
+    spec, config = tuning.spec, tuning.spec.setup.controller
+    n, fresh = spec.repeats.repeats, len(tuning.fresh.setups)
+    yield 'law', f'{config.law} {config.switching_in_force}'.strip()
+    yield 'search', (f'{len(tuning.trials)} trials × {n} draws ({spec.repeats.sampling}), seed '
+                     f'{tuning.seed}, engine {tuning.engine}')
+    yield 'runs', (f'{spec.setup.plant.duration:g} s, evaluated from {spec.window[0]:g} s to '
+                   f'{spec.window[1]:g} s; start within '
+                   f'{spec.setup.reference.start_duration:g} s')
+    yield 'validation', f'{fresh} fresh draws, seed {tuning.fresh.seed}'
+    yield 'uncertain', '; '.join(map(uncertain_text, spec.uncertain)) or 'noise only'
+    for name, most, unit in ((TORQUE, spec.limits.torque, 'N·m'),
+                             (RATE, spec.limits.rate, 'N·m/s')):
+        yield f'limit of the {name}', 'none' if min(most) == inf else (
+            f'{number_text(most)} {unit}')
+    yield 'trials', trials_text(tuning.trials)
+
+
+def uncertain_text(quantity: Uncertain) -> str:
+    """Return what is drawn, in words."""
+    numbers = [f'{x:g}' for x in quantity.numbers]
+    drawn = {'normal': f'normal, mean {numbers[0]}, deviation {numbers[-1]}',
+             'choice': ' or '.join(numbers)}.get(
+        quantity.distribution, f'{numbers[0]} to {numbers[-1]}')
+    spaced = ', logarithmic' if quantity.distribution == 'log_uniform' else ''
+    times = 'times ' if quantity.factor else ''
+    return f'{quantity.name} {times}{drawn} {quantity.unit}'.rstrip() + spaced
+
+
+def trials_text(trials: Sequence[Trial]) -> str:
+    """Return how many trials violate what."""
+    counts = [(name, sum(bool(x.score.violating[name]) for x in trials)) for name in CONSTRAINTS]
+    broken = [f'{n} {_VERBS[name]}' for name, n in counts if n]
+    if not broken:
+        return 'all within the limits'
+    kept = sum(x.score.allowed for x in trials)
+    return f'in some run {", ".join(broken)}; {kept} of {len(trials)} keep all limits'
+
+
+def violations_text(score: Score) -> str:
+    """Return what runs violate, with their number; empty for nothing."""
+    return ', '.join(f'{name}: {n} of {len(score.runs)}'
+                     for name, n in score.violating.items() if n)
+
+
+def table(tuning: Tuning) -> list[list[str]]:
+    """Return the rows of the table of candidates, the names of the columns first."""
+    gains = list(tuning.spec.gains(tuning.trials[0].numbers))
+    rows = [['gains', *gains, 'error [rad]', 'fresh', 'variation [N·m/s]', 'fresh',
+             'torque [N·m]', 'rate [N·m/s]', 'violates, fresh']]
+    for k, x in enumerate((*tuning.others, *tuning.points)):
+        name = f'{x.name} *' if k - len(tuning.others) == tuning.knee else x.name
+        rows.append([
+            name, *_gains(x, gains, tuning), f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
+            f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
+            _shown([_short(y) for y in x.fresh.torque]),
+            _shown([_short(y) for y in x.fresh.rate]), violations_text(x.fresh)])
+    return rows
+
+
+def _gains(x: Candidate, names: Sequence[str], tuning: Tuning) -> list[str]:
+    """Return the gains of a candidate in words; empty where its law has none of that name."""
+    config = tuning.spec.setup.controller.changed(x.values)
+    values, searched = config.as_mapping(), space(config)
+    return [_shown(values[name]) if config.takes(name) and (
+        name in searched or name not in SPACE) else '' for name in names]
+
+
+def headline(tuning: Tuning) -> str:
+    """Return what the recommended point changes against the gains of the file, fresh draws."""
+    if tuning.knee is None:
+        return 'No trial keeps the limits'
+    new, old = tuning.points[tuning.knee].fresh, tuning.others[0].fresh
+    if old.error == inf:
+        return 'The gains of the file diverge, those of the recommended point do not'
+    return (f'{_ratio(old.error, new.error)} error and {_ratio(old.variation, new.variation)} '
+            'torque variation of the gains of the file')
+
+
+def notes(tuning: Tuning) -> Iterator[str]:
+    """Yield what the user should know of the recommended point."""
+    if tuning.knee is None:
+        yield f'no trial keeps the limits; {closest(tuning.trials)}'
+        return
+    point, numbers = tuning.points[tuning.knee], tuning.trials[tuning.front[tuning.knee]].numbers
+    if not point.fresh.allowed:
+        yield (f'point {point.name} violates limits on fresh draws ({violations_text(point.fresh)}'
+               '), as all points do')
+    for x in tuning.others:
+        if x.fresh.allowed and x.fresh.error * x.fresh.variation < (
+                point.fresh.error * point.fresh.variation):
+            yield (f'{x.name}: a smaller product of error and torque variation than point '
+                   f'{point.name} on fresh draws; --law and --switching tune others')
+    for name, limits in tuning.spec.ranges.items():
+        for end, edge in (('low', limits.low), ('high', limits.high)):
+            if limits.low < limits.high and 1.0 / _END < numbers[name] / edge < _END:
+                yield (f'{name} of point {point.name} is at the {end} end of its range, {edge:g}: '
+                       'a wider one may be better')
+
+
+def closest(trials: Sequence[Trial]) -> str:
+    """Return which trial comes closest to the limits, and what it violates."""
+    k = min(range(len(trials)), key=lambda k: max(trials[k].score.excess.values()))
+    score = trials[k].score
+    excess = max(score.excess.values())
+    worst = next(name for name in CONSTRAINTS if score.excess[name] == excess)
+    if worst == DIVERGED:
+        reason = next(x.failure for x in score.runs if x.failure)
+        return f'trial {k} comes closest: {excess:.0%} of its runs diverge, the first: {reason}'
+    return f'trial {k} comes closest: it exceeds the limit of the {worst} by {excess:.0%}'
+
+
+def text(tuning: Tuning) -> str:
+    """Return everything for a terminal."""
+    head = columns([[f'{name}:', value] for name, value in facts(tuning)])
+    return '\n'.join([*head, '', *columns(table(tuning)), '', *(
+        f'note: {note}' for note in (*notes(tuning), *tuning.spec.notes))]).rstrip()
+
+
+def part_of_runs(percentile: float) -> str:
+    """Return what error and variation of a candidate are, in words."""
+    if percentile == 100.0:
+        return 'the largest of all draws'
+    return f'what {percentile:g} % of the draws do not exceed'
+
+
+def best(tuning: Tuning) -> Candidate | None:
+    """Return the recommended point."""
+    return None if tuning.knee is None else tuning.points[tuning.knee]
+
+
+def _ratio(before: float, after: float) -> str:
+    """Return by what factor a number is smaller or larger."""
+    factor = after / before if before else inf
+    return f'{factor:.2g} times the' if factor >= 0.1 else f'1/{1.0 / factor:.3g} of the'
+
+
+def _shown(value: Any) -> str:
+    """Return a number, or those of all joints; of many joints the least and the largest."""
+    if isinstance(value, (list, tuple)) and len(set(value)) > _MANY:
+        return f'{min(value):g} to {max(value):g}'
+    return number_text(value)
+
+
+def _short(value: float) -> float:
+    """Return a number to three digits."""
+    return float(f'{value:.3g}')

@@ -1,0 +1,130 @@
+"""A search for gains in words: counts, tables, notes."""
+
+from __future__ import annotations
+
+import dataclasses
+from math import inf
+
+import pytest
+from tunings import short_tuning
+
+from ctc_chattering.robustness.quantity import read_uncertain
+from ctc_chattering.robustness.tuning import report
+from ctc_chattering.robustness.tuning.runs import Tuning
+from ctc_chattering.robustness.tuning.search import Limits, Measured, score, Trial
+from ctc_chattering.studies.tuning import Range
+
+GONE = Measured(inf, inf, (), (), 'no torque at t = 1 s')
+
+
+def trial(*torques: float, rate: float = 0.0, diverged: int = 0) -> Trial:
+    runs = [Measured(1.0, 1.0, (x,), (rate,)) for x in torques] + [GONE] * diverged
+    return Trial({}, score(runs, Limits((10.0,), (100.0,)), 100.0))
+
+
+def test_trials_are_counted_under_each_limit_that_they_violate() -> None:
+    trials = [trial(1.0), trial(20.0, 1.0), trial(20.0, rate=200.0), trial(1.0, diverged=1)]
+    assert report.trials_text(trials) == (
+        'in some run 1 diverge, 2 exceed the torque limit, 1 exceed the limit of the torque '
+        'rate; 1 of 4 keep all limits')
+    assert report.trials_text(trials[:1]) == 'all within the limits'
+    assert report.violations_text(trials[1].score) == 'torque: 1 of 2'
+    assert report.violations_text(trials[0].score) == ''
+
+
+def test_the_closest_trial_is_that_with_the_least_excess() -> None:
+    trials = [trial(20.0), trial(13.0), trial(1.0, rate=150.0)]
+    assert report.closest(trials) == (
+        'trial 1 comes closest: it exceeds the limit of the torque by 30%')
+    assert report.closest([trials[2], trial(1.0, 1.0, 1.0, diverged=1)]) == (
+        'trial 1 comes closest: 25% of its runs diverge, the first: no torque at t = 1 s')
+
+
+@pytest.mark.parametrize(('tree', 'text'), [
+    ({'parameter': 'plant.coulomb_friction', 'uniform': [0.5, 2], 'factor': True},
+     'x times 0.5 to 2'),
+    ({'parameter': 'plant.velocity_noise', 'log_uniform': [1e-4, 1e-3]},
+     'x 0.0001 to 0.001 rad/s, logarithmic'),
+    ({'parameter': 'plant.input_delay', 'choice': [0, 1, 2]}, 'x 0 or 1 or 2'),
+    ({'parameter': 'plant.payload', 'normal': [1, 0.1]}, 'x normal, mean 1, deviation 0.1 kg')])
+def test_what_is_drawn_in_words(tree: dict[str, object], text: str) -> None:
+    assert report.uncertain_text(read_uncertain('x', tree)) == text
+
+
+def test_the_table_has_the_gains_of_all_candidates() -> None:
+    tuning = short_tuning()
+    head, *rows = report.table(tuning)
+    assert {len(row) for row in rows} == {len(head)}
+    assert head[:6] == ['gains', 'kp', 'kv', 'lambda', 'ka', 'observer_bandwidth']
+    assert [row[0] for row in rows] == [
+        *(x.name for x in tuning.others),
+        *(f'{k}{" *" if k - 1 == tuning.knee else ""}' for k in range(1, len(rows) - 2))]
+    assert rows[0][1:6] == ['100', '50', '10', '10', '']  # No observer under sign.
+    assert rows[1][1:6] == ['100', '50', '10', '10', '200']
+    assert (rows[2][3], rows[2][5]) == ('', '')  # Neither filter nor this observer.
+    point = tuning.points[-1]
+    assert rows[-1][6:8] == [f'{point.drawn.error:.3g}', f'{point.fresh.error:.3g}']
+    assert float(rows[-1][1]) == point.values['kp'][0]
+
+
+def test_numbers_of_many_joints_are_a_range() -> None:
+    assert report._shown([3.0, 1.0, 2.0, 4.0]) == '1 to 4'
+    assert report._shown([3.0, 1.0]) == '3/1'
+    assert report._shown((2.0,) * 7) == '2'
+    assert report._shown(0.5) == '0.5'
+
+
+def test_the_headline_compares_fresh_draws_with_the_gains_of_the_file() -> None:
+    tuning = short_tuning()
+    best = report.best(tuning)
+    assert best is not None
+    old, new = tuning.others[0].fresh, best.fresh
+    words = report.headline(tuning).split()
+    for word, ratio in ((words[0], new.error / old.error),
+                        (words[words.index('and') + 1], new.variation / old.variation)):
+        top, _, below = word.partition('/')
+        assert float(top) / float(below or 1.0) == pytest.approx(ratio, rel=0.1)
+
+
+def test_a_search_without_a_point_says_so() -> None:
+    tuning = short_tuning(torque_limit=1.0)
+    assert report.headline(tuning) == 'No trial keeps the limits'
+    assert report.best(tuning) is None
+    (note,) = report.notes(tuning)
+    assert note.startswith('no trial keeps the limits; trial ')
+    assert 'exceeds the limit of the torque by' in note
+    assert note in report.text(tuning)
+
+
+def test_settings_that_are_better_than_the_recommended_point_are_noted() -> None:
+    tuning = short_tuning()
+    best = report.best(tuning)
+    assert best is not None
+    assert not any('smaller product' in x for x in report.notes(tuning))
+    for scale, noted in ((1.0, False), (0.999, True)):
+        better = best.fresh._replace(error=scale * best.fresh.error)
+        other = tuning.others[2]._replace(fresh=better)
+        found = dataclasses.replace(tuning, others=(*tuning.others[:2], other))
+        assert any(x.startswith('recommended observer_feedback: a smaller product')
+                   for x in report.notes(found)) == noted
+    beyond = better._replace(violating={**better.violating, 'torque': 1})
+    found = dataclasses.replace(tuning, others=(tuning.others[2]._replace(fresh=beyond),))
+    assert not any('smaller product' in x for x in report.notes(found))
+
+
+def with_range(tuning: Tuning, low: float, high: float) -> Tuning:
+    """Return a search as if `pole` had had another range."""
+    ranges = {**tuning.spec.ranges, 'pole': Range(low, high)}
+    return dataclasses.replace(tuning, spec=dataclasses.replace(tuning.spec, ranges=ranges))
+
+
+def test_a_number_at_the_end_of_its_range_is_noted() -> None:
+    tuning = short_tuning()
+    assert tuning.knee is not None
+    pole = tuning.trials[tuning.front[tuning.knee]].numbers['pole']
+    for low, high, end in ((pole / 1.01, 1e4, 'low'), (0.1, pole * 1.01, 'high')):
+        notes = list(report.notes(with_range(tuning, low, high)))
+        assert any(f'pole of point {tuning.knee + 1} is at the {end} end of its range' in x
+                   for x in notes)
+    for low, high in ((pole, pole), (0.1, 1e4)):
+        assert not any('pole' in x for x in report.notes(with_range(tuning, low, high)))

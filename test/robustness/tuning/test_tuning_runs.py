@@ -1,0 +1,133 @@
+"""Candidates over draws: numbers of runs, the same draws for all, jobs, the recommended point."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import inf
+
+import numpy as np
+import pytest
+from tunings import one_process, short_spec, short_tuning
+
+from ctc_chattering.analysis.engine import BATCH, REFERENCE
+from ctc_chattering.robustness.tuning.runs import (
+    Candidate,
+    Evaluation,
+    measured,
+    recommended_point,
+    references,
+    tune,
+    Tuning,
+)
+from ctc_chattering.robustness.tuning.search import Limits, Measured, score
+from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.studies.pool import processes
+from ctc_chattering.studies.recommended import recommended_setup
+
+
+def test_the_numbers_of_a_run_are_those_of_its_samples() -> None:
+    setup = short_spec().setup
+    found = measured((setup, (0.25, 0.5), REFERENCE))
+    run = simulate(setup.plant, setup.controller, setup.reference, truth=True)
+    inside = run.t >= 0.25 - 1e-9
+    e, tau = (run.q_d - run.q)[inside], run.tau[inside]
+    assert found.error == pytest.approx(np.sqrt((e ** 2).mean(axis=0)).max())
+    steps = np.abs(np.diff(tau, axis=0)).sum(axis=0) / 0.25
+    assert found.variation == pytest.approx(steps.max())
+    assert found.torque == pytest.approx(np.abs(run.tau).max(axis=0))
+    assert found.rate == pytest.approx(np.abs(np.diff(run.tau, axis=0)).max(axis=0) / 5e-3)
+    assert not found.failure
+
+
+def test_both_engines_give_the_same_numbers() -> None:
+    setup = short_spec().setup
+    found, other = (measured((setup, (0.25, 0.5), engine)) for engine in (BATCH, REFERENCE))
+    assert found.error == pytest.approx(other.error, rel=1e-6)
+    assert found.variation == pytest.approx(other.variation, rel=1e-6)
+    assert found.torque == pytest.approx(other.torque, rel=1e-6)
+
+
+def test_a_run_that_diverges_says_why() -> None:
+    setup = short_spec(overrides={'controller': {'error_limit': [1e-8, 1e-8]}}).setup
+    found = measured((setup, (0.25, 0.5), REFERENCE))
+    assert (found.error, found.torque) == (inf, ())
+    assert 'exceeds error_limit' in found.failure
+
+
+def test_a_candidate_is_evaluated_on_every_draw() -> None:
+    found = short_spec()
+    draws, values = found.draws(), {'kp': [50.0, 60.0]}
+    (mine, other) = Evaluation(found, 100.0, REFERENCE, one_process).scores(
+        [values, {}], draws)
+    assert mine.runs == tuple(
+        measured((setup.__class__(**{**vars(setup), 'controller': setup.controller.changed(
+            values)}), found.window, REFERENCE)) for setup in draws.setups)
+    assert mine.error == max(x.error for x in mine.runs)
+    assert other.runs != mine.runs
+
+
+@pytest.fixture
+def tuning() -> Tuning:
+    return short_tuning()
+
+
+def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -> None:
+    with processes(2) as each:
+        again = tune(Evaluation(tuning.spec, 100.0, REFERENCE, each), 12, 1)
+    assert (again.trials, again.points, again.others, again.knee) == (
+        tuning.trials, tuning.points, tuning.others, tuning.knee)
+
+
+def test_the_first_trials_are_the_gains_of_the_file_and_the_recommended(tuning: Tuning) -> None:
+    assert tuning.trials[0].numbers == pytest.approx(
+        {'pole': 10.0, 'damping': 2.5, 'lambda': 10.0, 'ka': 1.0, 'observer_bandwidth': 1200.0})
+    assert tuning.trials[1].numbers['observer_bandwidth'] == pytest.approx(200.0)
+
+
+def test_the_points_are_validated_on_all_fresh_draws(tuning: Tuning) -> None:
+    assert len(tuning.fresh.setups) == 8
+    assert tuning.points
+    for x in (*tuning.points, *tuning.others):
+        assert len(x.drawn.runs) == 2
+        assert len(x.fresh.runs) == 8
+    for k, x in zip(tuning.front, tuning.points):
+        assert x.drawn == tuning.trials[k].score
+    errors = [x.drawn.error for x in tuning.points]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> None:
+    found = references(tuning.spec)
+    assert [x.name for x in tuning.others] == list(found) == [
+        'file chattering sign', 'recommended chattering implicit_observer',
+        'recommended observer_feedback']
+    for name, file in zip(found, (tuning.spec.file, *(
+            recommended_setup(tuning.spec.file, law)
+            for law in ('chattering', 'observer_feedback')))):
+        assert tuning.spec.setup.controller.changed(found[name]) == file.controller
+
+
+def candidate(error: float, variation: float, torque: float) -> Candidate:
+    found = score([Measured(error, variation, (torque,), (0.0,))], Limits((1.0,), (inf,)), 100.0)
+    return Candidate('', {}, found, found)
+
+
+def test_the_recommended_point_keeps_the_limits_on_fresh_draws() -> None:
+    """Check the products 6, 4 and 5, of which the second is beyond a limit."""
+    points = [candidate(3.0, 2.0, 0.5), candidate(2.0, 2.0, 1.5), candidate(1.0, 5.0, 0.5)]
+    assert recommended_point(points) == 2
+    assert recommended_point(points[:2]) == 0
+    assert recommended_point([points[1]]) == 0
+    assert recommended_point([]) is None
+
+
+def test_limits_that_nothing_keeps_leave_no_front() -> None:
+    result = short_tuning(torque_limit=1.0)
+    assert (result.points, result.knee, result.front) == ((), None, ())
+    assert len(result.trials) == 12
+    assert [x.fresh.allowed for x in result.others] == [False] * 3
+
+
+def test_the_map_of_one_process_takes_chunks() -> None:
+    with processes(1) as each:
+        assert list(each(partial(pow, 2), [1, 2, 3], chunksize=2)) == [2, 4, 8]
