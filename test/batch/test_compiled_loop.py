@@ -102,6 +102,7 @@ def test_random_parameters(law: str, switching: str) -> None:
     assert min(differences) < 1e-9
 
 
+@pytest.mark.slow  # Seven joints are compiled for it.
 @pytest.mark.parametrize(('law', 'switching'), [
     ('chattering', 'implicit_observer'), ('compensation', 'sign'), ('observer_feedback', 'sign')])
 def test_a_robot_of_a_description(law: str, switching: str) -> None:
@@ -112,6 +113,7 @@ def test_a_robot_of_a_description(law: str, switching: str) -> None:
     assert compared(setup, truth=True) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_payload_moves_the_plant_only() -> None:
     """The check above would pass if both arms carried it."""
     errors = []
