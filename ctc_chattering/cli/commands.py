@@ -11,7 +11,13 @@ import time
 from ctc_chattering.analysis.export import write_csv, write_npz
 from ctc_chattering.analysis.output import prepare, write_text
 from ctc_chattering.analysis.result import simulated, write_metrics
-from ctc_chattering.cli.options import check, find_file, number_of_jobs, overrides
+from ctc_chattering.cli.options import (
+    check,
+    chosen_engine,
+    find_file,
+    number_of_jobs,
+    overrides,
+)
 from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present, print_results
 from ctc_chattering.cli.progress import Progress, progress_bar
 from ctc_chattering.control.controller import LAWS
@@ -24,6 +30,10 @@ from ctc_chattering.experiment.node_parameters import parameter_table
 _DURATION = 10.0
 #: Name in an output directory.
 _BAGS = 'bags'
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -104,19 +114,22 @@ def export(options: argparse.Namespace) -> int:
 
 def study(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
+    from ctc_chattering.analysis.engine import compile_loop
     from ctc_chattering.studies import law_study
     from ctc_chattering.studies import study as switching_study
     from ctc_chattering.studies.cases import CASES
     from ctc_chattering.studies.study_figures import save_study_figures
 
-    jobs, start = number_of_jobs(options.jobs), time.monotonic()
+    jobs, engine, start = number_of_jobs(options.jobs), chosen_engine(options), time.monotonic()
     variants: Sequence[str] = LAWS if options.laws else SWITCHINGS
     if options.laws:
         out = prepare(options.out, ('laws.md', 'laws.csv'), options.overwrite)
-        page, runs = out / 'laws.md', law_study.run_laws(CASES, jobs=jobs)
+        page, runs = out / 'laws.md', law_study.run_laws(CASES, LAWS, jobs, engine)
     else:
         out = prepare(options.out, (FIGURES, 'study.md', 'study.csv'), options.overwrite)
-        page, runs = out / 'study.md', switching_study.run_cases(CASES, SWITCHINGS, jobs)
+        page, runs = out / 'study.md', switching_study.run_cases(
+            CASES, SWITCHINGS, jobs, engine)
+    compile_loop((case.setup() for case in CASES), engine, _say)
     outcomes = list(progress_bar(runs, desc=page.stem, unit='run',
                                  total=len(CASES) * len(variants)))
     write_text(page.with_suffix('.csv'),
@@ -127,31 +140,35 @@ def study(options: argparse.Namespace) -> int:
         print('drawing ...', flush=True)
         text = switching_study.to_markdown(outcomes) + '\n## Figures\n' + ''.join(
             f'\n![{figure.caption}]({figure.path.relative_to(out)})\n'
-            for figure in save_study_figures(outcomes, out / FIGURES))
+            for figure in save_study_figures(outcomes, out / FIGURES, engine))
     write_text(page, text)
     failed = sum(bool(outcome.failure) for outcome in outcomes)
-    print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s: '
-          f'open {page}')
+    print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
+          f'{switching_study.engines(outcomes)}. Open {page}')
     return 0
 
 
 def compare(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
+    from ctc_chattering.analysis.engine import compile_loop
     from ctc_chattering.cli import comparison_options as chosen
     from ctc_chattering.studies import comparison
     from ctc_chattering.studies.comparison_files import NAMES, write_comparison
     from ctc_chattering.studies.comparison_tables import to_markdown
-    from ctc_chattering.studies.measurement import over_ros, over_simulation
+    from ctc_chattering.studies.measurement import over_ros, Runner, Simulation
 
+    engine = chosen.engine(options)
+    run: Runner = over_ros if options.ros else Simulation(engine)
     todo = comparison.tasks(
         [find_file(file) for file in options.files], options.backend or [None],
         chosen.conditions(options), chosen.laws(options), chosen.budget(options))
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)
     jobs = 1 if options.ros else number_of_jobs(options.jobs)
-    outcomes = list(progress_bar(
-        comparison.compare(todo, jobs, over_ros if options.ros else over_simulation),
-        desc='compare', unit='law', total=len(todo)))
+    runs = comparison.compare(todo, jobs, run)
+    if not options.ros:
+        compile_loop(comparison.setups(todo), engine, _say)
+    outcomes = list(progress_bar(runs, desc='compare', unit='law', total=len(todo)))
     print(to_markdown(outcomes))
     if options.out is not None:
         write_comparison(outcomes, options.out)

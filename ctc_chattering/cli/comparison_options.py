@@ -6,6 +6,7 @@ import argparse
 from math import inf, nan
 from typing import TYPE_CHECKING
 
+from ctc_chattering.cli.options import add_engine_option, chosen_engine
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import UsageError
 from ctc_chattering.studies.conditions import ALL, CONDITIONS
@@ -36,6 +37,7 @@ def add_comparison_options(parser: argparse.ArgumentParser) -> None:
                         help='processes, as many as there are processors by default')
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate the bags, not the simulation')
+    add_engine_option(parser)
 
 
 def conditions(options: argparse.Namespace) -> list[str | None]:
@@ -50,6 +52,13 @@ def laws(options: argparse.Namespace) -> list[str]:
         if law not in LAWS:
             raise UsageError(f'--laws: no law is called {law}; allowed: {", ".join(LAWS)}')
     return names
+
+
+def engine(options: argparse.Namespace) -> str | None:
+    """Return what simulates, as `chosen_engine`; raise `UsageError` if nothing does."""
+    if options.engine and options.ros:
+        raise UsageError('--engine and --ros exclude each other: the nodes run, no simulation')
+    return chosen_engine(options)
 
 
 def budget(options: argparse.Namespace) -> Budget | None:

@@ -10,7 +10,12 @@ from typing import Any
 
 from ctc_chattering import __version__
 from ctc_chattering.cli.comparison_options import add_comparison_options
-from ctc_chattering.cli.options import add_params_file, add_run_options, guarded
+from ctc_chattering.cli.options import (
+    add_engine_option,
+    add_params_file,
+    add_run_options,
+    guarded,
+)
 from ctc_chattering.cli.tune import add_tune_options
 
 
@@ -50,6 +55,7 @@ def _add_experiments(commands: Any) -> None:
                        help='every law with its recommended settings, against compensation')
     study.add_argument('--jobs', type=int, metavar='N',
                        help='processes, as many as there are processors by default')
+    add_engine_option(study)
 
     compare = _add(
         commands, 'compare', 'compare all laws joint by joint, on any robot',
@@ -73,9 +79,7 @@ def _add_map(commands: Any) -> None:
                         help='processes, as many as there are processors by default')
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='of a dask cluster that is there, tcp://host:port')
-    parser.add_argument('--engine', choices=('batch', 'reference'),
-                        help='the compiled loop, the default if numba is installed, where it can '
-                             'run what is asked for; or the loop of ctc simulate')
+    add_engine_option(parser)
     parser.add_argument('--explain', metavar='POINT',
                         help='write and draw one run, by its number or by name=value,... of axes, '
                              'law and repeat')

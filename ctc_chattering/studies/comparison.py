@@ -8,6 +8,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.engine import engine_text
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
@@ -21,6 +22,7 @@ from ctc_chattering.studies.measurement import (
     merged,
     over_simulation,
     Runner,
+    Simulation,
 )
 from ctc_chattering.studies.pool import in_parallel
 from ctc_chattering.studies.recommended import recommended
@@ -123,6 +125,8 @@ class Outcome:
         Why; empty if none did.
     cost : float or None
         Cost, where there is a budget.
+    engine : str
+        What simulated it, as `engine_text` says it; empty if it ran over ROS.
 
     """
 
@@ -134,6 +138,7 @@ class Outcome:
     found: Measurement | None
     failure: str = ''
     cost: float | None = None
+    engine: str = ''
 
 
 def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
@@ -148,7 +153,7 @@ def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
     jobs : int
         Processes; 1 for this one alone.
     run : callable
-        `over_simulation`, or `over_ros`.
+        A `Simulation`, or `over_ros`.
 
     Raises
     ------
@@ -174,6 +179,13 @@ def runs_of(task: Task) -> tuple[Overrides, ...]:
     return runs
 
 
+def setups(todo: Sequence[Task]) -> Iterator[Setup]:
+    """Yield what runs first on every robot and plant under every condition."""
+    for task in todo:
+        if task.variant == BASE:
+            yield parameter_file.load(task.path, runs_of(task)[0])
+
+
 def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     """Run a task, after a search for gains if its variant is to be tuned."""
     runs = runs_of(task)
@@ -181,8 +193,9 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     base = _base(task._replace(variant=BASE), run) if task.budget else None
     values = _tuned(task, setup, runs, base, run) if (
         base and task.variant.settings == TUNED) else {}
+    engine = engine_text(setup, run.engine) if isinstance(run, Simulation) else ''
     outcome = Outcome(task, setup.plant.experiment, setup.plant.plant_backend,
-                      setup.plant.joint_names, _with(runs, values), None)
+                      setup.plant.joint_names, _with(runs, values), None, engine=engine)
     try:
         found = base if base and task.variant == BASE else measure(
             task.path, outcome.runs, run)

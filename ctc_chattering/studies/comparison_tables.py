@@ -35,13 +35,15 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
     """
     for group in groups(outcomes):
         title, joints = f'**{heading(group[0])}**', list(group[0].joints)
-        scored = group[0].cost is not None
+        engines = ' and '.join(dict.fromkeys(x.engine for x in group if x.engine))
+        engine, scored = f'; engine {engines}' if engines else '', group[0].cost is not None
         yield Table(
-            f'{title}: RMS error [rad], 5 s ≤ t ≤ 10 s',
+            f'{title}: RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
             [*_HEAD, *joints, 'least', 'peak torque [N·m]', *(['cost'] if scored else [])],
             _rows(group, partial(_errors, base=group[0])))
         yield Table(
-            f'{title}: torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]',
+            f'{title}: torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
+            f'{engine}',
             [*_HEAD, *joints], _rows(group, _changes))
 
 
@@ -110,7 +112,7 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
     writer.writerow((
         'experiment', 'backend', 'condition', 'law', 'switching', 'settings', 'joint',
         'rms_error', 'torque_variation_per_s', 'max_torque_step', 'max_torque_rate_per_s',
-        'max_torque', 'cost', 'trials', 'seed', 'failure', 'controller'))
+        'max_torque', 'cost', 'trials', 'seed', 'failure', 'controller', 'engine'))
     for x in outcomes:
         task, budget = x.task, x.task.budget
         for i, joint in enumerate(x.joints):
@@ -119,5 +121,5 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
                 *task.variant, joint, *([row[i] for row in x.found] if x.found else [''] * 5),
                 '' if x.cost is None else x.cost, budget.trials if budget else '',
                 budget.seed if budget else '', x.failure, json.dumps(
-                    finite(x.runs[0].get('controller', {})), sort_keys=True)))
+                    finite(x.runs[0].get('controller', {})), sort_keys=True), x.engine))
     return text.getvalue()

@@ -8,6 +8,7 @@ which condition, and what to take instead.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 import itertools
 import math
 
@@ -16,20 +17,21 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case
 from ctc_chattering.studies.pool import in_parallel
 from ctc_chattering.studies.recommended import recommended_setup
-from ctc_chattering.studies.study import Outcome, rows, run_setup
+from ctc_chattering.studies.study import engines, Outcome, rows, run_setup
 
 BASE = 'compensation'
 
 
-def run_laws(cases: Sequence[Case], laws: Sequence[str] = LAWS, jobs: int = 1
-             ) -> Iterator[Outcome]:
+def run_laws(cases: Sequence[Case], laws: Sequence[str] = LAWS, jobs: int = 1,
+             engine: str | None = None) -> Iterator[Outcome]:
     """Yield the outcome of every case under every law; arguments as of `study.run_cases`."""
-    yield from in_parallel(_evaluate, list(itertools.product(cases, laws)), jobs)
+    yield from in_parallel(partial(_evaluate, engine=engine),
+                           list(itertools.product(cases, laws)), jobs)
 
 
-def _evaluate(task: tuple[Case, str]) -> Outcome:
+def _evaluate(task: tuple[Case, str], engine: str | None) -> Outcome:
     case, law = task
-    return run_setup(case, law, recommended_setup(case.setup(), law))
+    return run_setup(case, law, recommended_setup(case.setup(), law), engine)
 
 
 def ratio(outcome: Outcome, base: Outcome) -> float:
@@ -56,5 +58,5 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
         'errors, the second half of each run. Delay, lag and rate limit of the drives are given '
         'where a law takes them, unless the case says otherwise; Coulomb friction is given to '
         '`slotine_li` and `friction_feedforward`. Bold: worse than '
-        f'`{BASE}` by more than 1 %; inf: diverged.', '',
+        f'`{BASE}` by more than 1 %; inf: diverged. {engines(outcomes)}.', '',
         *markdown_table(['case', *laws], lines), ''])

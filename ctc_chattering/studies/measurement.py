@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+import dataclasses
 from pathlib import Path
 import tempfile
 from typing import NamedTuple
 
 import numpy as np
 
+from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Overrides
@@ -62,9 +64,18 @@ def worst(found: Iterable[Measurement]) -> Measurement:
     return Measurement(*(tuple(map(max, zip(*rows))) for rows in zip(*found)))
 
 
-def over_simulation(path: Path, overrides: Overrides) -> Result:
-    """Simulate without ROS; the states are the true ones."""
-    return simulated(parameter_file.load(path, overrides), truth=True)
+@dataclasses.dataclass(frozen=True)
+class Simulation:
+    """Simulates without ROS, by an engine that `engine_of` takes; the states are the true ones."""
+
+    engine: str | None = None
+
+    def __call__(self, path: Path, overrides: Overrides) -> Result:
+        """Return what happens."""
+        return simulated_by(parameter_file.load(path, overrides), self.engine, truth=True)
+
+
+over_simulation = Simulation()
 
 
 def over_ros(path: Path, overrides: Overrides) -> Result:

@@ -11,17 +11,18 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 import csv
 import dataclasses
+from functools import partial
 import io
 import itertools
 import json
 import math
 
+from ctc_chattering.analysis.engine import engine_text, simulated_by
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.output import markdown_table
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import Setup
-from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies.cases import Case, KA
 from ctc_chattering.studies.pool import in_parallel
 
@@ -48,6 +49,8 @@ class Outcome:
         True RMS error [rad] and torque variation [N·m/s] of joints 1 and 2.
     failure : str
         Why it ended early; empty if it did not.
+    engine : str
+        What simulated it, as `engine_text` says it.
 
     """
 
@@ -58,20 +61,22 @@ class Outcome:
     error: Pair | None = None
     variation: Pair | None = None
     failure: str = ''
+    engine: str = ''
 
 
-def evaluate(case: Case, switching: str, setup: Setup) -> Outcome:
+def evaluate(case: Case, switching: str, setup: Setup, engine: str | None = None) -> Outcome:
     """Run `setup`, which is ``case.setup()``, under `switching`; return its numbers."""
     controller = setup.controller.changed({'switching': switching})
-    return run_setup(case, switching, dataclasses.replace(setup, controller=controller))
+    return run_setup(case, switching, dataclasses.replace(setup, controller=controller), engine)
 
 
-def run_setup(case: Case, variant: str, setup: Setup) -> Outcome:
+def run_setup(case: Case, variant: str, setup: Setup, engine: str | None = None) -> Outcome:
     """Run `setup`, made of a case for a switching or a law; return its numbers."""
     controller, end = setup.controller, setup.plant.duration
-    outcome = Outcome(case, variant, controller.control_period, controller.ka)
+    outcome = Outcome(case, variant, controller.control_period, controller.ka,
+                      engine=engine_text(setup, engine))
     try:
-        run = simulate(setup.plant, controller, setup.reference, setup.events, truth=True)
+        run = simulated_by(setup, engine, truth=True).run
     except CtcError as failure:
         return dataclasses.replace(outcome, failure=str(failure))
     m = metrics(run, (0.5 * end, end))
@@ -79,12 +84,12 @@ def run_setup(case: Case, variant: str, setup: Setup) -> Outcome:
                                variation=tuple(m['torque_variation_nm_per_s']))
 
 
-def _evaluate(task: tuple[Case, str, Setup]) -> Outcome:
-    return evaluate(*task)
+def _evaluate(task: tuple[Case, str, Setup], engine: str | None) -> Outcome:
+    return evaluate(*task, engine)
 
 
-def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1
-              ) -> Iterator[Outcome]:
+def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1,
+              engine: str | None = None) -> Iterator[Outcome]:
     """
     Yield the outcome of every case under every switching.
 
@@ -94,6 +99,8 @@ def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, job
         What to run; the outcomes are in this order, case by case.
     jobs : int
         Processes; 1 for this one alone.
+    engine : str, optional
+        As `engine_of` takes it.
 
     Raises
     ------
@@ -104,13 +111,19 @@ def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, job
     setups = [case.setup() for case in cases]
     tasks = [(case, switching, setup)
              for case, setup in zip(cases, setups) for switching in switchings]
-    yield from in_parallel(_evaluate, tasks, jobs)
+    yield from in_parallel(partial(_evaluate, engine=engine), tasks, jobs)
 
 
 def rows(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
     """Return the outcomes case by case."""
     return [list(group) for _, group in itertools.groupby(
         outcomes, lambda outcome: (outcome.case.group, outcome.case.name))]
+
+
+def engines(outcomes: Sequence[Outcome]) -> str:
+    """Return what simulated how many of the runs."""
+    counts = Counter(o.engine for o in outcomes)
+    return 'Runs by engine: ' + ', '.join(f'{name} {n}' for name, n in counts.items())
 
 
 def to_csv(outcomes: Sequence[Outcome], variant: str = 'switching') -> str:
@@ -130,12 +143,12 @@ def to_csv(outcomes: Sequence[Outcome], variant: str = 'switching') -> str:
     writer.writerow((
         'group', 'case', 'x', variant, 'control_period_s', 'ka_1_nm', 'ka_2_nm',
         'rms_error_1_rad', 'rms_error_2_rad', 'torque_variation_1_nm_per_s',
-        'torque_variation_2_nm_per_s', 'failure', 'file', 'overrides'))
+        'torque_variation_2_nm_per_s', 'failure', 'file', 'overrides', 'engine'))
     for o in outcomes:
         writer.writerow((
             o.case.group, o.case.name, o.case.x, o.variant, o.control_period, *o.ka,
             *(o.error or ('', '')), *(o.variation or ('', '')), o.failure, o.case.file,
-            json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True)))
+            json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True), o.engine))
     return text.getvalue()
 
 
@@ -144,7 +157,8 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
     lines = ['# Study of the switchings', '',
              'Output of `ctc study`. True errors and torques sent, joints 1 / 2, over the second '
              f'half of each run; h = 1 ms and ka = {KA:g} N·m unless the row says otherwise; '
-             'every other parameter has its default. Bold: the best of a row.']
+             'every other parameter has its default. Bold: the best of a row. '
+             f'{engines(outcomes)}.']
     for group, members in itertools.groupby(rows(outcomes), lambda row: row[0].case.group):
         cells = [line for row in members for line in _lines(row)]
         heads = ['case', 'quantity', *dict.fromkeys(o.variant for o in outcomes)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import dataclasses
 import itertools
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,9 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import within
-from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import study
 from ctc_chattering.studies.cases import BASIC, Case, GAIN, NOISE, PERIOD, SHORT_NOISE
 from ctc_chattering.studies.study import Outcome
@@ -97,7 +97,8 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
     return figure
 
 
-def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
+def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS, engine: str | None = None
+               ) -> Figure:
     """Draw v and the chattering term of joint 2 over `SLICE`, one column per switching."""
     setup = case.setup()
     ka = setup.controller.ka[1]
@@ -109,10 +110,12 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     plant = setup.plant.changed({'duration': round(SLICE[1] + 0.01, 3)})
     for column, switching in enumerate(switchings):
         controller = setup.controller.changed({'switching': switching})
-        run = simulate(plant, controller, setup.reference, setup.events)
+        result = simulated_by(
+            dataclasses.replace(setup, plant=plant, controller=controller), engine)
+        run = result.run
         part = within(run.t, SLICE)
         t, v = run.t[part], run.v[part, 1]
-        term = terms(run, [(0.0, controller)]).robust[part, 1]
+        term = result.terms.robust[part, 1]
         colour, variation = STYLES[switching]['color'], float(np.abs(np.diff(term)).sum())
         for line, (name, unit, y, caption) in enumerate((
                 ('v₂', 'rad/s', v, f'largest |v₂|: {np.abs(v).max():.1e} rad/s'),
@@ -131,7 +134,8 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     return figure
 
 
-def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[drawing.FigureFile]:
+def save_study_figures(outcomes: Sequence[Outcome], directory: Path, engine: str | None = None
+                       ) -> list[drawing.FigureFile]:
     """
     Write the figures of a study as PNG; return them in the order in which to show them.
 
@@ -141,6 +145,8 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[dra
         Result of `study.run_cases`; a figure without any of its cases is left out.
     directory : Path
         Created if necessary.
+    engine : str, optional
+        Of the runs that are drawn sample by sample, as `engine_of` takes it.
 
     Raises
     ------
@@ -148,14 +154,14 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path) -> list[dra
         If a file cannot be written.
 
     """
-    return drawing.save(_all(outcomes), directory, ('png',))
+    return drawing.save(_all(outcomes, engine), directory, ('png',))
 
 
-def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
+def _all(outcomes: Sequence[Outcome], engine: str | None) -> Iterator[tuple[str, Figure, str]]:
     groups = {o.case.group for o in outcomes}
     basic = [o for o in outcomes if o.case.group == BASIC]
     if basic:
-        yield 'chattering', chattering(basic[0].case), (
+        yield 'chattering', chattering(basic[0].case, engine=engine), (
             'v and the chattering term of joint 2 while its friction changes sign. The axes of a '
             'row are the same.')
         yield 'basic', overview(basic, f'{BASIC}, joint 2'), f'{BASIC}, joint 2.'

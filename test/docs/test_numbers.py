@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.control.controller import LAWS
@@ -24,9 +25,11 @@ DOCS = Path(__file__).resolve().parents[2] / 'docs'
 README = (DOCS.parent / 'README.md').read_text(encoding='utf-8')
 STUDY = (DOCS / 'study' / 'study.csv').read_text(encoding='utf-8')
 LAW_STUDY = (DOCS / 'study' / 'laws.csv').read_text(encoding='utf-8')
-#: A start that differs by 1e-12 rad changes five chaotic rows of the study by 1 % to 2 %, all
-#: others by less than 1e-8; so may the sine of another processor.
 TOLERANCE = 0.05
+#: Groups of chaotic cases: a start that differs by 1e-13 rad changes some of their rows by up to
+#: 21 %; so do the other engine, and the sine of another processor.
+CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Like a real arm',
+                   'Torque rate limit', 'Velocity of encoders'), 0.25
 
 
 def documented(text: str, variant: str) -> list[Outcome]:
@@ -40,7 +43,7 @@ def documented(text: str, variant: str) -> list[Outcome]:
     return [Outcome(
         known[line['group'], line['case']], line[variant], float(line['control_period_s']),
         (float(line['ka_1_nm']), float(line['ka_2_nm'])), pair(line, 'rms_error_{}_rad'),
-        pair(line, 'torque_variation_{}_nm_per_s'), line['failure'])
+        pair(line, 'torque_variation_{}_nm_per_s'), line['failure'], line['engine'])
         for line in csv.DictReader(text.splitlines())]
 
 
@@ -59,16 +62,17 @@ def name_of(row: Outcome) -> str:
     return f'{row.case.group}: {row.case.name}, {row.variant}'
 
 
-def check(row: Outcome) -> None:
+def check(row: Outcome, engine: str | None = None) -> None:
     """Compare a row with a run of today."""
     setup = row.case.setup()
-    again = evaluate(row.case, row.variant, setup) if row.variant in SWITCHINGS else run_setup(
-        row.case, row.variant, recommended_setup(setup, row.variant))
+    again = evaluate(row.case, row.variant, setup, engine) if row.variant in SWITCHINGS else (
+        run_setup(row.case, row.variant, recommended_setup(setup, row.variant), engine))
     if row.failure:
         assert again.failure
         return
-    assert again.error == pytest.approx(row.error, rel=TOLERANCE)
-    assert again.variation == pytest.approx(row.variation, rel=TOLERANCE)
+    tolerance = CHANGE if row.case.group in CHAOTIC else TOLERANCE
+    assert again.error == pytest.approx(row.error, rel=tolerance)
+    assert again.variation == pytest.approx(row.variation, rel=tolerance)
 
 
 def test_the_study_has_every_case_and_both_files_have_the_same_numbers() -> None:
@@ -91,7 +95,8 @@ def test_the_study_of_laws_has_every_case_and_both_files_have_the_same_numbers()
 
 @pytest.mark.parametrize('row', [*SAMPLE[::4], *LAW_SAMPLE[::2]], ids=name_of)
 def test_a_row_of_the_study(row: Outcome) -> None:
-    check(row)
+    """Check it with the loop that `ctc study` did not use for most rows."""
+    check(row, REFERENCE)
 
 
 @pytest.mark.slow

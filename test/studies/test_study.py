@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ctc_chattering.analysis.engine import BATCH, ENGINES
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
@@ -21,6 +22,8 @@ SHORT = tuple(
         'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
     for name, noise in (('clean', 0.0), ('noise', 5e-3)))
 TWO = ('sign', 'implicit_observer')
+#: How far the engines may differ, relatively: rounding grows where the torque jumps.
+BOTH = {'sign': 0.1, 'implicit_observer': 5e-3}
 #: Acceptance thresholds: case, what `sign` gives (RMS e2, torque variation of joint 2), and what
 #: `implicit_observer` must reach; inf for less than `sign`.
 THRESHOLDS = (
@@ -46,9 +49,10 @@ def measured(case: Case, switching: str) -> tuple[float, float]:
     return outcome.error[1], outcome.variation[1]
 
 
-def test_numbers_are_those_of_the_simulation() -> None:
+@pytest.mark.parametrize('engine', ENGINES)
+def test_numbers_are_those_of_the_simulation(engine: str) -> None:
     """Check table and CSV against a simulation of their own, errors being the true ones."""
-    outcomes = list(run_cases(SHORT, TWO))
+    outcomes = list(run_cases(SHORT, TWO, 1, engine))
     assert [(o.case.name, o.variant) for o in outcomes] == [
         (case.name, switching) for case in SHORT for switching in TWO]
     lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
@@ -58,13 +62,26 @@ def test_numbers_are_those_of_the_simulation() -> None:
         run = simulate(setup.plant, setup.controller.changed({'switching': outcome.variant}),
                        setup.reference, truth=True)
         m = metrics(run, (0.5, 1.0))
-        assert [float(line[f'rms_error_{i}_rad']) for i in (1, 2)] == m['rms_error_rad']
-        assert [float(line[f'torque_variation_{i}_nm_per_s']) for i in (1, 2)
-                ] == m['torque_variation_nm_per_s']
+        error = [float(line[f'rms_error_{i}_rad']) for i in (1, 2)]
+        variation = [float(line[f'torque_variation_{i}_nm_per_s']) for i in (1, 2)]
+        rel = BOTH[outcome.variant] if engine == BATCH else 0.0
+        assert error == pytest.approx(m['rms_error_rad'], rel=rel, abs=0.0)
+        assert variation == pytest.approx(m['torque_variation_nm_per_s'], rel=rel, abs=0.0)
+        assert line['engine'] == engine
         assert (line['switching'], line['control_period_s'], line['ka_2_nm'], line['failure']) == (
             outcome.variant, '0.001', '12.0', '')
-        assert ' / '.join(f'{x:.2e}' for x in m['rms_error_rad']) in text
-        assert ' / '.join(f'{x:.0f}' for x in m['torque_variation_nm_per_s']) in text
+        assert ' / '.join(f'{x:.2e}' for x in error) in text
+        assert ' / '.join(f'{x:.0f}' for x in variation) in text
+    assert f'Runs by engine: {engine} 4.' in text
+
+
+def test_what_the_compiled_loop_cannot_run_has_a_reason() -> None:
+    elastic = Case('elastic', 'Elastic joints', {'plant': {
+        'duration': 0.1, 'joint_stiffness': [1e4, 1e4], 'motor_inertia': [1.0, 0.1]}})
+    outcomes = list(run_cases((SHORT[0], elastic), TWO[:1]))
+    lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
+    assert [line['engine'] for line in lines] == ['batch', 'reference (elastic joints)']
+    assert 'Runs by engine: batch 1, reference (elastic joints) 1.' in to_markdown(outcomes)
 
 
 def test_processes_do_not_matter() -> None:
@@ -112,7 +129,8 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     out = tmp_path / 'study'
     arguments = ['study', '--out', str(out), '--jobs', '2']
     assert main(arguments) == 0
-    assert '16 runs, 0 diverged' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert '16 runs, 0 diverged' in said and 'Runs by engine: batch 16.' in said
     text = (out / 'study.md').read_text(encoding='utf-8')
     figures = sorted(path.name for path in (out / 'figures').iterdir())
     assert figures == ['basic.png', 'chattering.png', 'sample_period.png']

@@ -18,14 +18,17 @@ ROOT = Path(__file__).resolve().parents[2]
 Finished = subprocess.CompletedProcess[str]
 
 
-def python(*arguments: object, cwd: Path = ROOT) -> Finished:
-    return subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, text=True,
-                          capture_output=True, timeout=60, check=False,
-                          env={**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': '200'})
+def python(*arguments: object, cwd: Path = ROOT, path: Path = ROOT) -> Finished:
+    """Run Python, which imports from `path` before all else that is installed."""
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)], cwd=cwd, text=True, capture_output=True,
+        timeout=60, check=False, env={
+            **os.environ, 'PYTHONPATH': os.pathsep.join(map(str, (path, ROOT))),
+            'COLUMNS': '200'})
 
 
-def ctc_process(*arguments: object, cwd: Path = ROOT) -> Finished:
-    return python('-m', 'ctc_chattering.cli.ctc', *arguments, cwd=cwd)
+def ctc_process(*arguments: object, cwd: Path = ROOT, path: Path = ROOT) -> Finished:
+    return python('-m', 'ctc_chattering.cli.ctc', *arguments, cwd=cwd, path=path)
 
 
 def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:
