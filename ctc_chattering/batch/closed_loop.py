@@ -21,15 +21,12 @@ from ctc_chattering.batch.control_state import (
     evaluated,
 )
 from ctc_chattering.batch.control_step import Controller
+from ctc_chattering.batch.feasible_reference import feedback_settings
 from ctc_chattering.batch.friction import friction_scratch
 from ctc_chattering.batch.integrator import Plant
 from ctc_chattering.batch.loop import BEYOND, DIVERGED, FINISHED, run, Sources
 from ctc_chattering.batch.observer import observer_scratch, observer_settings
-from ctc_chattering.batch.observer_feedback import (
-    feedback_settings,
-    feedback_state,
-    ObserverFeedback,
-)
+from ctc_chattering.batch.observer_feedback import feedback_state, ObserverFeedback
 from ctc_chattering.batch.plant_state import plant_scratch, plant_settings, plant_state
 from ctc_chattering.batch.random_numbers import generator
 from ctc_chattering.batch.records import record

@@ -31,7 +31,7 @@ _OPTIONS: dict[str, Any] = {'cache': True, 'nogil': True, 'error_model': 'numpy'
 
 
 def source_key() -> str:
-    """Return a word that changes with place and source text of what is compiled, as numba needs."""
+    """Return a word that changes with place and source text of what is compiled."""
     text = hashlib.sha256(str(_HERE).encode())
     for path in (*sorted(_HERE.glob('*.py')), *(_HERE.parent / name for name in _ALSO)):
         text.update(path.read_bytes())
