@@ -18,7 +18,8 @@ from ctc_chattering.studies.study import evaluate, Outcome, run_cases, to_csv, t
 
 SHORT = tuple(
     Case(name, cases.BASIC, {
-        'plant': {'duration': 1.0, 'velocity_noise': [noise, noise]},
+        'plant': {'duration': 1.0, 'velocity_noise': [noise, noise],
+                  'position_noise': [0.02 * noise, 0.02 * noise]},
         'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
     for name, noise in (('clean', 0.0), ('noise', 5e-3)))
 TWO = ('sign', 'implicit_observer')
