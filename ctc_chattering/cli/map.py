@@ -82,7 +82,7 @@ def _announce(runs: Runs, engine: str, reason: str, count: int,
     if reason:
         reasons[reason] = None
     names = sorted({x for x, _ in used.values()})
-    print(f'{len(runs)} runs in {count} chunks, engine {" and ".join(names)}'
+    print(f'{len(runs)} runs in {count} chunk{"s" * (count > 1)}, engine {" and ".join(names)}'
           + (f' ({"; ".join(reasons)})' if reasons else ''))
     left = sum(len(part) for _, part in todo)
     if left < len(runs):

@@ -120,7 +120,7 @@ def test_results(tmp_path: Path) -> None:
     words = ('map', spec, '--out', out, '--jobs', 1, *REFERENCE_ONLY)
     result = ctc(*words)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[0] == '24 runs in 1 chunks, engine reference'
+    assert result.stdout.splitlines()[0] == '24 runs in 1 chunk, engine reference'
     assert {x.name for x in out.iterdir()} == {
         'map.parquet', 'map.json', 'shards', 'figures', 'index.html'}
     table = parquet.read_table(out / 'map.parquet')
