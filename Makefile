@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test test-load slow lint compare benchmark map-benchmark latency live-cost soak identification clean
+.PHONY: demo live test compiled test-load slow lint compare benchmark map-benchmark latency live-cost soak identification clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -21,7 +21,8 @@ live: $(READY)
 
 # Processes that run tests: more than two processors, for many tests mostly wait.
 WORKERS ?= 3
-test: $(READY) lint
+test: $(READY)
+	$(MAKE) --no-print-directory --jobs=2 --output-sync lint compiled
 	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=worksteal --durations=10
 
 # The tests with ROS processes beside LOOPS busy loops, ROUNDS times.
@@ -29,6 +30,9 @@ LOOPS ?= 2
 ROUNDS ?= 1
 test-load: $(READY)
 	$(BIN)/python test/support/load.py --loops $(LOOPS) --rounds $(ROUNDS)
+
+compiled: $(READY)
+	$(BIN)/python test/support/compile_loop.py
 
 # Studies that take a minute or more each, and properties with random examples.
 slow: $(READY)
