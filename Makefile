@@ -51,7 +51,7 @@ lint: $(READY)
 TRIALS ?= 6
 COMPARE := $(BIN)/ctc compare --overwrite --condition
 compare: $(READY)
-	$(COMPARE) real_arm friction --trials 30 --out docs/comparison/two_link
+	$(COMPARE) real_arm friction --trials 30 --engine reference --out docs/comparison/two_link
 	$(COMPARE) real_arm panda ur5 --backend mujoco --trials $(TRIALS) --out docs/comparison/urdf
 	$(BIN)/python test/support/comparison_page.py
 
