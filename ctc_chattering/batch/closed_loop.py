@@ -35,8 +35,7 @@ from ctc_chattering.batch.sensors import measure, sensor_settings, sensor_state
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.payload import with_payload
-from ctc_chattering.dynamics.registry import locked_positions, make_model, MODELS
-from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.dynamics.registry import kept_model_of, MODELS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.numerics.linear_algebra import Array
@@ -44,7 +43,7 @@ from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 
-#: Models that are kept.
+#: Arms that are kept.
 _KEPT = 64
 #: In the place of random numbers that nothing asks for: they take time to be made.
 _UNUSED = generator(0)
@@ -97,7 +96,7 @@ def _run(setup: Setup, truth: bool) -> Run:
     description = setup.descriptions.get('plant', '')
     if config.payload:
         description = with_payload(description, config.joint_names, config.payload)
-    plant = _plant(config, _model(config, description))
+    plant = _plant(config, kept_model_of(config, description))
     period, delay = period_ns(config.control_period), controller.input_delay
     sensor = record(sensor_settings(config, seconds(period)))
     seen = record(sensor_state(len(config.joint_names)))
@@ -108,7 +107,8 @@ def _run(setup: Setup, truth: bool) -> Run:
     starts = setup.reference.start_duration or setup.route is not None
     table = reference_table(setup.reference, setup.route, start if starts else (),
                             controller.joint_names, period, count + delay)
-    law = _controller(controller, _model(controller, setup.descriptions.get('controller', '')))
+    law = _controller(controller, kept_model_of(
+        controller, setup.descriptions.get('controller', '')))
     out = np.empty((count, 5, len(config.joint_names)))
     end, k, joint, rows = run(plant, law, sensor, seen, sources, table, truth, out)
     if end != FINISHED:
@@ -129,18 +129,6 @@ def _failure(end: int, t: float, joint: int, config: ControllerConfig, row: Arra
         return f'the motion of the plant diverged at t = {t:g} s'
     return (f'no torque can be computed at t = {t:g} s for {row[1].tolist()}, '
             f'{row[2].tolist()}')
-
-
-@lru_cache(_KEPT)
-def _made(name: str, gravity: float, joints: tuple[str, ...], description: str,
-          locked: tuple[str, ...]) -> Model:
-    """Return a model; the same one for the same arguments."""
-    return make_model(name, gravity, joints, description, locked_positions(locked))
-
-
-def _model(config: RobotConfig, description: str) -> Model:
-    """Return the model that a configuration names."""
-    return _made(config.model, config.gravity, config.joint_names, description, config.locked)
 
 
 _arm = lru_cache(_KEPT)(arm_of)

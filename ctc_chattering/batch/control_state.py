@@ -128,8 +128,7 @@ def control_settings(config: ControllerConfig, model: Model) -> ControlSettings:
     """Return the numbers of a configuration, with the effort limits of its model."""
     n, h = len(config.joint_names), seconds(period_ns(config.control_period))
     kp, kv = (np.array(matrix(x, n)) for x in (config.kp, config.kv))
-    limits = model.effort_limits or (inf,) * n
-    effort = np.array([a if a < inf else b for a, b in zip(config.effort_limit, limits)])
+    effort = np.array(config.largest_torque(model.effort_limits))
     change = h * np.array(config.effort_rate_limit)
     decay, gain = (exp(-config.lambda_ * h),
                    -config.b * expm1(-config.lambda_ * h) / config.lambda_)

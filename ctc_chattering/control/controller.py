@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, isfinite
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -81,7 +81,6 @@ class Controller:
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
         n = len(config.joint_names)
         self.model = model or model_of(config)
-        self._model_limits = self.model.effort_limits or (inf,) * n
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         self.filter, self._limiter = ErrorFilter(n), Limiter(n)
@@ -100,7 +99,7 @@ class Controller:
         """
         self.config = config
         n, period = len(config.joint_names), seconds(period_ns(config.control_period))
-        effort = [a if a < inf else b for a, b in zip(config.effort_limit, self._model_limits)]
+        effort = config.largest_torque(self.model.effort_limits)
         self.filter.configure(config.lambda_, config.b, period)
         self._limiter.configure(np.array(effort), period * np.array(config.effort_rate_limit),
                                 self.filter.scale if config.anti_windup else 0.0)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from math import inf
 from typing import ClassVar
 
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.registry import check_model, locked_positions
 from ctc_chattering.dynamics.robot_config import RobotConfig
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import parameter
 
@@ -138,6 +140,19 @@ class ControllerConfig(RobotConfig):
         """Return whether the law in force takes the parameter `name`."""
         laws = self.parameters()[name].laws
         return not laws or self.law in laws
+
+    def largest_torque(self, of_model: Vector) -> tuple[float, ...]:
+        """
+        Return the largest torque sent, shape (n,) [N·m]; inf for unlimited.
+
+        Parameters
+        ----------
+        of_model : sequence of float, shape (n,)
+            `Model.effort_limits`: what holds where `effort_limit` is inf; empty for nothing.
+
+        """
+        limits = of_model or (inf,) * len(self.effort_limit)
+        return tuple(a if a < inf else b for a, b in zip(self.effort_limit, limits))
 
     @property
     def switching_in_force(self) -> str:

@@ -10,6 +10,7 @@ names and [m/s²], and its attribute ``n`` must be the number of names. `check_d
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 import importlib
 from math import isfinite
 import re
@@ -21,6 +22,8 @@ from ctc_chattering.errors import CtcError, ParameterError, refused_as
 
 #: Values of the parameter ``model``, besides classes.
 MODELS = ('two_link', 'urdf')
+#: Models that are kept.
+_KEPT = 64
 _CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 
 
@@ -65,6 +68,17 @@ def model_of(config: RobotConfig, description: str = '') -> Model:
     """Return the model that a configuration names; `description` is the text of a URDF."""
     return make_model(config.model, config.gravity, config.joint_names, description,
                       locked_positions(config.locked))
+
+
+def kept_model_of(config: RobotConfig, description: str = '') -> Model:
+    """Return what `model_of` does, the same model for the same robot: for one thread."""
+    return _kept(config.model, config.gravity, config.joint_names, description, config.locked)
+
+
+@lru_cache(_KEPT)
+def _kept(name: str, gravity: float, joint_names: tuple[str, ...], description: str,
+          locked: tuple[str, ...]) -> Model:
+    return make_model(name, gravity, joint_names, description, locked_positions(locked))
 
 
 def locked_positions(lines: Sequence[str]) -> dict[str, float]:

@@ -120,9 +120,7 @@ def plan(setup: Setup, config: ExcitationConfig, coulomb: Array | None, draws: i
     friction = Friction(np.array(plant.coulomb_friction) if coulomb is None else coulomb,
                         np.array(plant.viscous_friction))
     effort = np.minimum(
-        [a if a < inf else b for a, b in zip(
-            controller.effort_limit, model.effort_limits or (inf,) * model.n)],
-        plant.torque_saturation)
+        controller.largest_torque(model.effort_limits), plant.torque_saturation)
     found = best_excitation(config, bounds, model, friction, effort, draws, seed)
     motion = played(found.route, config.start, model, friction)
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]

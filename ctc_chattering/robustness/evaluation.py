@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ctc_chattering.analysis.engine import engine_of, simulated_by
 from ctc_chattering.analysis.metrics import metrics, within
-from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.columns import of_results, OVERALL, PER_JOINT
@@ -79,18 +78,8 @@ def _finite(x: float | None) -> float | None:
 def limits(setup: Setup) -> list[float]:
     """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
     config, plant = setup.controller, setup.plant
-    of_model = _effort_limits(config.model, config.joint_names,
-                              setup.descriptions.get('controller', ''), config.locked)
-    effort = [a if a < np.inf else b for a, b in zip(config.effort_limit, of_model)]
-    return list(map(min, effort, plant.torque_saturation))
-
-
-@lru_cache(8)
-def _effort_limits(name: str, joint_names: tuple[str, ...], description: str,
-                   locked: tuple[str, ...]) -> tuple[float, ...]:
-    """Return the limits that a model knows of, shape (n,); inf where it knows none."""
-    model = make_model(name, 0.0, joint_names, description, locked_positions(locked))
-    return tuple(model.effort_limits) or (np.inf,) * len(joint_names)
+    model = kept_model_of(config, setup.descriptions.get('controller', ''))
+    return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
 
 
 def _judged(row: dict[str, Any], setup: Setup, failure: Failure) -> tuple[str, str]:
