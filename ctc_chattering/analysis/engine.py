@@ -88,12 +88,6 @@ def simulated_by(setup: Setup, engine: str | None = None, truth: bool = False) -
                   description=setup.descriptions.get('controller', ''))
 
 
-def must_compile(setup: Setup) -> bool:
-    """Return whether the compiled loop is not there yet on this machine."""
-    from ctc_chattering.batch.compiler import is_compiled
-    return not is_compiled(len(setup.plant.joint_names))
-
-
 def compile_loop(setups: Iterable[Setup], engine: str | None, show: Callable[[str], None]
                  ) -> None:
     """
@@ -111,7 +105,8 @@ def compile_loop(setups: Iterable[Setup], engine: str | None, show: Callable[[st
     """
     each = {len(x.plant.joint_names): x for x in setups if engine_of(x, engine)[0] == BATCH}
     for n, setup in each.items():
-        if must_compile(setup):
+        from ctc_chattering.batch.compiler import is_compiled
+        if not is_compiled(n):
             show(f'the loop is compiled for {n} joints first, once for this version: about half a '
                  'minute')
             plant = setup.plant.changed({'duration': setup.plant.control_period})

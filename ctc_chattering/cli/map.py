@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 import importlib.metadata
 import sys
 import time
@@ -11,7 +12,7 @@ from typing import Any
 
 import pyarrow
 
-from ctc_chattering.analysis.engine import available, BATCH, must_compile
+from ctc_chattering.analysis.engine import available, compile_loop
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.cli.explanation import explain
 from ctc_chattering.cli.options import number_of_jobs
@@ -94,12 +95,12 @@ def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directo
              jobs: int, address: str | None) -> None:
     """Compute what is missing, and write each chunk as it comes."""
     version = chunks.version()
+    if address is None:
+        compile_loop([runs.spec.setup], engine, partial(print, flush=True))
     with scheduler.workers(min(jobs, len(todo)), address) as client:
         count = scheduler.threads(client)
         print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
         scheduler.check_versions(client, version)
-        if engine == BATCH and must_compile(runs.spec.setup):
-            print('the loop is compiled first, once for this version: about a minute', flush=True)
         tables = scheduler.computed(client, chunks.compute, (runs, engine, version), todo)
         there = len(runs) - sum(len(part) for _, part in todo)
         with progress_bar(total=len(runs), initial=there, desc='map', unit='run') as bar:

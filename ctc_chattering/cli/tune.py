@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -58,7 +59,7 @@ def add_tune_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
-    from ctc_chattering.analysis.engine import available, engine_of, must_compile
+    from ctc_chattering.analysis.engine import available, compile_loop, engine_of
     from ctc_chattering.analysis.output import prepare
     from ctc_chattering.cli.options import check, number_of_jobs
     from ctc_chattering.robustness.tuning import report
@@ -76,8 +77,7 @@ def run(options: argparse.Namespace) -> int:
     out = prepare(options.out, NAMES, options.overwrite)
     if reason or why:
         print(f'engine {used}, which is slower: {reason or why}', flush=True)
-    elif must_compile(spec.setup):
-        print('the loop is compiled first, once for this version: about a minute', flush=True)
+    compile_loop([spec.setup], used, partial(print, flush=True))
     with _map(jobs, options.trials * spec.repeats.repeats) as each:
         tuning = tune(Evaluation(spec, options.percentile, used, each), options.trials,
                       spec.repeats.seed)
