@@ -80,9 +80,7 @@ def score_comparison(results: Sequence[Result]) -> Figure:
         unit = ' or '.join(sorted({unit + suffix for score in scores for unit in score[units]}))
         ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(results) - 0.4, -0.6))
         every = [x for score in scores for x in score[key] or () if 0.0 < x < np.inf]
-        if every:  # whole decades
-            ax.set_xlim(10.0 ** np.floor(np.log10(min(every) / 1.2)),
-                        10.0 ** np.ceil(np.log10(max(every) * 1.2)))
+        drawing.decades(ax, 'x', every)
         for y, score in enumerate(scores):
             dots = [(x, i) for i, x in enumerate(score[key] or (), 1) if x in every]
             ax.plot([x for x, _ in dots], [y] * len(dots), 'o', color=painted[y],
@@ -94,6 +92,5 @@ def score_comparison(results: Sequence[Result]) -> Figure:
                 ax.text(0.5, y, f'no sample from {low:g} s to {high:g} s', ha='center',
                         va='center', transform=ax.get_yaxis_transform(), fontsize=9,
                         color='#444444')
-        ax.set_yticks(range(len(results)), [''] * len(called) if column else called,
-                      parse_math=False)
+        ax.set_yticks(range(len(results)), [''] * len(called) if column else called)
     return drawing.fit_titles(figure)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 import dataclasses
+import io
 from pathlib import Path
+import re
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
+from matplotlib.text import Text
+from matplotlib.ticker import LogFormatter, NullFormatter
 import numpy as np
 
-from ctc_chattering.analysis.output import writing
+from ctc_chattering.analysis.output import file_stem, writing
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array
 
@@ -25,7 +29,10 @@ SHOWN_GAP = 5
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, _SIDE = 11.0, 0.85, 0.25, 0.78, 0.55, 0.75, 0.85
 STEPS: dict[str, Any] = {'linewidth': 0.9, 'drawstyle': 'steps-post'}
 #: Metadata that name a date or a version are left out, so that equal runs give equal files.
-_PLAIN = {'svg': {'Date': None}, 'pdf': {'CreationDate': None}, 'png': {'Software': None}}
+_METADATA = {'svg': {'Date': None}, 'pdf': {'CreationDate': None}, 'png': {'Software': None}}
+
+#: Control codes, in a name for example, which no SVG may have.
+_NOT_XML = re.compile(rb'[\x00-\x08\x0b\x0c\x0e-\x1f]')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,12 +47,12 @@ class FigureFile:
 def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Sequence[str]
          ) -> list[FigureFile]:
     """
-    Write figures.
+    Write figures; a dollar sign in one is a dollar sign, whoever has named something so.
 
     Parameters
     ----------
     figures : iterable of (str, Figure, str)
-        File name without its ending, figure and caption.
+        File name without its ending, of which `file_stem` is taken, figure and caption.
     directory : Path
         Created if necessary.
     kinds : sequence of str
@@ -57,15 +64,31 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
         If a file cannot be written.
 
     """
-    files = []
+    files: list[FigureFile] = []
+    used: set[str] = set()
     with writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
-        for stem, figure, caption in figures:
+        for name, figure, caption in figures:
+            stem = file_stem(name, used)
+            _plain(figure)
             for kind in dict.fromkeys(kinds):
-                figure.savefig(directory / f'{stem}.{kind}', dpi=130, metadata=_PLAIN[kind])
+                data = io.BytesIO()
+                figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
+                (directory / f'{stem}.{kind}').write_bytes(
+                    _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
             files.append(FigureFile(
                 directory / f'{stem}.{kinds[0]}', figure.get_suptitle(), caption))
     return files
+
+
+def _plain(figure: Figure) -> None:
+    """Let no text be a formula, except the powers of ten along logarithmic axes."""
+    formulas = {text for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)
+                if isinstance(axis.get_major_formatter(), LogFormatter)
+                for text in axis.get_ticklabels(which='both')}
+    for text in figure.findobj(Text):
+        if text not in formulas:
+            text.set_parse_math(False)
 
 
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
@@ -158,6 +181,15 @@ def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
         ax.set_yscale('log')
         if positive.min() < low:
             note(ax, 'axis cut below')
+
+
+def decades(ax: Axes, axis: str, values: Iterable[float]) -> None:
+    """Let a logarithmic axis begin and end at whole decades, with labels at these only."""
+    positive = [x for x in values if 0.0 < x < np.inf]
+    if positive:
+        ax.set(**{f'{axis}lim': (10.0 ** np.floor(np.log10(min(positive) / 1.15)),
+                                 10.0 ** np.ceil(np.log10(max(positive) * 1.15)))})
+    getattr(ax, f'{axis}axis').set_minor_formatter(NullFormatter())
 
 
 def steady_axis(ax: Axes, t: Array, y: Array) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-import re
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -18,6 +17,7 @@ from ctc_chattering.analysis.comparison_figures import (
     error_sums,
     score_comparison,
 )
+from ctc_chattering.analysis.output import file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, name, names
 from ctc_chattering.control.laws.registry import law_class
@@ -145,12 +145,8 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
                              if complete else ''))
         yield 'comparison_scores', score_comparison(results), (
             'Left: RMS error of each joint. Right: torque variation, Σ |Δτ| per second.')
-    used: set[str] = set()
     for result, run_name in zip(results, names(results)):
-        text = result.slug + run_name.removeprefix(result.label)
-        stem = re.sub(r'[^\w.-]+', '_', text).strip('_.') or 'run'
-        slug = stem if stem not in used else f'{stem}_{len(used) + 1}'
-        used.add(slug)
+        slug = file_stem(result.slug + run_name.removeprefix(result.label))
         where = 'enlarged ' + ('about the last change.' if result.marks else 'at the end.')
         if result.missing.any():
             where += f' {int(result.missing.sum())} samples are missing; longer gaps are hatched.'

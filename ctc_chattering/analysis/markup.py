@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib.resources import files
+import math
+import os
 from typing import Any
+from urllib.parse import quote
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 __all__ = ['Markup', 'fragment', 'page']
 
-_ENVIRONMENT = Environment(
-    autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+
+def _source(name: str) -> str:
+    """Return a template by its name, ``package/file``."""
+    package, _, file = name.partition('/')
+    return files(package).joinpath(file).read_text('utf-8')
+
+
+_ENVIRONMENT = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+                           lstrip_blocks=True, loader=FunctionLoader(_source))
 
 
 @lru_cache(maxsize=256)
@@ -40,6 +50,25 @@ def fragment(source: str, /, **values: Any) -> Markup:
     return Markup(_compiled(source).render(**values))
 
 
-def page(package: str, template: str, **values: Any) -> str:
+def page(package: str, template: str, **values: Any) -> Markup:
     """Return the page of a template that is a file of `package`, with values as `fragment`."""
-    return str(fragment(files(package).joinpath(template).read_text('utf-8'), **values))
+    return Markup(_ENVIRONMENT.get_template(f'{package}/{template}').render(**values))
+
+
+def number(value: float | None) -> Markup:
+    """Return a number to three digits, with the exact value in the attribute."""
+    if value is None:
+        return Markup('<span class="none" title="none">–</span>')
+    if 1e-5 <= abs(value) < 1e7:
+        text = f'{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}'
+    else:
+        text = f'{value:.2e}' if value else '0'
+    return Markup('<data value="{!r}">{}</data>').format(value, text.replace('-', '−'))
+
+
+def _url(path: str) -> str:
+    """Return the address of a file by its path relative to the page; never one with a scheme."""
+    return quote(os.fsencode(path))
+
+
+_ENVIRONMENT.filters.update(number=number, url=_url)

@@ -41,16 +41,23 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
         ``rms_error_rad``, ``rms_torque_nm``, ``torque_variation_nm_per_s``,
         ``max_torque_step_nm`` and ``max_torque_rate_nm_per_s`` per joint,
         ``max_error_norm1_rad``, ``window_s``, ``reaching_time_s`` and ``missing_samples``, the
-        number of samples missing in the window; None where the run has no sample in the window,
-        nan for the torque of a joint where none is known.
+        number of samples missing in the window; None where the run has less than two samples in
+        the window, nan for the torque of a joint where none is known. ``notes``: why numbers are
+        None, in words.
 
     """
     inside = within(run.t, window)
     result: dict[str, Any] = {
         'window_s': list(window), 'rms_error_rad': None, 'max_error_norm1_rad': None,
         'rms_torque_nm': None, **dict.fromkeys(_CHANGES),
-        'reaching_time_s': reaching_time(run.t, run.v, band), 'missing_samples': None}
-    if inside.sum() > 1:
+        'reaching_time_s': reaching_time(run.t, run.v, band), 'missing_samples': None,
+        'notes': []}
+    if inside.sum() < 2:
+        result['notes'].append(
+            f'metrics are computed from {window[0]:g} s to {window[1]:g} s, where this run'
+            + (f', from {run.t[0]:.4g} s to {run.t[-1]:.4g} s,' if len(run.t) else '')
+            + (' has one sample only' if inside.any() else ' has no sample'))
+    else:
         e, tau, t = (run.q_d - run.q)[inside], run.tau[inside], run.t[inside]
         gaps = missing(t, period) if period else np.zeros(len(t) - 1, np.int64)
         result.update(

@@ -171,14 +171,10 @@ class Result:
             'position_units': list(self.position_units),
             'torque_units': list(self.torque_units), 'gains': self.gains, **numbers,
             'term_at_bound': self.saturation and [x.fraction for x in self.saturation],
-            'notes': list(self._notes(numbers, mixed))}
+            'notes': [*numbers['notes'], *self._notes(mixed)]}
 
-    def _notes(self, numbers: dict[str, Any], mixed: bool) -> Iterator[str]:
-        """Yield why metrics are missing, and what else the user should know."""
-        low, high = numbers['window_s']
-        if numbers['rms_error_rad'] is None and len(self.run.t):
-            yield (f'metrics are computed from {low:g} s to {high:g} s; this run is '
-                   f'from {self.run.t[0]:.4g} s to {self.run.t[-1]:.4g} s')
+    def _notes(self, mixed: bool) -> Iterator[str]:
+        """Yield what else the user should know."""
         if mixed:
             yield 'no sum of errors: prismatic joints have errors in m, the others in rad'
         lost = int(self.missing.sum())

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from contextlib import closing
 import sys
 import time
 
 from ctc_chattering.analysis.export import write_csv, write_npz
-from ctc_chattering.analysis.output import prepare, write_text
+from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.result import simulated, write_metrics
 from ctc_chattering.cli.options import (
     check,
@@ -18,7 +17,14 @@ from ctc_chattering.cli.options import (
     number_of_jobs,
     overrides,
 )
-from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present, print_results
+from ctc_chattering.cli.presentation import (
+    FIGURES,
+    METRICS,
+    PAGE,
+    present,
+    print_page,
+    print_results,
+)
 from ctc_chattering.cli.progress import Progress, progress_bar
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -115,36 +121,24 @@ def export(options: argparse.Namespace) -> int:
 def study(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
     from ctc_chattering.analysis.engine import compile_loop
-    from ctc_chattering.studies import law_study
+    from ctc_chattering.studies import law_study, study_files
     from ctc_chattering.studies import study as switching_study
     from ctc_chattering.studies.cases import CASES
-    from ctc_chattering.studies.study_figures import save_study_figures
 
     jobs, engine, start = number_of_jobs(options.jobs), chosen_engine(options), time.monotonic()
-    variants: Sequence[str] = LAWS if options.laws else SWITCHINGS
-    if options.laws:
-        out = prepare(options.out, ('laws.md', 'laws.csv'), options.overwrite)
-        page, runs = out / 'laws.md', law_study.run_laws(CASES, LAWS, jobs, engine)
-    else:
-        out = prepare(options.out, (FIGURES, 'study.md', 'study.csv'), options.overwrite)
-        page, runs = out / 'study.md', switching_study.run_cases(
-            CASES, SWITCHINGS, jobs, engine)
+    kind = study_files.LAWS if options.laws else study_files.SWITCHINGS
+    out = prepare(options.out, kind.names, options.overwrite)
+    runs = law_study.run_laws(CASES, LAWS, jobs, engine) if options.laws else (
+        switching_study.run_cases(CASES, SWITCHINGS, jobs, engine))
     compile_loop((case.setup() for case in CASES), engine, _say)
-    outcomes = list(progress_bar(runs, desc=page.stem, unit='run',
-                                 total=len(CASES) * len(variants)))
-    write_text(page.with_suffix('.csv'),
-               switching_study.to_csv(outcomes, 'law' if options.laws else 'switching'))
-    if options.laws:
-        text = law_study.to_markdown(outcomes)
-    else:
-        print('drawing ...', flush=True)
-        text = switching_study.to_markdown(outcomes) + '\n## Figures\n' + ''.join(
-            f'\n![{figure.caption}]({figure.path.relative_to(out)})\n'
-            for figure in save_study_figures(outcomes, out / FIGURES, engine))
-    write_text(page, text)
+    outcomes = list(progress_bar(runs, desc=kind.name, unit='run', total=len(CASES) * len(
+        LAWS if options.laws else SWITCHINGS)))
+    print('drawing ...', flush=True)
+    page = study_files.write_study(kind, outcomes, out, engine)
     failed = sum(bool(outcome.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
-          f'{switching_study.engines(outcomes)}. Open {page}')
+          f'{switching_study.engines(outcomes)}.')
+    print_page(page)
     return 0
 
 
@@ -153,7 +147,7 @@ def compare(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.engine import compile_loop
     from ctc_chattering.cli import comparison_options as chosen
     from ctc_chattering.studies import comparison
-    from ctc_chattering.studies.comparison_files import NAMES, write_comparison
+    from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
     from ctc_chattering.studies.comparison_tables import to_markdown
     from ctc_chattering.studies.measurement import over_ros, Runner, Simulation
 
@@ -172,6 +166,7 @@ def compare(options: argparse.Namespace) -> int:
     print(to_markdown(outcomes))
     if options.out is not None:
         write_comparison(outcomes, options.out)
+        print_page(options.out / PAGE)
     return 0
 
 

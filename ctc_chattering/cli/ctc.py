@@ -49,7 +49,8 @@ def _add_experiments(commands: Any) -> None:
 
     study = _add(
         commands, 'study', 'compare the switchings over sample period, gain and imperfections',
-        'Simulate them and write study.md, study.csv and figures.')
+        'Simulate them and write study.md, study.csv, figures and study.html; with --laws, '
+        'laws.md, laws.csv, laws_figures and laws.html.')
     _add_output(study, 'study')
     study.add_argument('--laws', action='store_true',
                        help='every law with its recommended settings, against compensation')

@@ -11,6 +11,7 @@ import numpy as np
 
 from ctc_chattering.analysis.output import prepare, write_text, writing
 from ctc_chattering.bags.motion import Motion, read_motion
+from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, UsageError
@@ -67,7 +68,8 @@ def identify(options: argparse.Namespace) -> int:
                     recommended, validation, rate)
     _write(report, robot, q, out)
     print(report.text())
-    print(f'\nopen {out / _PAGE}; ctc simulate --params-file {out / _VALUES}')
+    print()
+    print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
     return 0
 
 

@@ -16,6 +16,7 @@ from ctc_chattering.analysis.engine import available, compile_loop
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.cli.explanation import explain
 from ctc_chattering.cli.options import number_of_jobs
+from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.cli.progress import progress_bar
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     print(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
           f'{options.out / TABLE}; drawing ...', flush=True)
     from ctc_chattering.robustness.report.report import write_report  # Matplotlib takes time.
-    print(f'open {write_report(runs.spec, table, options.out)}')
+    print_page(write_report(runs.spec, table, options.out))
     return 0
 
 

@@ -26,8 +26,13 @@ def present(results: Sequence[Result], bags: Sequence[Path], out: Path,
     write_metrics(results, out / METRICS)
     write_page(results, figures, out / PAGE, [os.path.relpath(bag, out) for bag in bags])
     print_results(results)
-    print(f'{len(figures)} figures: open {out / PAGE}')
+    print_page(out / PAGE)
     return 0
+
+
+def print_page(page: Path, *commands: str) -> None:
+    """Print where the page is, as the last line of a command, and what can be done next."""
+    print('; '.join([f'open {page}', *commands]))
 
 
 def print_results(results: Sequence[Result]) -> None:
@@ -40,10 +45,10 @@ def print_results(results: Sequence[Result]) -> None:
         rows.append((name, *(numbers(m[key]) for key in (
             'rms_error_rad', 'max_error_norm1_rad', 'torque_variation_nm_per_s',
             'reaching_time_s'))))
-        notes += [f'{name}: {text}' for text in m['notes']]
+        notes += [[f'{name}: {text}'] for text in m['notes']]
     print_columns(rows)
     if notes:
-        print('\n'.join(notes))
+        print_columns(notes)
 
 
 def numbers(value: Any) -> str:

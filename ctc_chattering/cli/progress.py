@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+import io
 import queue
 import sys
 import threading
@@ -14,6 +15,8 @@ from tqdm import tqdm
 _MANY = 1000
 #: Time to wait at the end until the last items are printed [s].
 _PATIENCE = 0.5
+#: Time between lines where there is no terminal [s].
+_SELDOM = 10.0
 
 
 class Progress:
@@ -78,5 +81,22 @@ class Progress:
 
 
 def progress_bar(*iterable: Any, **options: Any) -> Any:
-    """Return a bar of tqdm, drawn seldom where the output is no terminal."""
-    return tqdm(*iterable, mininterval=0.2 if sys.stderr.isatty() else 2.0, **options)
+    """Return a bar of tqdm; where the output is no terminal, it prints lines, and seldom."""
+    if sys.stderr.isatty():
+        return tqdm(*iterable, mininterval=0.2, **options)
+    form = options.pop('bar_format', '{desc}: {n_fmt}/{total_fmt} {unit} [{elapsed}]')
+    return tqdm(*iterable, file=_Lines(), mininterval=_SELDOM, maxinterval=_SELDOM,
+                bar_format=form.replace('{bar} ', ''), **options)
+
+
+class _Lines(io.TextIOBase):
+    """Prints what tqdm draws over itself as lines, each once."""
+
+    _last = ''
+
+    def write(self, text: str) -> int:
+        line = text.strip()
+        if line and line != self._last:
+            self._last = line
+            print(line, file=sys.stderr, flush=True)
+        return len(text)

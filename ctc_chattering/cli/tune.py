@@ -62,6 +62,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.engine import available, compile_loop, engine_of
     from ctc_chattering.analysis.output import prepare
     from ctc_chattering.cli.options import check, number_of_jobs
+    from ctc_chattering.cli.presentation import print_page
     from ctc_chattering.robustness.tuning import report
     from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
     from ctc_chattering.robustness.tuning.runs import Evaluation, tune
@@ -86,7 +87,8 @@ def run(options: argparse.Namespace) -> int:
     if tuning.knee is None:
         raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '
                        f'see {out / PAGE}')
-    print(f'\nopen {out / PAGE}; ctc simulate --params-file {out / TUNED}')
+    print()
+    print_page(out / PAGE, f'ctc simulate --params-file {out / TUNED}')
     return 0
 
 

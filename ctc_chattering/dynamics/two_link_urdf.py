@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from xml.sax.saxutils import quoteattr
 
 #: Terms of the model: M11 and M22 at c2 = 0, half the factor of c2, and the two of gravity.
 _M11, _M22, _COUPLING, _GRAVITY_1, _GRAVITY_2 = 8.77, 0.62, 0.51, 7.6, 0.63
@@ -25,7 +26,7 @@ _LINK = """  <link name="{name}">
     </visual>
   </link>
 """
-_JOINT = """  <joint name="{name}" type="continuous">
+_JOINT = """  <joint name={name} type="continuous">
     <parent link="{parent}"/>
     <child link="{child}"/>
     <origin xyz="0 0 {z!r}"/>
@@ -51,7 +52,7 @@ def two_link_urdf(joint_names: Sequence[str] = ('joint1', 'joint2')) -> str:
         _LINK.format(name=name, centre=-centre, mass=mass, inertia=inertia, length=LENGTH)
         for name, mass, inertia in (('link1', mass1, inertia1), ('link2', mass2, inertia2)))
     joints = ''.join(
-        _JOINT.format(name=name, parent=parent, child=child, z=z)
+        _JOINT.format(name=quoteattr(name), parent=parent, child=child, z=z)
         for name, parent, child, z in zip(
             joint_names, ('base', 'link1'), ('link1', 'link2'), (0.0, -LENGTH)))
     return (f'<?xml version="1.0"?>\n<robot name="two_link">\n  <link name="base"/>\n'

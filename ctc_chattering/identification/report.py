@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
-from html import escape
 import json
 from math import isfinite
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import columns, write_text
+from ctc_chattering.analysis.output import columns, Table, write_text
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.identification.identify import Identification
@@ -28,8 +27,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 _FRICTION = (('coulomb', 'Coulomb'), ('forwards', 'forwards'), ('backwards', 'backwards'),
              ('viscous', 'viscous'), ('stribeck', 'Stribeck'),
              ('stribeck_velocity', 'Stribeck velocity'), ('load', 'of the load'))
-_LEAD = ('Friction, delays and errors of the model from a recorded run, with intervals of '
-         '95&nbsp;%, and the gains that follow.')
+_LEAD = ('Friction, delays and errors of the model from a recorded run, with intervals of 95 %, '
+         'and the gains that follow.')
 #: Offset that is named, as a part of the Coulomb friction.
 _OFFSET = 0.02
 
@@ -144,7 +143,7 @@ class Report:
         for title, rows in self.tables():
             lines += [title, *(f'  {line}' for line in columns(rows)), '']
         for title, texts in self.sentences():
-            lines += [title, *(f'  {text}' for text in texts), '']
+            lines += [title, *(f'  {line}' for line in columns([[x] for x in texts])), '']
         return '\n'.join(lines).rstrip()
 
     def as_mapping(self) -> dict[str, Any]:
@@ -215,22 +214,11 @@ def write_page(report: Report, figures: Sequence[FigureFile], path: Path,
         Names of files beside the page, and what they are.
 
     """
-    parts = [f'<h3>{escape(title)}</h3>{_html(rows)}' for title, rows in report.tables()]
-    parts += [f'<h3>{escape(title)}</h3><ul>' + ''.join(
-        f'<li>{escape(text)}</li>' for text in texts) + '</ul>'
-        for title, texts in report.sentences()]
-    links = [f'<a href="{escape(name)}">{escape(name)}</a> ({escape(what)})'
-             for name, what in files.items()]
-    write_sections(path, f'Friction and gains from {escape(report.source)}', ''.join(parts),
-                   figures, links, lead=_LEAD)
-
-
-def _html(rows: Sequence[Sequence[str]]) -> str:
-    head, *body = rows
-    return ('<div class="scroll"><table><thead><tr>'
-            + ''.join(f'<th scope="col">{escape(x)}</th>' for x in head) + '</tr></thead><tbody>'
-            + ''.join('<tr>' + ''.join(f'<td>{escape(x)}</td>' for x in row) + '</tr>'
-                      for row in body) + '</tbody></table></div>')
+    write_sections(path, f'Friction and gains from {report.source}', figures,
+                   [(name, f'{name} ({what})') for name, what in files.items()], _LEAD,
+                   tables=[Table(title, head, rows, len(head))
+                           for title, (head, *rows) in report.tables()],
+                   lists=report.sentences())
 
 
 def _mapping(fields: Sequence[Any], values: Any) -> dict[str, Any]:

@@ -55,10 +55,9 @@ def errors(group: Sequence[Outcome]) -> Figure:
             if not outcome.found:
                 ax.text(0.5, y, 'diverged', ha='center', va='center', fontsize=9,
                         color='#444444', transform=ax.get_yaxis_transform())
-        _decades(ax, 'x', [x for row in values for x in row])
+        drawing.decades(ax, 'x', [x for row in values for x in row])
         names = [label(x.task.variant) for x in group]
-        ax.set_yticks(range(len(group)), [''] * len(names) if column else names,
-                      parse_math=False)
+        ax.set_yticks(range(len(group)), [''] * len(names) if column else names)
     return figure
 
 
@@ -78,7 +77,7 @@ def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
                 ax.plot([_mean(x.found.variation)], [_mean(x.found.rms)],
                         **look[x.task.variant])
         for axis, key in (('x', 'variation'), ('y', 'rms')):
-            _decades(ax, axis, [_mean(getattr(x.found, key)) for x in group if x.found])
+            drawing.decades(ax, axis, [_mean(getattr(x.found, key)) for x in group if x.found])
     handles = [Line2D([], [], label=label(variant), **style) for variant, style in look.items()]
     _legend_below(figure, handles)
     return figure
@@ -100,14 +99,6 @@ def _raise(ax: Axes, height: float, more: float) -> None:
     scale = height / (height + more)
     ax.set_position((box.x0, (box.y0 * height + more) / (height + more), box.width,
                      box.height * scale))
-
-
-def _decades(ax: Axes, axis: str, values: Sequence[float]) -> None:
-    """Let an axis begin and end at whole decades, with labels at these only."""
-    positive = [x for x in values if 0.0 < x < np.inf]
-    if positive:
-        ax.set(**{f'{axis}lim': (10.0 ** np.floor(np.log10(min(positive) / 1.1)),
-                                 10.0 ** np.ceil(np.log10(max(positive) * 1.1)))})
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -8,23 +8,15 @@ from functools import partial
 import io
 import itertools
 import json
-from typing import NamedTuple
 
-from ctc_chattering.analysis.output import markdown_table
+from ctc_chattering.analysis.markup import Markup
+from ctc_chattering.analysis.output import bold, markdown, markdown_table, Table
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.studies.comparison import BASE, Outcome
 
 #: A number with the text that shows it.
 Number = tuple[float, str]
 _HEAD = ['law', 'switching', 'settings']
-
-
-class Table(NamedTuple):
-    """A table with its title; in Markdown, as are its cells."""
-
-    title: str
-    heads: list[str]
-    rows: list[list[str]]
 
 
 def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
@@ -34,17 +26,17 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
     `least` is the smallest ratio of the errors of all joints, to that of `BASE`.
     """
     for group in groups(outcomes):
-        title, joints = f'**{heading(group[0])}**', list(group[0].joints)
+        joints = group[0].joints
+        title = bold(heading(group[0]))
         engines = ' and '.join(dict.fromkeys(x.engine for x in group if x.engine))
         engine, scored = f'; engine {engines}' if engines else '', group[0].cost is not None
         yield Table(
-            f'{title}: RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
+            title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
             [*_HEAD, *joints, 'least', 'peak torque [N·m]', *(['cost'] if scored else [])],
-            _rows(group, partial(_errors, base=group[0])))
+            _rows(group, partial(_errors, base=group[0])), len(_HEAD))
         yield Table(
-            f'{title}: torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
-            f'{engine}',
-            [*_HEAD, *joints], _rows(group, _changes))
+            title + ': torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
+            + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
 
 
 def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
@@ -91,10 +83,10 @@ def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]
             for column in zip(*complete)]
 
     def row(outcome: Outcome, numbers: list[list[Number]]) -> list[str]:
-        texts = [' / '.join(f'**{text}**' if value == least and text else text
-                            for (value, text), least in zip(cell, leasts))
+        texts = [Markup(' / ').join(bold(text) if value == least and text else text
+                                    for (value, text), least in zip(cell, leasts))
                  for cell, leasts in zip(numbers, best)]
-        return [*outcome.task.variant, *(texts or ['diverged'] * len(best))]
+        return [*outcome.task.variant, *(texts or ('diverged' for _ in best))]
 
     return [row(outcome, numbers) for outcome, numbers in zip(group, content)]
 
@@ -102,7 +94,7 @@ def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]
 def to_markdown(outcomes: Sequence[Outcome]) -> str:
     """Return all tables."""
     return '\n'.join(line for table in tables(outcomes) for line in (
-        f'{table.title}', '', *markdown_table(table.heads, table.rows), ''))
+        markdown(table.title), '', *markdown_table(table.heads, table.rows), ''))
 
 
 def to_csv(outcomes: Sequence[Outcome]) -> str:

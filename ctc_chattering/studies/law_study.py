@@ -12,7 +12,8 @@ from functools import partial
 import itertools
 import math
 
-from ctc_chattering.analysis.output import markdown_table
+from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.output import bold, Table
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case
 from ctc_chattering.studies.pool import in_parallel
@@ -41,8 +42,20 @@ def ratio(outcome: Outcome, base: Outcome) -> float:
     return max(mine / theirs for mine, theirs in zip(outcome.error, base.error))
 
 
-def to_markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return the table of ratios; a law that is worse than `compensation` in a case is bold."""
+def about(outcomes: Sequence[Outcome]) -> Markup:
+    """Return what the table shows."""
+    return fragment(
+        'Output of <code>ctc study --laws</code>: RMS error of each law with its recommended '
+        'settings, over that of <code>{{ base }}</code> with the gains of the paper; of the two '
+        'joints the larger ratio. True errors, the second half of each run. Delay, lag and rate '
+        'limit of the drives are given where a law takes them, unless the case says otherwise; '
+        'Coulomb friction is given to <code>slotine_li</code> and '
+        '<code>friction_feedforward</code>. Bold: worse than <code>{{ base }}</code> by more than '
+        '1 %; inf: diverged. {{ engines }}.', base=BASE, engines=engines(outcomes))
+
+
+def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
+    """Yield the table of ratios; a law that is worse than `compensation` in a case is bold."""
     table = [{o.variant: o for o in row} for row in rows(outcomes)]
     laws = [law for law in table[0] if law != BASE]
     lines = []
@@ -50,13 +63,5 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
         case, base = row[BASE].case, row[BASE]
         cells = [ratio(row[law], base) for law in laws]
         lines.append([f'{case.group}: {case.name}', *(
-            f'**{x:.2g}**' if x > 1.01 else f'{x:.2g}' for x in cells)])
-    return '\n'.join([
-        '# Study of the laws', '',
-        'Output of `ctc study --laws`: RMS error of each law with its recommended settings, over '
-        f'that of `{BASE}` with the gains of the paper; of the two joints the larger ratio. True '
-        'errors, the second half of each run. Delay, lag and rate limit of the drives are given '
-        'where a law takes them, unless the case says otherwise; Coulomb friction is given to '
-        '`slotine_li` and `friction_feedforward`. Bold: worse than '
-        f'`{BASE}` by more than 1 %; inf: diverged. {engines(outcomes)}.', '',
-        *markdown_table(['case', *laws], lines), ''])
+            bold(f'{x:.2g}') if x > 1.01 else f'{x:.2g}' for x in cells)])
+    yield Table('', ['case', *laws], lines)

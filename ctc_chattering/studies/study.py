@@ -2,7 +2,7 @@
 Comparison of the switchings over the cases of `cases.py`.
 
 A run is a pure function of the case and the switching, so that the numbers depend neither on the
-number of processes nor on their order. `study_figures` draws them.
+number of processes nor on their order. `study_files` writes them.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ import json
 import math
 
 from ctc_chattering.analysis.engine import engine_text, simulated_by
+from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.output import markdown_table
+from ctc_chattering.analysis.output import bold, Table
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import Setup
@@ -152,18 +153,21 @@ def to_csv(outcomes: Sequence[Outcome], variant: str = 'switching') -> str:
     return text.getvalue()
 
 
-def to_markdown(outcomes: Sequence[Outcome]) -> str:
-    """Return a table for each group of cases, and the ranking of the switchings."""
-    lines = ['# Study of the switchings', '',
-             'Output of `ctc study`. True errors and torques sent, joints 1 / 2, over the second '
-             f'half of each run; h = 1 ms and ka = {KA:g} N·m unless the row says otherwise; '
-             'every other parameter has its default. Bold: the best of a row. '
-             f'{engines(outcomes)}.']
+def about(outcomes: Sequence[Outcome]) -> Markup:
+    """Return what the tables show."""
+    return fragment(
+        'Output of <code>ctc study</code>. True errors and torques sent, joints 1 / 2, over the '
+        'second half of each run; h = 1 ms and ka = {{ ka }} N·m unless the row says otherwise; '
+        'every other parameter has its default. Bold: the best of a row. {{ engines }}.',
+        ka=f'{KA:g}', engines=engines(outcomes))
+
+
+def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
+    """Yield a table for each group of cases, and the ranking of the switchings."""
+    heads = ['case', 'quantity', *dict.fromkeys(o.variant for o in outcomes)]
     for group, members in itertools.groupby(rows(outcomes), lambda row: row[0].case.group):
-        cells = [line for row in members for line in _lines(row)]
-        heads = ['case', 'quantity', *dict.fromkeys(o.variant for o in outcomes)]
-        lines += ['', f'## {group}', '', *markdown_table(heads, cells)]
-    return '\n'.join([*lines, *_ranking(rows(outcomes)), ''])
+        yield Table(group, heads, [line for row in members for line in _lines(row)], 2)
+    yield _ranking(rows(outcomes))
 
 
 def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
@@ -172,13 +176,13 @@ def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
         texts = [[format(x, form) for x in getattr(o, key) or ()] for o in row]
         columns = list(zip(*filter(None, texts)))
         best = [min(column, key=float) if len(set(column)) > 1 else '' for column in columns]
-        cells = [' / '.join(f'**{x}**' if x == y else x for x, y in zip(text, best)) or 'diverged'
-                 for text in texts]
+        cells = [Markup(' / ').join(bold(x) if x == y else x for x, y in zip(text, best))
+                 or 'diverged' for text in texts]
         yield ['' if k else row[0].case.name, f'{quantity} [{unit}]', *cells]
 
 
-def _ranking(table: Sequence[Sequence[Outcome]]) -> Iterator[str]:
-    """Yield the section on how often each switching is best and worst."""
+def _ranking(table: Sequence[Sequence[Outcome]]) -> Table:
+    """Return how often each switching is best and worst."""
     counts = Counter(('runs that diverged', o.variant) for row in table for o in row
                      if o.failure)
     for row, (key, quantity, _, _), joint in itertools.product(table, QUANTITIES, (0, 1)):
@@ -187,7 +191,7 @@ def _ranking(table: Sequence[Sequence[Outcome]]) -> Iterator[str]:
         counts[f'largest {quantity}', ranked[-1].variant] += 1
     heads = [*(f'{extreme} {quantity}' for extreme in ('smallest', 'largest')
                for _, quantity, _, _ in QUANTITIES), 'runs that diverged']
-    yield from ('', '## Ranking', '',
-                f'{2 * len(table)} comparisons: {len(table)} cases with two joints each.', '')
-    yield from markdown_table(['switching', *heads], (
-        [o.variant, *(str(counts[head, o.variant]) for head in heads)] for o in table[0]))
+    return Table(
+        'Ranking', ['switching', *heads],
+        [[o.variant, *(str(counts[head, o.variant]) for head in heads)] for o in table[0]],
+        note=f'{2 * len(table)} comparisons: {len(table)} cases with two joints each.')

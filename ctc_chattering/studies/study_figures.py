@@ -1,4 +1,4 @@
-"""Figures of a study: the switchings over sample period, gain and imperfections."""
+"""Figures of a study: switchings or laws over sample period, gain and imperfections."""
 
 from __future__ import annotations
 
@@ -17,19 +17,23 @@ import numpy as np
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import within
+from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.studies import study
 from ctc_chattering.studies.cases import BASIC, Case, GAIN, NOISE, PERIOD, SHORT_NOISE
 from ctc_chattering.studies.study import Outcome
 
-#: Colour, marker and dashes of each switching (after Okabe and Ito), distinct without
-#: colour as well.
+_DASHED, _BROKEN, _DOTTED = (0, (5, 1.5)), (0, (2.5, 1.2)), (0, (1, 1))
+#: Colour, marker and dashes of each switching (after Okabe and Ito) and of each law, distinct
+#: without colour as well.
 STYLES: dict[str, dict[str, Any]] = {
-    switching: {'color': colour, 'marker': marker, 'linestyle': dashes,
-                'markeredgecolor': 'white'}
-    for switching, (colour, marker, dashes) in zip(SWITCHINGS, itertools.cycle((
-        ('#D55E00', 's', '-'), ('#CC79A7', '^', (0, (5, 1.5))), ('#009E73', 'D', (0, (2.5, 1.2))),
-        ('#0072B2', 'o', '-'), ('#E69F00', 'v', (0, (1, 1))), ('#56B4E9', 'P', '-.'))))}
+    variant: {'color': colour, 'marker': marker, 'linestyle': dashes, 'markeredgecolor': 'white'}
+    for variant, (colour, marker, dashes) in (
+        *zip(SWITCHINGS, itertools.cycle((
+            ('#D55E00', 's', '-'), ('#CC79A7', '^', _DASHED), ('#009E73', 'D', _BROKEN),
+            ('#0072B2', 'o', '-'), ('#E69F00', 'v', _DOTTED), ('#56B4E9', 'P', '-.')))),
+        *zip(LAW_COLOURS, zip(LAW_COLOURS.values(), itertools.cycle('soD^vP<X>'), itertools.cycle(
+            ('-', '-', _DASHED, _BROKEN, '-.', _DOTTED)))))}
 #: Attribute of an outcome, and its title and unit.
 QUANTITIES = (('error', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
@@ -48,9 +52,9 @@ def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel
         ax = drawing.panel(figure, grid[k, column],
                            f'{name}, {suffix}' if len(groups) > 1 else name, f'{name} [{unit}]')
         ax.set(xlabel=xlabel, xscale='log', yscale='log')
-        for switching, style in STYLES.items():
+        for variant, style in _styles(outcomes).items():
             points = [(o.case.x, value[1]) for o in mine
-                      if o.variant == switching and o.case.x and (value := getattr(o, key))]
+                      if o.variant == variant and o.case.x and (value := getattr(o, key))]
             ax.plot([x for x, _ in points], [y for _, y in points], **style, linewidth=1.5,
                     markersize=5.5, markeredgewidth=0.6)
         xs = sorted({o.case.x for o in mine if o.case.x})
@@ -65,9 +69,10 @@ def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel
 
 
 def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
-    """Draw both quantities of every case in `outcomes`, a line per case, a mark per switching."""
-    table = study.rows(outcomes)
-    figure, grid = drawing.sheet(title, 1, (1.0, 1.0), 0.29 * len(table) + 0.3, left=3.9)
+    """Draw both quantities of every case in `outcomes`, a line per case, a mark per variant."""
+    table, look = study.rows(outcomes), _styles(outcomes)
+    figure, grid = drawing.sheet(title, 1, (1.0, 1.0),
+                                 (0.21 + 0.02 * len(look)) * len(table) + 0.3, left=3.9)
     _legend(figure, outcomes)
     cases = [row[0].case for row in table]
     names = [case.name if case.group == BASIC else f'{case.group}: {case.name}'
@@ -80,9 +85,9 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
             if values:
                 ax.plot([min(values.values()), max(values.values())], [y, y], color='#dddddd',
                         linewidth=5.0, zorder=1, solid_capstyle='round')
-            for k, (switching, style) in enumerate(STYLES.items()):
-                if switching in values:
-                    ax.plot([values[switching]], [y + 0.2 * (k - 1.5)], **style,
+            for k, (variant, style) in enumerate(look.items()):
+                if variant in values:
+                    ax.plot([values[variant]], [y + (k + 0.5) / len(look) * 0.8 - 0.4], **style,
                             markersize=5.0 if style['marker'] == 'D' else 6.0,
                             markeredgewidth=0.6, zorder=3)
             failed = [o.variant for o in row if o.failure]
@@ -92,7 +97,8 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
         for y, (before, case) in enumerate(itertools.pairwise(cases)):
             if case.group != before.group:
                 ax.axhline(y + 0.5, color='#999999', linewidth=0.6)
-        ax.set_yticks(range(len(table)), [''] * len(table) if column else names, parse_math=False)
+        drawing.decades(ax, 'x', [x[1] for o in outcomes if (x := getattr(o, key))])
+        ax.set_yticks(range(len(table)), [''] * len(table) if column else names)
         ax.tick_params(axis='y', length=0, labelsize=8)
     return figure
 
@@ -142,7 +148,7 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path, engine: str
     Parameters
     ----------
     outcomes : sequence of Outcome
-        Result of `study.run_cases`; a figure without any of its cases is left out.
+        Result of `run_cases` or `run_laws`; a figure without any of its cases is left out.
     directory : Path
         Created if necessary.
     engine : str, optional
@@ -159,11 +165,13 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path, engine: str
 
 def _all(outcomes: Sequence[Outcome], engine: str | None) -> Iterator[tuple[str, Figure, str]]:
     groups = {o.case.group for o in outcomes}
+    laws = outcomes[0].variant in LAW_COLOURS
     basic = [o for o in outcomes if o.case.group == BASIC]
-    if basic:
+    if basic and not laws:
         yield 'chattering', chattering(basic[0].case, engine=engine), (
             'v and the chattering term of joint 2 while its friction changes sign. The axes of a '
             'row are the same.')
+    if basic:
         yield 'basic', overview(basic, f'{BASIC}, joint 2'), f'{BASIC}, joint 2.'
     for name, wanted, title, xlabel in (
             ('sample_period', (PERIOD,), 'Sample period', 'sample period h [ms]'),
@@ -171,7 +179,7 @@ def _all(outcomes: Sequence[Outcome], engine: str | None) -> Iterator[tuple[str,
             ('velocity_noise', (NOISE, SHORT_NOISE), 'Velocity noise',
              'standard deviation σ [rad/s]')):
         present = [group for group in wanted if group in groups]
-        if present:
+        if present and not (laws and name == 'gain'):  # Recommended settings have their own.
             yield name, sweep(outcomes, present, title, xlabel), f'{title}.'
     rest = [o for o in outcomes if o.case.group not in (BASIC, PERIOD, GAIN)]
     if rest:
@@ -179,11 +187,17 @@ def _all(outcomes: Sequence[Outcome], engine: str | None) -> Iterator[tuple[str,
             'One imperfection at a time, joint 2.')
 
 
+def _styles(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
+    """Return the looks of the variants of outcomes."""
+    variants = {o.variant for o in outcomes}
+    return {name: style for name, style in STYLES.items() if name in variants}
+
+
 def _legend(figure: Figure, outcomes: Sequence[Outcome]) -> None:
-    switchings = {o.variant for o in outcomes}
-    handles = [Line2D([], [], label=name, **style) for name, style in STYLES.items()
-               if name in switchings]
-    figure.legend(handles=handles, loc='upper right', ncol=len(handles), frameon=False, fontsize=9)
+    handles = [Line2D([], [], label=name, **style) for name, style in _styles(outcomes).items()]
+    few = len(handles) <= 5
+    figure.legend(handles=handles, loc='upper right', ncol=len(handles) if few else 5,
+                  frameon=False, fontsize=9 if few else 8, columnspacing=2.0 if few else 1.2)
 
 
 def _same_ordinate(panels: Sequence[Axes], room: float = 0.0) -> None:

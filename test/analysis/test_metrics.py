@@ -87,13 +87,18 @@ def test_dropped_samples_hardly_change_the_numbers() -> None:
         assert found[key] == pytest.approx(whole[key], rel=0.15), key
 
 
-@pytest.mark.parametrize('window', [(20.0, 30.0), (5.5, 6.5)])
-def test_too_few_samples_give_none(window: tuple[float, float]) -> None:
-    """Check that no number is made up from no sample, nor a variation from one."""
+@pytest.mark.parametrize(('window', 'note'), [
+    ((20.0, 30.0), 'metrics are computed from 20 s to 30 s, where this run, from 4 s to 11 s, has '
+     'no sample'), ((5.5, 6.5), 'metrics are computed from 5.5 s to 6.5 s, where this run, from '
+                    '4 s to 11 s, has one sample only')])
+def test_too_few_samples_give_none(window: tuple[float, float], note: str) -> None:
+    """Check that no number is made up from no sample, nor a variation from one; and the note."""
     found = metrics(TINY, window)
     assert [found[name] for name in (
         'rms_error_rad', 'max_error_norm1_rad', 'rms_torque_nm',
         'torque_variation_nm_per_s')] == [None] * 4
+    assert found['notes'] == [note]
+    assert metrics(TINY)['notes'] == []
     assert found['reaching_time_s'] == 6.0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -28,3 +29,10 @@ def test_has_the_model_s_dynamics_but_for_a_constant() -> None:
 
 def test_the_file_of_the_package_is_the_generated_one() -> None:
     assert (CONFIG / 'two_link.urdf').read_text(encoding='utf-8') == two_link_urdf()
+
+
+def test_joints_may_have_any_name() -> None:
+    names = ('"><x>', 'a & b\'\n"')
+    robot = ElementTree.fromstring(two_link_urdf(names))
+    assert [x.get('name') for x in robot if x.tag == 'joint'] == [*names]
+    assert {x.tag for x in robot} == {'link', 'joint'}

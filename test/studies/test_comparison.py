@@ -359,6 +359,8 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert result.returncode == 0, result.stderr
     text = (out / 'compare.md').read_text(encoding='utf-8')
     assert text in result.stdout
+    assert result.stdout.endswith(f'\nopen {out / "index.html"}\n')
+    assert '\r' not in result.stderr
     assert '**friction, plant builtin, lag**' in text
     rows = [line.count('|') for line in text.splitlines() if '|' in line]
     assert rows == ([9] * 4 + [6] * 4) * 2

@@ -14,9 +14,11 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.law_study import ratio, run_laws, to_markdown
+from ctc_chattering.studies.law_study import ratio, run_laws
 from ctc_chattering.studies.recommended import recommended_setup
 from ctc_chattering.studies.study import Outcome
+from ctc_chattering.studies.study_files import LAWS as LAW_KIND
+from ctc_chattering.studies.study_files import to_markdown
 
 LAG = Case('2 ms', 'Drive lag', {
     'plant': {'duration': 1.0, 'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3]},
@@ -47,8 +49,9 @@ def test_the_numbers_are_those_of_the_simulation() -> None:
 
 def test_what_is_worse_is_bold() -> None:
     failed = Outcome(LAG, 'super_twisting', 1e-3, (12.0, 12.0), failure='diverged')
-    text = to_markdown([made_up('compensation', 2.0, 4.0), made_up('integral', 1.0, 3.0),
-                        made_up('pd_gravity', 1.0, 5.0), failed])
+    text = to_markdown(LAW_KIND, [
+        made_up('compensation', 2.0, 4.0), made_up('integral', 1.0, 3.0),
+        made_up('pd_gravity', 1.0, 5.0), failed])
     assert text.splitlines()[-1] == '| Drive lag: 2 ms | 0.75 | **1.2** | **inf** |'
     assert ratio(failed, failed) == math.inf
 
@@ -85,13 +88,19 @@ def test_what_a_lab_knows_is_given() -> None:
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                  capsys: pytest.CaptureFixture[str]) -> None:
-    """Check that table and CSV have every law, and that the study itself is left alone."""
+    """Check that files, figures and page have every law; the study itself is left alone."""
     monkeypatch.setattr(cases, 'CASES', (LAG,))
     (tmp_path / 'study.md').touch()
     assert main(['study', '--laws', '--out', str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert f'{len(LAWS)} runs, 0 diverged' in said
     assert f'Runs by engine: batch {len(LAWS)}.' in said
+    assert said.endswith(f'\nopen {tmp_path / "laws.html"}\n')
+    assert [x.name for x in (tmp_path / 'laws_figures').iterdir()] == ['imperfections.png']
+    page = (tmp_path / 'laws.html').read_text(encoding='utf-8')
+    assert 'src="laws_figures/imperfections.png"' in page
+    assert all(f'<th scope="col" class="n">{x}</th>' in page for x in LAWS[1:])
+    assert '](laws_figures/imperfections.png)' in (tmp_path / 'laws.md').read_text()
     lines = list(csv.DictReader(io.StringIO((tmp_path / 'laws.csv').read_text(encoding='utf-8'))))
     assert [line['law'] for line in lines] == list(LAWS)
     heads = (tmp_path / 'laws.md').read_text(encoding='utf-8').splitlines()[4]

@@ -14,7 +14,9 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.study import evaluate, Outcome, run_cases, to_csv, to_markdown
+from ctc_chattering.studies.study import evaluate, Outcome, run_cases, to_csv
+from ctc_chattering.studies.study_files import SWITCHINGS as KIND
+from ctc_chattering.studies.study_files import to_markdown
 
 SHORT = tuple(
     Case(name, cases.BASIC, {
@@ -57,7 +59,7 @@ def test_numbers_are_those_of_the_simulation(engine: str) -> None:
     assert [(o.case.name, o.variant) for o in outcomes] == [
         (case.name, switching) for case in SHORT for switching in TWO]
     lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
-    text = to_markdown(outcomes).replace('**', '')
+    text = to_markdown(KIND, outcomes).replace('**', '')
     for outcome, line in zip(outcomes, lines, strict=True):
         setup = outcome.case.setup()
         run = simulate(setup.plant, setup.controller.changed({'switching': outcome.variant}),
@@ -82,7 +84,7 @@ def test_what_the_compiled_loop_cannot_run_has_a_reason() -> None:
     outcomes = list(run_cases((SHORT[0], elastic), TWO[:1]))
     lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
     assert [line['engine'] for line in lines] == ['batch', 'reference (elastic joints)']
-    assert 'Runs by engine: batch 1, reference (elastic joints) 1.' in to_markdown(outcomes)
+    assert 'Runs by engine: batch 1, reference (elastic joints) 1.' in to_markdown(KIND, outcomes)
 
 
 def test_processes_do_not_matter() -> None:
@@ -102,7 +104,7 @@ def test_diverging_run_is_reported() -> None:
     assert outcomes[2].error is None
     line = list(csv.DictReader(io.StringIO(to_csv(outcomes))))[3]
     assert line['rms_error_2_rad'] == '' and '\n' not in line['failure'] and line['failure']
-    assert '| diverged | diverged |' in to_markdown(outcomes)
+    assert '| diverged | diverged |' in to_markdown(KIND, outcomes)
 
 
 def outcome(switching: str, error: float, variation: float) -> Outcome:
@@ -113,7 +115,7 @@ def outcome(switching: str, error: float, variation: float) -> Outcome:
 def test_best_of_a_row_and_ranking() -> None:
     """Check what is bold, and how often each switching is best and worst."""
     row = [outcome('sign', 2.0, 100.0), outcome('implicit_observer', 0.5, 150.0)]
-    text = to_markdown(row)
+    text = to_markdown(KIND, row)
     assert '| 2.00e+00 / 2.00e+00 | **5.00e-01** / **5.00e-01** |' in text
     assert '| **100** / **100** | 150 / 150 |' in text
     assert '| sign | 0 | 2 | 2 | 0 | 0 |' in text
@@ -136,6 +138,9 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     figures = sorted(path.name for path in (out / 'figures').iterdir())
     assert figures == ['basic.png', 'chattering.png', 'sample_period.png']
     assert all(f'](figures/{name})' in text for name in figures)
+    page = (out / 'study.html').read_text(encoding='utf-8')
+    assert all(f'src="figures/{name}"' in page for name in figures)
+    assert page.count('<table>') == 3 and '<code>ctc study</code>' in page
     table = (out / 'study.csv').read_text(encoding='utf-8')
     (out / 'mine').touch()
     assert main(arguments) == 1

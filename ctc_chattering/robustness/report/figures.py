@@ -76,7 +76,7 @@ def gain_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
         beyond = np.where(np.isinf(values), np.sign(values) * 1e3 * most,
                           np.clip(values, -most, most))
         drawn = mesh(place, data, beyond, cmap=cmap, norm=Normalize(-most, most))
-    name = data.variants[base].replace('$', r'\$')
+    name = data.variants[base]
     found.colour_bar(drawn, f'decades less error than {name}')
     found.legend([*_one_diverged(shown, name), *states(
         found.places, data, [np.isnan(x) for x in shown], 'both diverged')])

@@ -101,13 +101,12 @@ def _ruled(ax: Axes, axis: GridAxis, most: int) -> None:
 def legend_beside(ax: Axes) -> None:
     """Put the legend on the right of the axes."""
     handles, names = ax.get_legend_handles_labels()
-    ax.legend(handles, [textwrap.fill(name.replace('$', r'\$'), 34) for name in names],
+    ax.legend(handles, [textwrap.fill(name, 34) for name in names],
               loc='upper left', bbox_to_anchor=(1.01, 1.02), frameon=False, fontsize=9)
 
 
 def names_on(ax: Axes, names: Sequence[str]) -> None:
     """Let rows of the axes have names, from the top."""
-    ax.set_yticks(range(len(names)), [textwrap.fill(name, 40) for name in names],
-                  parse_math=False)
+    ax.set_yticks(range(len(names)), [textwrap.fill(name, 40) for name in names])
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.tick_params(axis='y', length=0)

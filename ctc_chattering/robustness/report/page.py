@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.output import Table, two_lines
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.robustness.report.axis import GridAxis, number
 from ctc_chattering.robustness.report.boundary import side, wilson
 from ctc_chattering.robustness.report.contrast import Contrast, contrast, passing
 from ctc_chattering.robustness.report.data import Counts, KINDS, MapData
 
-_NUMBER = ' class="n"'
+#: Names of laws, and what is said of them.
+Sentences = list[tuple[str, str]]
 
 
 def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
@@ -43,11 +44,13 @@ def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
         If the file cannot be written.
 
     """
-    links = [f'<a href="{escape(name)}">{escape(name)}</a> ({escape(what)})'
-             for name, what in files.items()]
-    numbers = '\n'.join([_failures(data), *_against_base(data), *_boundaries(data),
-                         '<h3>What was run</h3>', _summary(data, facts)])
-    write_sections(path, _headline(data), numbers, figures, links, lead=_lead(data))
+    worse, better = _against_base(data)
+    write_sections(
+        path, _headline(data), figures,
+        [(name, f'{name} ({what})') for name, what in files.items()], _lead(data), __package__,
+        'page.html', failures=_failures(data), worse=worse, better=better,
+        base=None if data.base is None else data.variants[data.base],
+        boundaries=list(_boundaries(data)), summary=_summary(data, facts))
 
 
 def _headline(data: MapData) -> str:
@@ -58,19 +61,20 @@ def _headline(data: MapData) -> str:
     order = np.argsort(failed / runs, kind='stable').tolist()
     shown = list(dict.fromkeys([order[0], order[-1] if data.base is None else data.base,
                                 order[-1]]))[:2]
-    texts = [f'{escape(data.variants[v])} {{}}in {_percent(failed[v], runs[v])}' for v in shown]
-    return ', '.join(texts).format('fails ', '') + ' of the runs'
+    return ', '.join(
+        f'{data.variants[v]} {"" if k else "fails "}in {_percent(failed[v], runs[v])}'
+        for k, v in enumerate(shown)) + ' of the runs'
 
 
 def _lead(data: MapData) -> str:
     axes = ' × '.join(axis.name for axis in data.axes)
-    points = f'over {escape(axes)}: {_many(int(np.prod(data.shape)), "point")}, ' if axes else ''
+    points = f'over {axes}: {_many(int(np.prod(data.shape)), "point")}, ' if axes else ''
     return (f'{_many(len(data.variants), "law")} {points or "with "}'
             f'{_many(data.repeats, "draw")}{" each" if axes else ""}, '
             f'{_many(len(data.variant), "run")} in all.')
 
 
-def _failures(data: MapData) -> str:
+def _failures(data: MapData) -> Table:
     """Return the table of failures: a row a variant, a column a kind."""
     used = [k for k in range(len(KINDS)) if data.kinds[k].any()]
     heads = ['law', 'runs', 'fail', *(KINDS[k] for k in used), 'median error [rad], 95 % quantile',
@@ -82,36 +86,31 @@ def _failures(data: MapData) -> str:
         error = np.sort(data.error[data.variant == v])
         middle, high = (error[int(np.ceil(q * runs)) - 1] for q in (0.5, 0.95))
         rows.append([name, f'{runs}', *(_share(int(n), runs) for n in (
-            data.kinds[:, v].sum(), *data.kinds[used, v])), f'{_error(middle)}\n{_error(high)}'])
+            data.kinds[:, v].sum(), *data.kinds[used, v])),
+            two_lines(_error(middle), _error(high))])
         if data.axes:
             rows[-1].append(' / '.join(str(int(((sides[v] == x) & (data.runs[v] > 0)).sum()))
                                        for x in (-1, 0, 1)))
-    return _table(heads, rows) + (
-        '<p class="fine">Below each share: its interval of 95 % (Wilson)'
+    return Table('', heads, rows, note=(
+        'Below each share: its interval of 95 % (Wilson)'
         + ('; for all points together it holds for this grid only. A point passes if its '
            'interval is below one half, and fails if it is above.' if data.axes else '.')
         + ' A run counts under the first kind that applies; one that diverged has an infinite '
-        'error.</p>')
+        'error.'))
 
 
-def _against_base(data: MapData) -> Iterator[str]:
-    """Yield where each law is worse than the base, the worst first."""
+def _against_base(data: MapData) -> tuple[Sentences, Sentences]:
+    """Return laws that are worse than the base somewhere, the worst first, and the others."""
     base = data.base
-    if base is None or len(data.variants) == 1:
-        return
+    if base is None:
+        return [], []
     name = data.variants[base]
-    yield f'<h3>Where a law is worse than {escape(name)}</h3>'
     found = {v: contrast(data, v, base) for v in range(len(data.variants)) if v != base}
-    worse = [v for v in found if found[v].larger or found[v].worse]
-    for v in sorted(worse, key=lambda v: (-found[v].worse, -found[v].loss)):
-        yield (f'<p class="attention"><b>{escape(data.variants[v])}</b> '
-               f'{escape(_sentences(found[v], name))}</p>')
-    for v in found:
-        if v not in worse:
-            yield (f'<p><b>{escape(data.variants[v])}</b> nowhere; {escape(name)} fails where it '
-                   f'does not in {found[v].better} of {_many(found[v].runs, "run")}.</p>')
-    yield ('<p class="fine">Of runs at the same point, with the same draw and the same noise. '
-           '<code>ctc map SPEC --explain RUN</code> shows one.</p>')
+    worse = sorted((v for v, x in found.items() if x.larger or x.worse),
+                   key=lambda v: (-found[v].worse, -found[v].loss))
+    return [(data.variants[v], _sentences(found[v], name)) for v in worse], [
+        (data.variants[v], f'nowhere; {name} fails where it does not in {x.better} of '
+         f'{_many(x.runs, "run")}.') for v, x in found.items() if v not in worse]
 
 
 def _sentences(found: Contrast, base: str) -> str:
@@ -126,20 +125,18 @@ def _sentences(found: Contrast, base: str) -> str:
     return text + '.'
 
 
-def _boundaries(data: MapData) -> Iterator[str]:
+def _boundaries(data: MapData) -> Iterator[Table]:
     """Yield a table for each axis: which of its values pass, at values of the others."""
     for k, axis in enumerate(data.axes):
         rows, count = passing(data, k)
         others = ', '.join(x.name for x in data.axes if x is not axis)
-        table = _table([others, *data.variants],
-                       [[name or axis.label, *cells] for name, cells in rows])
-        cut = f'<p class="fine">{len(rows)} of {count} rows.</p>' if len(rows) < count else ''
-        yield (f'<details{" open" if len(data.axes) == 1 else ""}><summary>Values of '
-               f'{escape(axis.label)} at which less than half of the runs fail</summary>'
-               f'{table}{cut}</details>')
+        yield Table(
+            f'Values of {axis.label} at which less than half of the runs fail',
+            [others, *data.variants], [[name or axis.label, *cells] for name, cells in rows],
+            note=f'{len(rows)} of {count} rows.' if len(rows) < count else '')
 
 
-def _summary(data: MapData, facts: Mapping[str, str]) -> str:
+def _summary(data: MapData, facts: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return axes, draws, seeds and engines, then the `facts` of nothing of these."""
     first, last = data.seeds
     lines = {axis.label: ': '.join(filter(None, (_values(axis), facts.get(axis.name))))
@@ -150,33 +147,12 @@ def _summary(data: MapData, facts: Mapping[str, str]) -> str:
                      + f'; seeds of the noise {first} to {last}')
     lines['engines'] = ', '.join(f'{name}: {_many(n, "run")}' for name, n in data.engines.items())
     lines |= {name: text for name, text in facts.items() if name not in data.columns}
-    return _table([], [[*line] for line in lines.items()])
+    return list(lines.items())
 
 
 def _values(axis: GridAxis) -> str:
     first, *others = (number(x) for x in axis.values)
     return f'{len(axis.values)} values, {first} to {others[-1]}' if others else first
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in HTML; the first column has names. The second line of a cell is small."""
-    head = ''.join(f'<th scope="col"{_NUMBER if k else ""}>{escape(x)}</th>'
-                   for k, x in enumerate(heads))
-    body = '\n'.join(f'<tr class="first"><th scope="row">{_bound(row[0])}</th>' + ''.join(
-        f'<td{_NUMBER if heads else ""}>{_lines(x)}</td>' for x in row[1:]) + '</tr>'
-        for row in rows)
-    return ('<div class="scroll"><table>' + (f'<thead><tr>{head}</tr></thead>' if heads else '')
-            + f'<tbody>{body}</tbody></table></div>')
-
-
-def _bound(text: str) -> str:
-    """Return text for HTML that breaks at commas only."""
-    return escape(text).replace(' ', '&nbsp;').replace(',&nbsp;', ', ')
-
-
-def _lines(text: str) -> str:
-    first, _, second = text.partition('\n')
-    return escape(first) + (f'<br><small>{_bound(second)}</small>' if second else '')
 
 
 def _runs(data: MapData) -> Counts:
@@ -186,7 +162,7 @@ def _runs(data: MapData) -> Counts:
 def _share(failures: int, runs: int) -> str:
     """Return a share with its interval."""
     low, high = (100.0 * float(x) for x in wilson(failures, runs))
-    return f'{_percent(failures, runs)}\n{low:.1f} to {high:.1f}'
+    return two_lines(_percent(failures, runs), f'{low:.1f} to {high:.1f}')
 
 
 def _percent(part: int, whole: int) -> str:

@@ -122,7 +122,7 @@ def sheet(data: MapData, title: str, variants: Sequence[int], rest: tuple[int, .
                 text = textwrap.fill(heads[row], max(8, int(height / 0.085)))
                 middle = above + row * (height + gap) + 0.5 * height
                 figure.text(0.12 / _WIDTH, 1.0 - middle / whole, text, rotation=90, va='center',
-                            fontsize=10, color='#333333', parse_math=False)
+                            fontsize=10, color='#333333')
             places.append(Place(ax, variant, index))
     tall = min(inner, 4.0)
     return Sheet(figure, tuple(places), (

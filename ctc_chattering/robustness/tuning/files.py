@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 import csv
-from html import escape
 import io
 import json
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.output import write_text, writing
+from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.output import Table, write_text, writing
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.experiment import parameter_file
@@ -36,13 +37,17 @@ def write_tuning(tuning: Tuning, out: Path) -> None:
     write_text(out / NUMBERS, json.dumps(
         finite(as_mapping(tuning)), indent=1, ensure_ascii=False) + '\n')
     write_text(out / FRONT, to_csv(tuning))
-    figures = save_tune_figures(tuning, out / FIGURES)
+    write_page(tuning, save_tune_figures(tuning, out / FIGURES), out / PAGE)
+
+
+def write_page(tuning: Tuning, figures: Sequence[FigureFile], path: Path) -> None:
+    """Write the page; raise `CtcError` if that cannot be done."""
     files = {TUNED: 'parameter file of the recommended point', POINTS: 'of all points of the '
              'front', FRONT: 'their numbers', NUMBERS: 'all trials'}
-    links = [f'<a href="{name}">{name}</a> ({what})' for name, what in files.items()
-             if recommended or name == NUMBERS]
-    write_sections(out / PAGE, escape(report.headline(tuning)), _numbers(tuning), figures, links,
-                   lead=_LEAD)
+    links = [(name, f'{name} ({what})') for name, what in files.items()
+             if tuning.knee is not None or name == NUMBERS]
+    write_sections(path, report.headline(tuning), figures, links, _LEAD,
+                   attention=[*report.notes(tuning), *tuning.spec.notes], tables=_tables(tuning))
 
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
@@ -127,26 +132,12 @@ def to_csv(tuning: Tuning) -> str:
     return text.getvalue()
 
 
-def _numbers(tuning: Tuning) -> str:
-    """Return the tables of the page, and what to note."""
+def _tables(tuning: Tuning) -> Iterator[Table]:
+    """Yield the tables of the page."""
     head, *rows = report.table(tuning)
-    caption = ('<p class="fine">* recommended: of the points that keep the limits on fresh draws, '
-               'the one with the smallest product of error and torque variation there. These are '
-               f'{escape(report.part_of_runs(tuning.percentile))}; torque and rate are the '
-               'largest of all fresh draws. A column <i>fresh</i> is on draws that the search has '
-               'not seen.</p>')
-    facts = ''.join(f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>'
-                    for name, value in report.facts(tuning))
-    attention = ''.join(f'<p class="attention">{escape(note)}</p>' for note in (
-        *report.notes(tuning), *tuning.spec.notes))
-    return (f'{attention}<div class="scroll"><table><thead>{_row(head, "th")}</thead><tbody>'
-            + '\n'.join(_row(row, 'td') for row in rows)
-            + f'</tbody></table></div>{caption}<h3>What was run</h3><div class="scroll">'
-            f'<table><tbody>{facts}</tbody></table></div>')
-
-
-def _row(cells: list[str], tag: str) -> str:
-    """Return a row; cells behind the first have numbers."""
-    return '<tr>' + ''.join(
-        f'<{tag}{" class=n" if i else ""}>{escape(cell).replace(" to ", "&nbsp;to&nbsp;")}</{tag}>'
-        for i, cell in enumerate(cells)) + '</tr>'
+    yield Table('', head, rows, note=(
+        '* recommended: of the points that keep the limits on fresh draws, the one with the '
+        'smallest product of error and torque variation there. These are '
+        f'{report.part_of_runs(tuning.percentile)}; torque and rate are the largest of all fresh '
+        'draws. A column fresh is on draws that the search has not seen.'))
+    yield Table('What was run', (), list(report.facts(tuning)))

@@ -1,0 +1,77 @@
+"""What `ctc study` writes: tables, CSV, figures and page, of the switchings or of the laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+from pathlib import Path
+from types import ModuleType
+
+from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.output import markdown, markdown_table, write_text
+from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.studies import law_study, study
+from ctc_chattering.studies.study import Outcome, to_csv
+from ctc_chattering.studies.study_figures import save_study_figures
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """
+    A study.
+
+    Attributes
+    ----------
+    variants : str
+        What is compared.
+    name, figures : str
+        Of its files, without their endings, and of the directory of its figures.
+    module : module
+        `study` or `law_study`, with ``about`` and ``tables``.
+
+    """
+
+    variants: str
+    name: str
+    figures: str
+    module: ModuleType
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return what is written."""
+        return (f'{self.name}.md', f'{self.name}.csv', f'{self.name}.html', self.figures)
+
+
+SWITCHINGS = Kind('switching', 'study', 'figures', study)
+LAWS = Kind('law', 'laws', 'laws_figures', law_study)
+
+
+def write_study(kind: Kind, outcomes: Sequence[Outcome], out: Path, engine: str | None = None
+                ) -> Path:
+    """Write everything into `out` and return the page; raise `CtcError` if that cannot be done."""
+    text, table, page = (out / name for name in kind.names[:3])
+    write_text(table, to_csv(outcomes, kind.variants))
+    figures = save_study_figures(outcomes, out / kind.figures, engine)
+    write_text(text, to_markdown(kind, outcomes, figures, out))
+    write_sections(page, _title(kind), figures, [(x, x) for x in kind.names[:2]],
+                   kind.module.about(outcomes), tables=kind.module.tables(outcomes))
+    return page
+
+
+def to_markdown(kind: Kind, outcomes: Sequence[Outcome], figures: Sequence[FigureFile] = (),
+                out: Path = Path()) -> str:
+    """Return all tables, and the figures below `out`."""
+    lines = [f'# {_title(kind)}', '', markdown(kind.module.about(outcomes))]
+    for table in kind.module.tables(outcomes):
+        lines += ['', *([f'## {table.title}', ''] if table.title else []),
+                  *([table.note, ''] if table.note else []),
+                  *markdown_table(table.heads, table.rows)]
+    if figures:
+        lines += ['', '## Figures']
+    for figure in figures:
+        lines += ['', f'![{figure.caption}]({figure.path.relative_to(out).as_posix()})']
+    return '\n'.join([*lines, ''])
+
+
+def _title(kind: Kind) -> str:
+    return f'Study of the {kind.variants}s'

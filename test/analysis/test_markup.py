@@ -1,0 +1,216 @@
+"""Names from outside in every kind of page, in figures and in Markdown: always text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from functools import lru_cache
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+import re
+from xml.etree import ElementTree
+
+from identified_bags import short
+from jinja2 import UndefinedError
+from map_tables import table_of
+import numpy as np
+import pytest
+from tunings import one_process, short_spec
+
+from ctc_chattering.analysis.drawing import FigureFile, save
+from ctc_chattering.analysis.engine import REFERENCE
+from ctc_chattering.analysis.figures import tracking
+from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.output import bold, columns, file_stem, markdown, markdown_table
+from ctc_chattering.analysis.report import write_page
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.identification import report as identification
+from ctc_chattering.identification.identify import identify
+from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.recommendation import recommend
+from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.lines import lines
+from ctc_chattering.robustness.report.page import write_map_page
+from ctc_chattering.robustness.tuning.files import write_page as write_search_page
+from ctc_chattering.robustness.tuning.runs import Evaluation, tune, Tuning
+from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.studies.comparison import BASE, Outcome, Task, Variant
+from ctc_chattering.studies.comparison_files import write_page as write_comparison_page
+from ctc_chattering.studies.comparison_tables import to_markdown
+from ctc_chattering.studies.measurement import Measurement
+from ctc_chattering.trajectory.reference import ReferenceConfig
+
+#: What runs, closes, or breaks something, wherever it is not text.
+HOSTILE = ('<script>alert(1)</script>"><iframe srcdoc="<script>alert(1)</script>"></iframe>'
+           "' onerror='alert(1)' $x_{ a|b {{7*7}} {% raw %} {0} **b** &lt;i> \x1b[1m\n</td> $")
+#: As long, and harmless.
+PLAIN = 'a' * len(HOSTILE)
+
+
+class Page(HTMLParser):
+    """The elements of a page with the names of their attributes, and all that can be read."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, tuple[str, ...]]] = []
+        self.urls: list[str] = []
+        self.text = ''
+        self.feed(path.read_text(encoding='utf-8'))
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, tuple(name for name, _ in attrs)))
+        self.urls += [value or '' for name, value in attrs if name in ('href', 'src')]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def words(text: str) -> str:
+    return ' '.join(text.split())
+
+
+def figure_files(name: str, out: Path) -> list[FigureFile]:
+    return [FigureFile(out / 'figures' / f'{file_stem(name)}.svg', name, name)] * 2
+
+
+def runs(name: str) -> list[Result]:
+    joints = (f'1{name}', f'2{name}')
+    found = []
+    for law in ('compensation', 'chattering'):
+        config = ControllerConfig(law=law, joint_names=joints)
+        run = simulate(PlantConfig(duration=0.05, joint_names=joints), config,
+                       ReferenceConfig(joint_names=joints))
+        found += [Result(name, [(0.0, config)], run, source=name, window=(0.0, 0.05)),
+                  Result(f'short {name}', [(0.0, config)], run)]
+    return found
+
+
+def of_runs(name: str, out: Path) -> None:
+    """Write the page of `ctc plot`: experiment, joints, bags."""
+    write_page(runs(name), figure_files(name, out), out / 'index.html', [name] * 4)
+
+
+def map_of(name: str) -> MapData:
+    failure = [[['', 'error'], ['error', '']], [['', ''], ['error', 'error']]]
+    return map_data(table_of(
+        ('compensation', name), {name: [1.0, 2.0]}, {
+            'error': [[[1.0, 2.0], [3.0, 1.0]]] * 2, 'failure': failure}, {f'{name}2': [1, 2]}),
+        {name: 'rad'}, [f'{name}2'])
+
+
+def of_a_map(name: str, out: Path) -> None:
+    """Write the page of `ctc map`: axes, uncertain parameters, variants, units, facts."""
+    write_map_page(map_of(name), figure_files(name, out), out / 'index.html',
+                   {name: name, 'x': name}, {name: name})
+
+
+@lru_cache(1)
+def search() -> Tuning:
+    return tune(Evaluation(short_spec(duration=0.1), 100.0, REFERENCE, one_process), 1, 1)
+
+
+def of_a_search(name: str, out: Path) -> None:
+    """Write the page of `ctc tune`: uncertain parameters, notes."""
+    spec = search().spec
+    uncertain = tuple(dataclasses.replace(x, name=name) for x in spec.uncertain)
+    named = dataclasses.replace(search(), spec=dataclasses.replace(
+        spec, uncertain=uncertain, notes=(name,)))
+    write_search_page(named, figure_files(name, out), out / 'index.html')
+
+
+@lru_cache(1)
+def identified() -> identification.Report:
+    recording = short(duration=3.0).recording
+    found = identify([recording], TwoLink(), [], '')
+    run = perturbation(found)
+    return identification.Report(
+        '', found, run, recommend(found, run, TwoLink(), recording.q), None)
+
+
+def of_an_identification(name: str, out: Path) -> None:
+    """Write the page of `ctc identify`: bags, joints."""
+    found = dataclasses.replace(identified().found, joints=(f'1{name}', f'2{name}'))
+    identification.write_page(dataclasses.replace(identified(), source=name, found=found),
+                              figure_files(name, out), out / 'index.html', {name: name})
+
+
+def outcomes(name: str) -> list[Outcome]:
+    measured = Measurement((1e-3, 2e-3), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0))
+    return [Outcome(Task(Path('friction'), None, None, variant, None), name, 'builtin',
+                    (f'1{name}', f'2{name}'), (), measured, engine=name)
+            for variant in (BASE, Variant('chattering', 'sign', 'file'))]
+
+
+def of_a_comparison(name: str, out: Path) -> None:
+    """Write the page of `ctc compare`: experiment, joints."""
+    write_comparison_page(outcomes(name), figure_files(name, out), out / 'index.html')
+
+
+@pytest.mark.parametrize('write', [
+    of_runs, of_a_map, of_a_search, of_an_identification, of_a_comparison])
+def test_no_name_becomes_an_element(write: Callable[[str, Path], None], tmp_path: Path) -> None:
+    """A page has the same elements and attributes whatever the names, and shows the names."""
+    pages = []
+    for name in (PLAIN, HOSTILE):
+        out = tmp_path / name[:1]
+        out.mkdir()
+        write(name, out)
+        pages.append(Page(out / 'index.html'))
+    plain, hostile = pages
+    assert hostile.elements == plain.elements
+    shown = words(hostile.text).count(words(HOSTILE))
+    assert shown == plain.text.count(PLAIN) >= 2
+    assert not any(':' in url or url.startswith('/') for url in hostile.urls)
+
+
+@pytest.mark.filterwarnings('ignore:Glyph')
+def test_figures_show_names_as_they_are(tmp_path: Path) -> None:
+    """Check that nothing is taken for a formula, except powers of ten, nor for a path."""
+    name = ' a|b $x_{ \x1b--> </td> $'
+    found = [('../../a/b', lines(map_of(name)), ''), ('c', tracking(runs(name)[0]), '')]
+    files = save(found, tmp_path / 'figures', ['svg'])
+    assert {x.name for x in tmp_path.iterdir()} == {'figures'}
+    assert {x.path.parent for x in files} == {tmp_path / 'figures'}
+    for file in files:
+        text = file.path.read_text(encoding='utf-8')
+        assert r'<!-- $\mathdefault{' in text and name[:9] in text
+        tags = {x.tag.rpartition('}')[2] for x in ElementTree.fromstring(text).iter()}
+        assert not {'script', 'iframe', 'td', 'a'} & tags
+
+
+def test_a_name_breaks_no_row_of_markdown() -> None:
+    text = to_markdown(outcomes(HOSTILE))
+    assert '<' not in text and '\x1b' not in text
+    for one, other in pairwise(line for line in text.splitlines() if line.startswith('|')):
+        if not other.startswith('| law'):
+            assert len(re.findall(r'(?<!\\)\|', one)) == len(re.findall(r'(?<!\\)\|', other))
+    assert markdown_table(['a|b', 'c'], [['\n* x\n', '[x](http://y)']]) == [
+        r'| a\|b | c |', '| --- | --- |', r'|  \* x  | [x]\(http://y) |']
+
+
+@pytest.mark.parametrize(('text', 'shown'), [
+    ('implicit_observer, 5 s ≤ t [N·m]', 'implicit_observer, 5 s ≤ t [N·m]'),
+    ('_x_ `a` ~b~ $c$ \\ d', r'\_x\_ \`a\` \~b\~ \$c\$ \\ d'),
+    ('<b>a & b</b>', '&lt;b>a &amp; b&lt;/b>'),
+    (bold('<b>*'), r'**&lt;b>\***'), (fragment('<code>{{ x }}</code>', x="'|'"), r"`'\|'`")])
+def test_markdown(text: str, shown: str) -> None:
+    assert markdown(text) == shown
+
+
+def test_only_markup_is_not_escaped() -> None:
+    assert fragment('<p>{{ a }}{{ b }}</p>', a='<i>"', b=Markup('<i>')) == (
+        '<p>&lt;i&gt;&#34;<i></p>')
+    assert fragment('{{ x | url }}', x='javascript:a b') == 'javascript%3Aa%20b'
+    with pytest.raises(UndefinedError):
+        fragment('{{ x }}')
+
+
+def test_columns_on_a_terminal_have_no_control_codes() -> None:
+    assert columns([['a\x1b[2Jb', 'c'], ['d\ne', 'f']]) == ['a [2Jb  c', 'd e     f']
+    assert np.array_equal([file_stem('../../x'), file_stem('\n'), file_stem('a b')],
+                          ['x', 'run', 'a_b'])

@@ -1,0 +1,58 @@
+"""Progress without a terminal: lines, and few of them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+import fcntl
+import os
+import struct
+import subprocess
+import sys
+import termios
+
+import pytest
+
+from ctc_chattering.cli.progress import Progress, progress_bar
+
+SCRIPT = """
+from ctc_chattering.cli.progress import progress_bar
+for _ in progress_bar(range(3), desc='map', unit='run'): pass
+"""
+
+
+def test_a_run_prints_its_begin_and_its_end(capfd: pytest.CaptureFixture[str]) -> None:
+    with Progress('friction', 2.0) as progress:
+        for k in range(201):
+            progress(0.01 * k)
+            if k == 100:
+                progress.write('1 s: law compensation')
+    said = capfd.readouterr()
+    assert '\r' not in said.err and said.err.endswith('\n')
+    lines = said.err.splitlines()
+    assert 1 <= len(lines) <= 3
+    assert lines[-1].startswith('friction 2.0/2.0 s [')
+    assert said.out == '1 s: law compensation\n'
+
+
+def test_a_bar_prints_its_begin_and_its_end(capfd: pytest.CaptureFixture[str]) -> None:
+    assert list(progress_bar(range(3), desc='map', unit='run')) == [0, 1, 2]
+    with progress_bar(total=5, desc='tune', unit='run') as bar:
+        bar.update(5)
+    said = capfd.readouterr().err
+    assert '\r' not in said
+    assert [x.partition(' [')[0] for x in said.splitlines()] == [
+        'map: 0/3 run', 'map: 3/3 run', 'tune: 0/5 run', 'tune: 5/5 run']
+
+
+def test_a_terminal_has_a_bar() -> None:
+    ours, theirs = os.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
+    with subprocess.Popen([sys.executable, '-c', SCRIPT], stderr=theirs) as process:
+        os.close(theirs)
+        said = b''
+        with suppress(OSError):  # What reads of a terminal without a writer say.
+            while part := os.read(ours, 4096):
+                said += part
+    os.close(ours)
+    assert process.returncode == 0
+    assert said.startswith(b'\rmap: ') and b'3/3' in said
