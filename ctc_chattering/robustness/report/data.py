@@ -20,7 +20,7 @@ Counts = npt.NDArray[np.int64]
 #: Law whose error is the measure of the others'.
 BASE = 'compensation'
 #: Kinds of failure, the worst first.
-KINDS = ('diverged', 'error', 'saturated', 'not reached', 'refused')
+KINDS = ('diverged', 'error', 'saturated', 'not reached', 'too long', 'refused')
 #: Columns of the results that `map_data` reads, besides axes and uncertain parameters.
 COLUMNS = ('run', 'repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
 #: Of the error.
@@ -126,7 +126,7 @@ class MapData:
 
     @cached_property
     def kinds(self) -> Counts:
-        """Number of failures of each of `KINDS` and variant, shape (5, V)."""
+        """Number of failures of each of `KINDS` and variant, shape (6, V)."""
         return np.array([np.bincount(self.variant[self.failure == k],
                                      minlength=len(self.variants)) for k in range(len(KINDS))])
 

@@ -14,7 +14,7 @@ from ctc_chattering.robustness.report.data import KINDS, MapData, spaced
 from ctc_chattering.robustness.report.lines import legend_beside, names_on, styles
 
 #: Colours of `KINDS`.
-KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#56B4E9', '#b5b5b5')
+KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#56B4E9', '#7B5EA7', '#b5b5b5')
 #: Most steps of a distribution that are drawn.
 _STEPS = 1000
 
