@@ -130,6 +130,14 @@ class MapData:
         return np.array([np.bincount(self.variant[self.failure == k],
                                      minlength=len(self.variants)) for k in range(len(KINDS))])
 
+    def of_draws(self, variant: int, kind: int | None = None) -> tuple[Counts, Counts]:
+        """Return failures, of one of `KINDS` or all, and runs of each draw, shape (draws,)."""
+        mine = self.variant == variant
+        failed = mine & (self.failure >= 0 if kind is None else self.failure == kind)
+        size = int(self.draw.max()) + 1
+        return (np.bincount(self.draw[failed], minlength=size),
+                np.bincount(self.draw[mine], minlength=size))
+
     @property
     def _cell(self) -> Counts:
         points = int(np.prod(self.shape, dtype=np.int64))
