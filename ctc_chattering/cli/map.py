@@ -102,15 +102,15 @@ def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directo
         count = scheduler.threads(client, show)
         print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
         scheduler.check_versions(client, version)
-        tables = scheduler.computed(client, chunks.compute, (runs, engine, version), todo,
-                                    show)
         there = len(runs) - sum(len(part) for _, part in todo)
         with progress_bar(total=len(runs), initial=there, desc='map', unit='run') as bar:
             def ended(error: BaseException) -> str:
                 return (f'{str(error) or "stopped"}; {bar.n} of {len(runs)} runs are in '
                         f'{directory.path}, the same command goes on')
             try:
-                for key, table in tables:
+                for key, table in scheduler.computed(
+                        client, chunks.compute, (runs, engine, version), todo,
+                        partial(bar.write, file=sys.stderr)):
                     directory.write(key, table)
                     bar.update(len(table))
             except CtcError as error:
