@@ -21,6 +21,7 @@ from ctc_chattering import __version__
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.cli.ctc import make_parser
+from ctc_chattering.cli.options import guarded
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import Run, simulate
@@ -277,6 +278,12 @@ def test_sentences_of_help_end_once() -> None:
     (commands,) = (x for x in make_parser()._actions if isinstance(x, _SubParsersAction))
     for name, parser in commands.choices.items():
         assert not re.search(r'[?!.,:;]\.', str(parser.description)), name
+
+
+def test_too_little_memory_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert guarded('ctc map', lambda: np.zeros(10 ** 15).size) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith('ctc map: too little memory: Unable to allocate')
 
 
 def test_closed_pipe(short: Path) -> None:
