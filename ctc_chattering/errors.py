@@ -14,6 +14,10 @@ class UsageError(CtcError):
     """A command line that means nothing; the program ends with status 2."""
 
 
+class MachineError(CtcError):
+    """What the machine or its installation could not do: it says nothing of any numbers."""
+
+
 class ParameterError(CtcError, ValueError):
     """
     A parameter whose value is not allowed.
@@ -70,11 +74,23 @@ def refused_as(what: str) -> Iterator[None]:
     what : str
         Beginning of the line.
 
+    Raises
+    ------
+    MachineError
+        If memory, a file or a module is missing.
+    CtcError
+        For everything else.
+
     """
     try:
         yield
     except CtcError:
         raise
+    except (MemoryError, OSError, ImportError) as error:
+        raise MachineError(f'{what}: {_line(error)}') from error
     except Exception as error:  # Libraries raise what they like.
-        reason = ' '.join(f'{type(error).__name__}: {error}'.split())
-        raise CtcError(f'{what}: {reason}') from error
+        raise CtcError(f'{what}: {_line(error)}') from error
+
+
+def _line(error: Exception) -> str:
+    return ' '.join(f'{type(error).__name__}: {error}'.split()).removesuffix(':')

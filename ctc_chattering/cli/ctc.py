@@ -71,7 +71,7 @@ def _add_experiments(commands: Any) -> None:
 
 def _add_map(commands: Any) -> None:
     parser = _add(
-        commands, 'map', 'run laws over grids and draws of parameters: where does which one fail?',
+        commands, 'map', 'run laws over grids and draws of parameters, and show which fails where',
         'Write map.parquet, a row a run; map.json, figures and index.html. What is there of the '
         'same map is not computed again.')
     parser.add_argument('spec', metavar='SPEC.yaml',

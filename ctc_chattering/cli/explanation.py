@@ -18,7 +18,7 @@ from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.point import find_run
 from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.shards import read_table, SHARDS
+from ctc_chattering.robustness.shards import checked, SHARDS
 
 #: Names in the directory of a run, which is below that of all of them.
 _FOLDER, _PARAMETERS, _SAMPLES = 'explain', 'run.yaml', 'trajectory.npz'
@@ -54,10 +54,11 @@ def _row(runs: Runs, run: int, engine: str, directory: Path) -> dict[str, Any] |
     """Return the row of a run, if the map of a directory has it."""
     key = chunks.map_key(runs, engine)
     part = next(part for part in chunks.chunks(runs, engine) if run in part)
-    path = directory / SHARDS / f'{chunks.chunk_key(key, part)}.parquet'
-    if not path.exists():
+    paths = list((directory / SHARDS).glob(f'{chunks.chunk_key(key, part)}.*.parquet'))
+    if not paths:
         return None
-    row: dict[str, Any] = read_table(path).slice(run - part.start, 1).to_pylist()[0]
+    table = checked(paths[0], part, chunks.schema(runs.spec))
+    row: dict[str, Any] = table.slice(run - part.start, 1).to_pylist()[0]
     return row
 
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import partial
-import importlib.metadata
 import sys
 import time
-from typing import Any
 
 import pyarrow
 
 from ctc_chattering.analysis.engine import available, compile_loop
-from ctc_chattering.analysis.result import finite
 from ctc_chattering.cli.explanation import explain
 from ctc_chattering.cli.options import number_of_jobs
 from ctc_chattering.cli.presentation import print_page
@@ -23,15 +20,14 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.robustness import chunks, scheduler
+from ctc_chattering.robustness.lock import locked
 from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.shards import Directory, TABLE
+from ctc_chattering.robustness.shards import Directory, file_digest, TABLE
 from ctc_chattering.robustness.spec import read_spec
 from ctc_chattering.simulation.registry import make_plant
 
 #: Folder of the package's own specs, below `config`.
 _FOLDER = 'maps'
-#: Packages whose versions are noted with the results.
-_PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -44,21 +40,26 @@ def run(options: argparse.Namespace) -> int:
     if options.explain is not None:
         return explain(runs, engine, options)
     _try(runs)
-    parts, key = chunks.chunks(runs, engine), chunks.map_key(runs, engine)
-    keys = [chunks.chunk_key(key, part) for part in parts]
-    about = {'key': key, 'spec': finite(chunks.contents(runs)), 'engine': engine,
-             'versions': _versions(), 'runs': len(runs), 'chunks': len(parts)}
-    directory = Directory(options.out, about, options.overwrite)
-    start = time.monotonic()
-    todo = [(key, part) for key, part in zip(keys, parts) if not directory.has(key)]
+    with locked(options.out):
+        return _map(runs, engine, reason, jobs, options)
+
+
+def _map(runs: Runs, engine: str, reason: str, jobs: int, options: argparse.Namespace) -> int:
+    """Compute what is missing of a map, and write its results."""
+    start, about = time.monotonic(), chunks.about(runs, engine)
+    parts = [(chunks.chunk_key(about['key'], part), part) for part in chunks.chunks(runs, engine)]
+    about.update(runs=len(runs), chunks=len(parts))
+    directory, schema = Directory(options.out, about, options.overwrite), chunks.schema(runs.spec)
+    todo = directory.missing(parts, schema, partial(print, flush=True))
     _announce(runs, engine, reason, len(parts), todo)
     if todo:
         _compute(runs, engine, todo, directory, jobs, options.scheduler)
-    table = directory.merge(keys, chunks.schema(runs.spec))
+    table = directory.merge(parts, schema)
     counts = {name: _counts(table[name]) for name in ('engine', 'failure')}
     directory.describe({**about, 'engines': counts['engine'], 'failures': counts['failure'],
                         'computed_now': sum(len(part) for _, part in todo),
-                        'seconds': round(time.monotonic() - start, 1)})
+                        'seconds': round(time.monotonic() - start, 1),
+                        'sha256': {TABLE: file_digest(options.out / TABLE)}})
     failed = sum(n for kind, n in counts['failure'].items() if kind)
     print(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
           f'{options.out / TABLE}; drawing ...', flush=True)
@@ -95,21 +96,22 @@ def _announce(runs: Runs, engine: str, reason: str, count: int,
 def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directory: Directory,
              jobs: int, address: str | None) -> None:
     """Compute what is missing, and write each chunk as it comes."""
-    version = chunks.version()
+    version, show = chunks.version(), partial(print, flush=True)
     if address is None:
-        compile_loop([runs.spec.setup], engine, partial(print, flush=True))
+        compile_loop([runs.spec.setup], engine, show)
     with scheduler.workers(min(jobs, len(todo)), address) as client:
-        count = scheduler.threads(client)
+        count = scheduler.threads(client, show)
         print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
         scheduler.check_versions(client, version)
-        tables = scheduler.computed(client, chunks.compute, (runs, engine, version), todo)
         there = len(runs) - sum(len(part) for _, part in todo)
         with progress_bar(total=len(runs), initial=there, desc='map', unit='run') as bar:
             def ended(error: BaseException) -> str:
                 return (f'{str(error) or "stopped"}; {bar.n} of {len(runs)} runs are in '
                         f'{directory.path}, the same command goes on')
             try:
-                for key, table in tables:
+                for key, table in scheduler.computed(
+                        client, chunks.compute, (runs, engine, version), todo,
+                        partial(bar.write, file=sys.stderr)):
                     directory.write(key, table)
                     bar.update(len(table))
             except CtcError as error:
@@ -121,14 +123,3 @@ def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directo
 def _counts(column: pyarrow.ChunkedArray) -> dict[str, int]:
     """Return how often each text is in a column."""
     return dict(sorted((x['values'], x['counts']) for x in column.value_counts().to_pylist()))
-
-
-def _versions() -> dict[str, Any]:
-    """Return the versions of this package and of those that the results depend on."""
-    found = {'ctc_chattering': chunks.version(), 'python': sys.version.split()[0]}
-    for name in _PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found

@@ -98,7 +98,7 @@ def number_of_jobs(number: int | None) -> int:
 
 def guarded(name: str, command: Callable[[], int]) -> int:
     """
-    Run a command; a `CtcError` becomes one line.
+    Run a command; a `CtcError`, or too little memory, becomes one line.
 
     The status is then 1, or 2 if the command line is wrong or a package is missing.
     """
@@ -107,6 +107,9 @@ def guarded(name: str, command: Callable[[], int]) -> int:
     except CtcError as error:
         print(f'{name}: {error}', file=sys.stderr, flush=True)
         return 2 if isinstance(error, UsageError) else 1
+    except MemoryError as error:
+        print(f'{name}: too little memory: {error}'.rstrip(': '), file=sys.stderr, flush=True)
+        return 1
     except ModuleNotFoundError as error:
         print(f'{name}: {_how_to_install(error)}', file=sys.stderr, flush=True)
         return 2

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -186,9 +187,18 @@ def full_sections(path: Path) -> list[tuple[str, Values]]:
     if not isinstance(tree, dict):
         raise CtcError(f'{path}: not a parameter file; it needs node names at the top')
     try:
-        return list(_sections(tree, '', path))
+        sections = list(_sections(tree, '', path))
     except RecursionError:
         raise CtcError(f'{path}: not a parameter file; it contains itself') from None
+    _each_once(str(path), 'section', [name for name, _ in sections])
+    return sections
+
+
+def _each_once(where: str, kind: str, names: Iterable[str]) -> None:
+    """Raise `CtcError` for a name that two spellings give, such as a.b and a: {b: …}."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise CtcError(f'{where}: {kind} {name} stands twice, in two spellings')
 
 
 def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Values]]:
@@ -200,7 +210,9 @@ def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tupl
             values = below['ros__parameters']
             if not (values is None or isinstance(values, dict)):
                 raise CtcError(f'{path}: {name}: ros__parameters holds no parameters')
-            yield name, dict(_flat(values or {}, ''))
+            flat = list(_flat(values or {}, ''))
+            _each_once(f'{path}: {name}', 'parameter', [key for key, _ in flat])
+            yield name, dict(flat)
         else:
             yield from _sections(below, name, path)
 

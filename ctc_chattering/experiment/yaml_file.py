@@ -1,4 +1,4 @@
-"""YAML files, with numbers as ROS reads them."""
+"""YAML files, with numbers as ROS reads them, and every key once."""
 
 from __future__ import annotations
 
@@ -13,7 +13,19 @@ from ctc_chattering.errors import CtcError, ParameterError
 
 
 class Loader(yaml.SafeLoader):
-    """YAML with numbers as ROS reads them: 1e-3 is one."""
+    """YAML with numbers as ROS reads them, 1e-3 is one; a key that stands twice is refused."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """Return a mapping as it is written; of equal keys YAML would take the last silently."""
+        node: yaml.MappingNode = super().compose_mapping_node(anchor)
+        lines: dict[tuple[str, str], int] = {}
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            name, line = (key.tag, key.value), key.start_mark.line + 1
+            if name in lines:
+                raise CtcError(f'key {key.value} stands twice in one mapping, in lines '
+                               f'{lines[name]} and {line}')
+            lines[name] = line
+        return node
 
 
 Loader.add_implicit_resolver(
@@ -39,7 +51,7 @@ def parse_value(text: str) -> Any:
     Raises
     ------
     CtcError
-        If it is none, or null.
+        If it is none, or null, or has a key twice.
 
     """
     try:
@@ -58,7 +70,7 @@ def read_yaml(path: Path) -> object:
     Raises
     ------
     CtcError
-        If it cannot be read or is not one YAML document.
+        If it cannot be read, is not one YAML document, or has a key twice.
 
     """
     try:
@@ -66,6 +78,8 @@ def read_yaml(path: Path) -> object:
             return yaml.load(stream, Loader)
     except OSError as error:
         raise CtcError(f'{path}: {error.strerror or error}') from None
+    except CtcError as error:
+        raise CtcError(f'{path}: {error}') from None
     except (yaml.YAMLError, ValueError) as error:
         text = ' '.join(str(error).split())
         raise CtcError(f'{path}: not a YAML file: {text}') from None

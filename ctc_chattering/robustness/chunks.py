@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 import dataclasses
 from functools import cache
 import hashlib
+import importlib.metadata
 import json
 from pathlib import Path
+import sys
 from typing import Any
 
 import pyarrow
 
 import ctc_chattering
 from ctc_chattering.analysis.engine import available, BATCH, engine_of, REFERENCE
-from ctc_chattering.errors import CtcError
+from ctc_chattering.analysis.result import finite
+from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness import columns
 from ctc_chattering.robustness.evaluation import evaluate, refused
@@ -25,6 +29,10 @@ from ctc_chattering.robustness.spec import MapSpec
 #: Control steps of a chunk times the square of the number of joints, about a second of work; and
 #: how many steps of the compiled loop cost what one of the reference does.
 _STEPS, _REFERENCE = 4e6, 30
+#: Number of chunks, where there are as many runs, so that as many workers have work.
+_FEWEST = 64
+#: Packages whose versions are noted with the results.
+_PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
 #: Parameters on which the number of steps of a run depends.
 _OF_STEPS = ('control_period', 'integration_step')
 #: What computes a row, relative to the package.
@@ -47,10 +55,13 @@ def version() -> str:
 
 
 def schema(spec: MapSpec) -> pyarrow.Schema:
-    """Return the columns of the results."""
-    names = [quantity.name for quantity in (*spec.axes, *spec.uncertain)]
-    kinds = columns.of_map(names, len(spec.setup.controller.joint_names))
-    return pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in kinds.items()])
+    """Return the columns of the results, with the unit of each that has one."""
+    units = {quantity.name: quantity.unit for quantity in (*spec.axes, *spec.uncertain)}
+    kinds = columns.of_map(list(units), len(spec.setup.controller.joint_names))
+    return pyarrow.schema([
+        pyarrow.field(name, pyarrow.type_for_alias(kind), metadata={'unit': unit} if (
+            unit := units.get(name, columns.unit_of(name))) else None)
+        for name, kind in kinds.items()])
 
 
 def contents(runs: Runs) -> dict[str, Any]:
@@ -70,6 +81,16 @@ def contents(runs: Runs) -> dict[str, Any]:
                          for node, text in setup.descriptions.items()}, 'window': spec.window,
         'laws': [dataclasses.asdict(variant) for variant in spec.variants], **quantities,
         **spec.repeats.as_mapping(), 'failure': spec.failure.as_mapping()}
+
+
+def about(runs: Runs, engine: str) -> dict[str, Any]:
+    """Return what a map is of, as `Directory` takes it."""
+    versions = {'ctc_chattering': version(), 'python': sys.version.split()[0]}
+    for name in _PACKAGES:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return {'key': map_key(runs, engine), 'spec': finite(contents(runs)), 'engine': engine,
+            'versions': versions}
 
 
 def map_key(runs: Runs, engine: str) -> str:
@@ -94,7 +115,7 @@ def engines(runs: Runs, engine: str) -> dict[str, tuple[str, str]]:
 
 def chunks(runs: Runs, engine: str) -> list[range]:
     """
-    Return the runs of a map in chunks of about a second of work each.
+    Return the runs of a map in chunks of about a second of work each, or less where runs are few.
 
     Their size depends on nothing but the spec and the engine.
     """
@@ -103,7 +124,7 @@ def chunks(runs: Runs, engine: str) -> list[range]:
     cost = sum(_REFERENCE if x == REFERENCE else 1 for x in used) / len(used)
     steps = max(map(_steps, [spec.setup, *_with_other_steps(spec)]))
     n = len(spec.setup.controller.joint_names)
-    size = max(1, int(_STEPS / (n ** 2 * cost * steps)))
+    size = max(1, min(int(_STEPS / (n ** 2 * cost * steps)), -(-len(runs) // _FEWEST)))
     return [range(k, min(k + size, len(runs))) for k in range(0, len(runs), size)]
 
 
@@ -155,6 +176,8 @@ def row(runs: Runs, run: int, engine: str) -> dict[str, Any]:
     which = runs.columns(run)
     try:
         setup = runs.setup(run)
+    except MachineError:
+        raise
     except CtcError as error:
         n = len(runs.spec.setup.controller.joint_names)
         return {**which, **refused(n, error, engine)}

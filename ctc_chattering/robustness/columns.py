@@ -15,6 +15,15 @@ RESULT = {'engine': TEXT, 'failure': TEXT, 'reason': TEXT,
 PER_JOINT = ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'max_torque_step_nm',
              'max_torque_rate_nm_per_s')
 OVERALL = {'max_error_norm1_rad': NUMBER, 'reaching_time_s': NUMBER, 'missing_samples': INTEGER}
+#: Units of columns, and of those of each joint.
+_UNITS = {'error': 'rad', 'variation': 'N*m/s', 'max_error_norm1_rad': 'rad',
+          'reaching_time_s': 's'}
+_OF_JOINTS = dict(zip(PER_JOINT, ('rad', 'N*m', 'N*m/s', 'N*m', 'N*m/s')))
+
+
+def unit_of(column: str) -> str:
+    """Return the unit of a column of the results; empty for none."""
+    return _UNITS.get(column) or _OF_JOINTS.get(column.rpartition('_')[0], '')
 
 
 def of_results(n: int) -> dict[str, str]:

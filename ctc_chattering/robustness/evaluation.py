@@ -9,11 +9,12 @@ import numpy as np
 from ctc_chattering.analysis.engine import engine_of, simulated_by
 from ctc_chattering.analysis.metrics import metrics, within
 from ctc_chattering.dynamics.registry import kept_model_of
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.columns import of_results, OVERALL, PER_JOINT
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.simulation.registry import make_plant
 
 #: Part of a limit from which a torque is at it.
 _AT_LIMIT = 1.0 - 1e-9
@@ -35,18 +36,36 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine
     engine : str
         As `engine_of` takes it.
 
+    Raises
+    ------
+    MachineError
+        If the machine cannot run it: that is no property of the run.
+
     """
     used, _ = engine_of(setup, engine)
     row = dict.fromkeys(of_results(len(setup.controller.joint_names)))
     row.update(engine=used, failure='', reason='')
+    if (count := steps(setup)) > failure.steps_above:
+        return {**row, 'failure': 'too long', 'reason': (
+            f'{count:.3g} steps of the integrator > {failure.steps_above}')}
     try:
         with refused_as('the run failed'), np.errstate(all='ignore'):
             run = simulated_by(setup, used, truth=True).run
             row.update(_numbers(run, setup, window))
+    except MachineError:
+        raise
     except CtcError as error:
         return {**row, 'failure': 'diverged', 'reason': str(error)}
     row['failure'], row['reason'] = _judged(row, setup, failure)
     return row
+
+
+def steps(setup: Setup) -> float:
+    """Return how many steps of the integrator a run has; stiff elastic joints have many."""
+    plant = setup.plant
+    if plant.elastic:
+        return make_plant(plant, setup.descriptions.get('plant', '')).steps
+    return plant.duration / min(plant.control_period, plant.integration_step)
 
 
 def refused(n: int, error: CtcError, engine: str) -> dict[str, Any]:

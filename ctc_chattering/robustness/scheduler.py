@@ -22,6 +22,8 @@ _LOST = 'the scheduler is lost'
 _IN_FLIGHT = 4
 #: Time to connect [s].
 _CONNECT = 10
+#: Time without a result after which to look whether there are workers [s].
+_LOOK = 1.0
 #: What dask logs besides what is raised.
 _LOGS = ('distributed', 'distributed.client')
 
@@ -91,12 +93,14 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def threads(client: Client) -> int:
-    """Return the number of threads that compute; wait until there is one."""
+def threads(client: Client, show: Callable[[str], None]) -> int:
+    """Return the number of threads that compute; with none, `show` a line and wait for one."""
     found: int = sum(client.nthreads().values())
     if not found:
-        client.wait_for_workers(1)
-        found = sum(client.nthreads().values())
+        show(f'waiting for workers at {client.scheduler.address}')
+        while not found:
+            client.wait_for_workers(1)
+            found = sum(client.nthreads().values())
     return found
 
 
@@ -124,7 +128,8 @@ def check_versions(client: Client, version: str) -> None:
 
 
 def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any],
-             tasks: Sequence[tuple[str, T]]) -> Iterator[tuple[str, Any]]:
+             tasks: Sequence[tuple[str, T]], show: Callable[[str], None]
+             ) -> Iterator[tuple[str, Any]]:
     """
     Yield name and result of every task, in the order in which they are done.
 
@@ -141,6 +146,8 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
         Sent to every worker once.
     tasks : sequence of (str, object)
         Name and argument. Equal names mean equal results.
+    show : callable
+        Takes a line when there is no worker.
 
     Raises
     ------
@@ -149,23 +156,28 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
 
     """
     try:
-        yield from _computed(client, function, shared, iter(tasks))
+        yield from _computed(client, function, shared, iter(tasks), show)
     except OSError:
         raise CtcError(_LOST) from None
 
 
 def _computed(client: Client, function: Callable[..., Any], shared: Sequence[Any],
-              waiting: Iterator[tuple[str, Any]]) -> Iterator[tuple[str, Any]]:
+              waiting: Iterator[tuple[str, Any]], show: Callable[[str], None]
+              ) -> Iterator[tuple[str, Any]]:
     """Do what `computed` does, but for the errors of a connection."""
     common = client.submit(tuple, shared, pure=False)
     done = as_completed(loop=client.loop)
     while True:
-        room = _IN_FLIGHT * threads(client) - done.count()
+        room = _IN_FLIGHT * threads(client, show) - done.count()
         for name, task in islice(waiting, max(0, room)):
             done.add(client.submit(_called, function, common, task, key=name))
         if done.is_empty():
             return
-        futures = done.next_batch()
+        with done.thread_condition:
+            ready = done.thread_condition.wait_for(done.has_ready, _LOOK)
+        if not ready:
+            continue
+        futures = done.next_batch(block=False)
         for future in futures:
             _check(future)
         for future, result in zip(futures, client.gather(futures)):

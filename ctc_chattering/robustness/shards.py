@@ -2,29 +2,39 @@
 The directory of a map: a parquet file per chunk, then one of all rows, and what they are of.
 
 Every file is written under another name and renamed, so that a process that is killed leaves whole
-files only.
+files only. The name of a chunk's file is its key and the digest of its bytes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+import hashlib
 import json
 import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow
 from pyarrow import parquet
 
 from ctc_chattering.analysis.output import prepare, write_text, writing
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, refused_as
 
 #: Names in the directory.
 SHARDS, TABLE, JSON, FIGURES, PAGE = 'shards', 'map.parquet', 'map.json', 'figures', 'index.html'
 _NAMES = (SHARDS, TABLE, JSON, FIGURES, PAGE)
-#: Least rows of a row group of the table of all runs, but for its last.
+#: Rows of a row group of the table of all runs, but for its last.
 _GROUP = 100_000
+#: Of all files.
+_FORMAT: dict[str, Any] = {'compression': 'zstd', 'write_page_checksum': True}
+#: Key and runs of a chunk.
+Part = tuple[str, range]
+
+
+class Damaged(CtcError):
+    """A file that is not as it was written."""
 
 
 class Directory:
@@ -48,43 +58,110 @@ class Directory:
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any], overwrite: bool = False) -> None:
-        self.path = path
+        self.path, self.about = path, about
         if overwrite or not (path / JSON).exists():
             prepare(path, _NAMES, overwrite)
             self.describe(about)
         elif (there := read_about(path)).get('key') != about['key']:
-            other = ('of another version of ctc_chattering or engine'
-                     if there.get('spec') == about['spec'] else 'of another spec')
+            same = _made_by(there) == _made_by(about)
+            other = ('of another spec' if same else
+                     'of another version of ctc_chattering or engine')
             raise CtcError(f'{path}: a map {other} is there; choose another --out, or --overwrite')
         with writing(path):
             (path / SHARDS).mkdir(exist_ok=True)
-
-    def shard(self, key: str) -> Path:
-        """Return the file of the chunk with this key."""
-        return self.path / SHARDS / f'{key}.parquet'
-
-    def has(self, key: str) -> bool:
-        """Return whether a chunk is there."""
-        return self.shard(key).exists()
+            self._files = {x.name.split('.')[0]: x
+                           for x in sorted((path / SHARDS).glob('[!.]*.*.parquet'))}
 
     def write(self, key: str, table: pyarrow.Table) -> None:
-        """Write the rows of a chunk."""
-        with _replacing(self.shard(key)) as temporary:
-            parquet.write_table(table, temporary, compression='zstd')
+        """Write the rows of a chunk; the name of the file has the digest of its bytes."""
+        sink = pyarrow.BufferOutputStream()
+        parquet.write_table(table, sink, **_FORMAT)
+        content = sink.getvalue()
+        path = self.path / SHARDS / f'{key}.{_digest(content)}.parquet'
+        with _replacing(path) as temporary:
+            temporary.write_bytes(content)
+        self._files[key] = path
 
-    def merge(self, keys: Sequence[str], schema: pyarrow.Schema) -> pyarrow.Table:
-        """Write and return all rows, in the order of the keys of their chunks."""
-        with (_replacing(self.path / TABLE) as temporary,
-              parquet.ParquetWriter(temporary, schema, compression='zstd') as writer):
-            waiting: list[pyarrow.Table] = []
-            for key in keys:
-                waiting.append(read_table(self.shard(key)))
-                if key == keys[-1] or sum(map(len, waiting)) >= _GROUP:
-                    writer.write_table(pyarrow.concat_tables(waiting))
-                    waiting = []
-        for path in (self.path / SHARDS).glob('.*'):
-            path.unlink(missing_ok=True)
-        return read_table(self.path / TABLE)
+    def read(self, key: str, runs: range, schema: pyarrow.Schema) -> pyarrow.Table | None:
+        """
+        Return the rows of a chunk, checked; None if it is not there.
+
+        Parameters
+        ----------
+        key : str
+            Of the chunk.
+        runs : range
+            Numbers of its runs.
+        schema : pyarrow.Schema
+            Of its rows.
+
+        Raises
+        ------
+        Damaged
+            If the file is not as it was written; it is removed.
+
+        """
+        path = self._files.get(key)
+        if path is None:
+            return None
+        try:
+            return checked(path, runs, schema)
+        except Damaged as error:
+            with writing(path):
+                path.unlink(missing_ok=True)
+            del self._files[key]
+            raise Damaged(f'{error}; it is removed, to be computed again') from None
+
+    def missing(self, parts: Sequence[Part], schema: pyarrow.Schema,
+                show: Callable[[str], None]) -> list[Part]:
+        """Return which chunks are to be computed; `show` takes a line for each damaged one."""
+        found = []
+        for key, runs in parts:
+            try:
+                there = self.read(key, runs, schema) is not None
+            except Damaged as error:
+                show(str(error))
+                there = False
+            if not there:
+                found.append((key, runs))
+        return found
+
+    def merge(self, parts: Sequence[Part], schema: pyarrow.Schema) -> pyarrow.Table:
+        """
+        Write and return all rows in the order of the chunks, the same bytes for any chunks.
+
+        Raises
+        ------
+        CtcError
+            If a chunk is missing or damaged; nothing is written then.
+
+        """
+        schema = schema.with_metadata(self._metadata())
+        path = self.path / TABLE
+        with (_replacing(path) as temporary,
+              parquet.ParquetWriter(temporary, schema, **_FORMAT) as writer):
+            for group in _groups(self._tables(parts, schema)):
+                writer.write_table(group)
+        for left in (self.path / SHARDS).glob('.*'):
+            left.unlink(missing_ok=True)
+        with refused_as(f'{path}: cannot be read'):
+            return _rows(path, range(parts[0][1].start, parts[-1][1].stop), schema)
+
+    def _tables(self, parts: Sequence[Part], schema: pyarrow.Schema) -> Iterator[pyarrow.Table]:
+        """Yield the rows of each chunk."""
+        for key, runs in parts:
+            table = self.read(key, runs, schema)
+            if table is None:
+                raise CtcError(f'{self.path}: runs {runs.start} to {runs.stop - 1} are missing')
+            yield table
+
+    def _metadata(self) -> dict[str, str]:
+        """Return what `about` says of the rows, as JSON; draws are in their columns."""
+        spec = dict(self.about['spec'])
+        spec['uncertain'] = [{name: x for name, x in tree.items() if name != 'draws'}
+                             for tree in spec.get('uncertain', ())]
+        return {name: json.dumps(x, ensure_ascii=False, sort_keys=True) for name, x in (
+            ('spec', spec), *((name, self.about.get(name)) for name in ('engine', 'versions')))}
 
     def describe(self, about: Mapping[str, Any]) -> None:
         """Write what the map is of, and what came of it."""
@@ -102,13 +179,72 @@ def read_about(directory: Path) -> dict[str, Any]:
     return about if isinstance(about, dict) else {}
 
 
-def read_table(path: Path) -> pyarrow.Table:
-    """Return the rows of a file; raise `CtcError` if it is none of ours."""
-    try:
-        return parquet.read_table(path, partitioning=None)
-    except (OSError, pyarrow.ArrowException) as error:
-        text = ' '.join(str(error).split())
-        raise CtcError(f'{path}: cannot be read, delete it and start again: {text}') from None
+def checked(path: Path, runs: range, schema: pyarrow.Schema) -> pyarrow.Table:
+    """
+    Return the rows of a shard.
+
+    Raises
+    ------
+    Damaged
+        If it is not as it was written, or does not have the rows of the runs.
+    CtcError
+        If the machine cannot read it.
+
+    """
+    with refused_as(f'{path}: cannot be read'):
+        content = path.read_bytes()
+        if _digest(content) != path.name.split('.')[1]:
+            raise Damaged(f'{path}: damaged, its bytes have changed')
+        try:
+            return _rows(pyarrow.BufferReader(content), runs, schema)
+        except ValueError as error:
+            raise Damaged(f'{path}: damaged, {error}') from None
+
+
+def _rows(source: Any, runs: range, schema: pyarrow.Schema) -> pyarrow.Table:
+    """Return the rows of a file; raise `ValueError` unless they are those of the runs."""
+    table = parquet.read_table(source, partitioning=None, page_checksum_verification=True)
+    if not table.schema.equals(schema):
+        raise ValueError('it has other columns')
+    if not np.array_equal(table['run'], runs):
+        raise ValueError(f'its {len(table)} rows are not runs {runs.start} to {runs.stop - 1}')
+    return table
+
+
+def _groups(tables: Iterable[pyarrow.Table]) -> Iterator[pyarrow.Table]:
+    """Yield rows in groups of one size, but for the last, in whatever tables they come."""
+    waiting, count = [], 0
+    for table in tables:
+        waiting.append(table)
+        count += len(table)
+        if count >= _GROUP:
+            rows = pyarrow.concat_tables(waiting)
+            cut = count - count % _GROUP
+            for start in range(0, cut, _GROUP):
+                yield rows.slice(start, _GROUP).combine_chunks()
+            waiting, count = [rows.slice(cut)], count - cut
+    if count:
+        yield pyarrow.concat_tables(waiting).combine_chunks()
+
+
+def file_digest(path: Path) -> str:
+    """Return SHA-256 of a file, as ``sha256sum`` prints it."""
+    found = hashlib.sha256()
+    with path.open('rb') as stream:
+        while block := stream.read(1 << 20):
+            found.update(block)
+    return found.hexdigest()
+
+
+def _made_by(about: Mapping[str, Any]) -> tuple[object, object]:
+    """Return version of the package and engine of a map."""
+    versions = about.get('versions')
+    return (versions.get('ctc_chattering') if isinstance(versions, dict) else None,
+            about.get('engine'))
+
+
+def _digest(content: bytes | pyarrow.Buffer) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
 
 
 @contextmanager

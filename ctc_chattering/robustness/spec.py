@@ -50,7 +50,7 @@ class Repeats(Config):
 
 @dataclasses.dataclass(frozen=True)
 class Failure(Config):
-    """What counts as a failure besides a run that diverges."""
+    """What counts as a failure besides a run that diverges or is refused."""
 
     title: ClassVar[str] = 'failure'
 
@@ -60,6 +60,9 @@ class Failure(Config):
     saturated_above: float = parameter(
         'saturated_above', 'float', 1.0,
         'Part of the samples in the window with a torque at its limit.', minimum=0.0, maximum=1.0)
+    steps_above: int = parameter(
+        'steps_above', 'int', 1_000_000,
+        'Steps of the integrator of a run, which then is not run.', minimum=1, maximum=10 ** 12)
     not_reached: bool = parameter(
         'not_reached', 'bool', False, 'Whether v that never stays within its band is a failure.')
 

@@ -88,6 +88,11 @@ class Robot(ABC):
             self._period / min(longest_step, config.integration_step) - 1e-9))
         self._h = self._period / self._substeps
 
+    @property
+    def steps(self) -> int:
+        """Number of steps of the integrator in the whole run."""
+        return self._last * self._substeps
+
     def _seen(self) -> tuple[Vector, Vector]:
         """Return the position and the velocity that the sensors turn into measurements."""
         return self.q, self.dq

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from argparse import _SubParsersAction
 import json
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 from typing import Any
@@ -18,6 +20,8 @@ from urdfs import two_links
 from ctc_chattering import __version__
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.cli.ctc import make_parser
+from ctc_chattering.cli.options import guarded
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import Run, simulate
@@ -267,6 +271,19 @@ def test_help(command: str) -> None:
             assert name in result.stdout
     else:
         assert ctc('--version').stdout.strip() == __version__
+
+
+def test_sentences_of_help_end_once() -> None:
+    """Check every subcommand for punctuation before the full stop that ends its summary."""
+    (commands,) = (x for x in make_parser()._actions if isinstance(x, _SubParsersAction))
+    for name, parser in commands.choices.items():
+        assert not re.search(r'[?!.,:;]\.', str(parser.description)), name
+
+
+def test_too_little_memory_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert guarded('ctc map', lambda: np.zeros(10 ** 15).size) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith('ctc map: too little memory: Unable to allocate')
 
 
 def test_closed_pipe(short: Path) -> None:

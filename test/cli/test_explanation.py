@@ -23,10 +23,10 @@ RUN = 15
 def shard(spec: Path, out: Path) -> None:
     """Compute the chunk of a small map that holds the run."""
     runs = Runs(read_spec(spec))
-    (chunk,) = chunks.chunks(runs, REFERENCE)
-    key = chunks.map_key(runs, REFERENCE)
-    Directory(out, {'key': key, 'spec': {}}).write(
-        chunks.chunk_key(key, chunk), chunks.compute(runs, REFERENCE, chunks.version(), chunk))
+    (chunk,) = (x for x in chunks.chunks(runs, REFERENCE) if RUN in x)
+    about = chunks.about(runs, REFERENCE)
+    Directory(out, about).write(chunks.chunk_key(about['key'], chunk), chunks.compute(
+        runs, REFERENCE, chunks.version(), chunk))
 
 
 def test_a_run_is_written_drawn_and_named(tmp_path: Path) -> None:

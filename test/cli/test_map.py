@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -21,6 +22,7 @@ from stopwatch import PATIENCE
 
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.robustness import chunks
+from ctc_chattering.robustness.lock import locked
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory
 from ctc_chattering.robustness.spec import read_spec
@@ -63,11 +65,12 @@ def shards(out: Path) -> set[str]:
 def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     """Compute a map run by run here; return the bytes of its tables."""
     runs = Runs(read_spec(spec))
-    directory, keys = Directory(out, {'key': 'here', 'spec': {}}), []
-    for chunk in reversed(chunks.chunks(runs, REFERENCE)):
-        keys.append(chunks.chunk_key(chunks.map_key(runs, REFERENCE), chunk))
-        directory.write(keys[-1], chunks.compute(runs, REFERENCE, chunks.version(), chunk))
-    directory.merge(keys[::-1], chunks.schema(runs.spec))
+    about = chunks.about(runs, REFERENCE)
+    directory = Directory(out, about)
+    parts = [(chunks.chunk_key(about['key'], x), x) for x in chunks.chunks(runs, REFERENCE)]
+    for key, chunk in reversed(parts):
+        directory.write(key, chunks.compute(runs, REFERENCE, chunks.version(), chunk))
+    directory.merge(parts, chunks.schema(runs.spec))
     return tables(out)
 
 
@@ -115,14 +118,18 @@ def test_ctrl_c_ends_in_a_line(tmp_path: Path) -> None:
 
 
 def test_results(tmp_path: Path) -> None:
-    """Check every file, that nothing is computed twice, and that another map is refused."""
+    """
+    Check every file, and that the next one computes nothing but what is damaged.
+
+    Check that another map, and one while another process writes, is refused.
+    """
     spec, out = written(tmp_path / 'small.yaml', failure={'error_above': 1e-9}), tmp_path / 'out'
     words = ('map', spec, '--out', out, '--jobs', 1, *REFERENCE_ONLY)
     result = ctc(*words)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[0] == '24 runs in 1 chunk, engine reference'
+    assert result.stdout.splitlines()[0] == '24 runs in 24 chunks, engine reference'
     assert {x.name for x in out.iterdir()} == {
-        'map.parquet', 'map.json', 'shards', 'figures', 'index.html'}
+        'map.parquet', 'map.json', 'shards', 'figures', 'index.html', '.lock'}
     table = parquet.read_table(out / 'map.parquet')
     assert table['run'].to_pylist() == list(range(24))
     assert set(table['failure'].to_pylist()) == {'error'}
@@ -131,13 +138,32 @@ def test_results(tmp_path: Path) -> None:
         24, {'error': 24}, {'reference': 24})
     assert about['spec']['window'] == [0.05, 0.1]
     assert about['versions']['ctc_chattering'] == chunks.version()
-    before = (out / 'map.parquet').read_bytes()
+    before = tables(out)
+    assert about['sha256'] == {
+        'map.parquet': hashlib.sha256(before['map.parquet']).hexdigest()}
+    damaged = next(out.glob('shards/*.parquet'))
+    damaged.write_bytes(damaged.read_bytes()[:-1] + b'?')
     again = ctc(*words)
-    assert (again.returncode, again.stdout.splitlines()[1]) == (0, '24 runs are there already')
-    assert (out / 'map.parquet').read_bytes() == before
+    assert (again.returncode, again.stdout.splitlines()[0], again.stdout.splitlines()[2]) == (
+        0, f'{damaged}: damaged, its bytes have changed; it is removed, to be computed again',
+        '23 runs are there already')
+    assert tables(out) == before
+    with locked(out):
+        refused(ctc(*words), f'{out}: process {os.getpid()} on ', 'is writing there')
     written(spec, seed=8)
     refused(ctc(*words), str(out), 'a map of another spec', '--overwrite')
-    assert (out / 'map.parquet').read_bytes() == before
+    assert tables(out) == before
+
+
+def test_what_the_machine_cannot_do_ends_the_map(tmp_path: Path) -> None:
+    """Run an arm that is short of memory: no run of it is booked as one that diverged."""
+    spec = written(tmp_path / 'small.yaml', overrides={'/**': {'model': 'broken_arm:Broken'}})
+    out = tmp_path / 'out'
+    result = ctc('map', spec, '--out', out, '--jobs', 1)
+    assert (result.returncode, result.stderr.splitlines()[-1]) == (
+        1, 'ctc map: the run failed: MemoryError: no more; 0 of 24 runs are in '
+        f'{out}, the same command goes on')
+    assert not shards(out)
 
 
 @pytest.mark.parametrize(('words', 'expected'), [

@@ -23,24 +23,33 @@ def sizes(made: Runs, engine: str) -> list[int]:
 
 def test_a_chunk_has_so_many_control_steps() -> None:
     """Check 4e6 / n² steps of the compiled loop, a thirtieth of them of the reference."""
-    long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 25}
-    assert sizes(runs(**long), BATCH) == [10] * 5
-    assert sizes(runs(**long, laws=['compensation']), REFERENCE) == [1] * 25
-    short = {**long, 'duration': 1.0, 'repeats': 100}
-    assert sizes(runs(**short, laws=['compensation']), REFERENCE) == [33, 33, 33, 1]
+    long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 1000}
+    assert sizes(runs(**long), BATCH) == [10] * 200
+    assert sizes(runs(**long, laws=['compensation']), REFERENCE) == [1] * 1000
+    short = {**long, 'duration': 1.0, 'repeats': 3301}
+    assert sizes(runs(**short, laws=['compensation']), REFERENCE) == [33] * 100 + [1]
+
+
+@pytest.mark.parametrize(('count', 'expected'), [
+    (1, [1]), (24, [1] * 24), (64, [1] * 64), (100, [2] * 50), (160, [3] * 53 + [1])])
+def test_few_runs_give_work_to_many_workers(count: int, expected: list[int]) -> None:
+    """Check 64 chunks at most, and no less than half as many where there are as many runs."""
+    few = {'axes': None, 'uncertain': None, 'repeats': count, 'laws': ['compensation']}
+    assert sizes(runs(**few), BATCH) == expected
 
 
 def test_the_shortest_period_or_step_of_an_axis_counts() -> None:
-    long = {'duration': 100.0, 'uncertain': None, 'repeats': 50, 'laws': ['compensation']}
+    long = {'duration': 100.0, 'uncertain': None, 'repeats': 500, 'laws': ['compensation']}
     for name in ('control_period', 'plant.integration_step'):
         axes = {'x': {'parameter': name, 'values': [5e-4, 1e-3]}}
-        assert sizes(runs(**long, axes=axes), BATCH) == [5] * 20
+        assert sizes(runs(**long, axes=axes), BATCH) == [5] * 200
 
 
 def test_laws_that_take_the_reference_make_chunks_smaller() -> None:
     elastic = {'plant': {'joint_stiffness': [1e4, 1e4], 'motor_inertia': [0.1, 0.1]}}
-    made = runs(overrides=elastic, duration=1.0, axes=None, laws=['compensation'], repeats=70)
-    assert sizes(made, BATCH) == [33, 33, 4]
+    made = runs(overrides=elastic, duration=1.0, axes=None, laws=['compensation'],
+                repeats=3301)
+    assert sizes(made, BATCH) == [33] * 100 + [1]
     assert chunks.engines(made, BATCH) == {'compensation': (REFERENCE, 'elastic joints')}
 
 

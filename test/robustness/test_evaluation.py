@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
+from broken_arm import Broken
 from map_specs import ON_TRACK
 import numpy as np
 import pytest
 
 from ctc_chattering.analysis.engine import BATCH, ENGINES, REFERENCE
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.columns import of_results
 from ctc_chattering.robustness.evaluation import evaluate, limits, refused
 from ctc_chattering.robustness.spec import Failure
+from ctc_chattering.robustness.tuning.runs import measured
 from ctc_chattering.simulation.closed_loop import simulate
 
 CONFIG = Path(__file__).parents[2] / 'config'
@@ -125,3 +128,47 @@ def test_refused() -> None:
 def test_a_row_says_what_simulated_it() -> None:
     elastic = setup({'joint_stiffness': [1e4, 1e4], 'motor_inertia': [0.1, 0.1]})
     assert evaluate(elastic, WINDOW, NONE, BATCH)['engine'] == REFERENCE
+
+
+@pytest.mark.parametrize(('error', 'kind'), [
+    (MemoryError, MachineError), (OSError, MachineError), (ImportError, MachineError),
+    (RuntimeError, None)])
+def test_what_the_machine_cannot_do_is_no_failure_of_the_run(
+        error: type[Exception], kind: type[CtcError] | None,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check a map and a search for gains; what a model of one's own computes does count."""
+    monkeypatch.setattr(Broken, 'error', error)
+    made = broken()
+    tuned = (made, WINDOW, REFERENCE)
+    if kind is None:
+        assert evaluate(made, WINDOW, NONE, REFERENCE)['failure'] == 'diverged'
+        assert 'no more' in measured(tuned).failure
+        return
+    with pytest.raises(kind, match=f'^the run failed: {error.__name__}: no more$'):
+        evaluate(made, WINDOW, NONE, REFERENCE)
+    with pytest.raises(kind):
+        measured(tuned)
+
+
+def broken() -> Setup:
+    return parameter_file.load(None, {
+        '/**': {'model': 'broken_arm:Broken'}, 'plant': {'duration': 0.2}})
+
+
+@pytest.mark.parametrize(('plant', 'count'), [
+    ({}, 200), ({'integration_step': 2.5e-4}, 800), ({'duration': 1e6}, 10 ** 9)])
+def test_a_run_of_too_many_steps_is_not_run(plant: dict[str, Any], count: int) -> None:
+    """Check the count, with 1e9 steps that nobody would wait for."""
+    made = setup(plant)
+    row = evaluate(made, WINDOW, Failure(steps_above=count - 1), REFERENCE)
+    assert (row['failure'], row['reason'], row['error']) == (
+        'too long', f'{count:.3g} steps of the integrator > {count - 1}', None)
+    if count < 1000:
+        assert evaluate(made, WINDOW, Failure(steps_above=count), REFERENCE)['failure'] == ''
+
+
+def test_a_stiff_joint_does_not_hang_a_worker() -> None:
+    stiff = setup({'joint_stiffness': [1e9, 1e9], 'motor_inertia': [1e-6, 1e-6]})
+    row = evaluate(stiff, WINDOW, NONE, BATCH)
+    assert (row['failure'], row['engine']) == ('too long', REFERENCE)
+    assert float(row['reason'].split()[0]) > 0.99 * math.sqrt(1e9 / 1e-6)

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 import signal
 import socket
+import threading
+import time
 from typing import Any
 
+from distributed import LocalCluster
 import pytest
-from scheduler_tasks import add, die, die_once, fail
+from scheduler_tasks import add, die, die_once, fail, until_there
 
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.robustness import scheduler
@@ -40,18 +43,18 @@ class Counted(list[Any]):
 
 def test_every_result_comes_and_few_tasks_are_in_flight(client: Any) -> None:
     tasks, found = Counted(named(50, 'add')), {}
-    for name, result in computed(client, add, (100, 1000), tasks):
+    for name, result in computed(client, add, (100, 1000), tasks, print):
         found[name] = result
-        assert tasks.taken - len(found) < 4 * threads(client)
+        assert tasks.taken - len(found) < 4 * threads(client, print)
     assert found == {f'add-{k}': 1100 + k for k in range(50)}
 
 
 def test_what_a_task_raises_is_raised_here(client: Any) -> None:
     with pytest.raises(ParameterError, match=r'ka: -1\.0 is not allowed; allowed: a number'):
-        list(computed(client, fail, ('ours',), named(3, 'ours')))
+        list(computed(client, fail, ('ours',), named(3, 'ours'), print))
     with pytest.raises(CtcError, match=r'^a worker failed: ZeroDivisionError: a division by'):
-        list(computed(client, fail, ('other',), named(3, 'other')))
-    assert len(list(computed(client, add, (1, 2), named(3, 'more')))) == 3
+        list(computed(client, fail, ('other',), named(3, 'other'), print))
+    assert len(list(computed(client, add, (1, 2), named(3, 'more'), print))) == 3
 
 
 def test_workers_have_this_version(client: Any) -> None:
@@ -62,9 +65,31 @@ def test_workers_have_this_version(client: Any) -> None:
 
 def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
     """Check with the only worker killed, which holds what all tasks share; another replaces it."""
-    (name, process), = computed(client, die_once, (str(tmp_path),), [('dies', 7)])
+    (name, process), = computed(client, die_once, (str(tmp_path),), [('dies', 7)], print)
     assert name == 'dies'
     assert process != int((tmp_path / '7').read_text())
+
+
+def test_without_workers_a_line_says_so(tmp_path: Path) -> None:
+    """Begin with none, lose the only one while it computes, and go on each time."""
+    lines = list[str]()
+    with LocalCluster(n_workers=0, processes=False, protocol='tcp', dashboard_address=None
+                      ) as cluster, workers(1, cluster.scheduler_address) as client:
+        def show(line: str) -> None:
+            lines.append(line)
+            (tmp_path / f'{len(lines)}').touch()
+            cluster.scale(1)
+
+        def lose() -> None:
+            while not (tmp_path / 'begun').exists():
+                time.sleep(0.01)
+            cluster.scale(0)
+
+        threading.Thread(target=lose).start()
+        tasks = [('waits', str(tmp_path / '2'))]
+        assert list(computed(client, until_there, (str(tmp_path / 'begun'),), tasks, show)) == [
+            ('waits', 2)]
+        assert lines == [f'waiting for workers at {cluster.scheduler_address}'] * 2
 
 
 def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
@@ -77,7 +102,7 @@ def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
 @pytest.mark.slow
 def test_a_task_that_kills_every_worker_ends_the_map() -> None:
     with (workers(2) as client, pytest.raises(CtcError, match='4 workers were killed while')):
-        list(computed(client, die, (), named(1, 'die')))
+        list(computed(client, die, (), named(1, 'die'), print))
 
 
 @pytest.mark.parametrize('address', ['nowhere', 'tcp://127.0.0.1:'])

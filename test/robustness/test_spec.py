@@ -44,6 +44,7 @@ failure:
   error_above: 0.01
   saturated_above: 0.05
   not_reached: true
+  steps_above: 5000
 """
 
 
@@ -61,7 +62,8 @@ def test_every_key(tmp_path: Path) -> None:
     assert found.repeats.as_mapping() == {
         'sampling': 'latin_hypercube', 'repeats': 16, 'seed': 3}
     assert found.failure.as_mapping() == {
-        'error_above': 0.01, 'saturated_above': 0.05, 'not_reached': True}
+        'error_above': 0.01, 'saturated_above': 0.05, 'steps_above': 5000,
+        'not_reached': True}
     assert [(x.name, x.law, x.switching, x.recommended) for x in found.variants] == [
         ('compensation', 'compensation', '', False),
         ('chattering sign', 'chattering', 'sign', False),

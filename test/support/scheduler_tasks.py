@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 import signal
+import time
 
 from ctc_chattering.errors import ParameterError
 
@@ -30,3 +31,11 @@ def die_once(marks: str, task: int) -> int:
 
 def die(_task: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def until_there(begun: str, task: str) -> int:
+    """Say that this has begun; return once a file is there."""
+    Path(begun).touch()
+    while not Path(task).exists():
+        time.sleep(0.01)
+    return 2

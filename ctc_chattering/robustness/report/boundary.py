@@ -1,4 +1,4 @@
-"""Failure probability: Wilson's interval, and where a law passes."""
+"""Failure probability: its interval, for runs that share draws too, and where a law passes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri  # type: ignore[import-untyped]
+from scipy.special import ndtri, stdtrit  # type: ignore[import-untyped]
 
 from ctc_chattering.numerics.linear_algebra import Array
 
@@ -36,11 +36,54 @@ def wilson(failures: npt.ArrayLike, runs: npt.ArrayLike, confidence: float = CON
 
     """
     k, n = np.broadcast_arrays(np.asarray(failures, float), np.asarray(runs, float))
-    z2 = float(ndtri(0.5 + 0.5 * confidence)) ** 2
-    p = k / np.maximum(n, 1.0)
-    centre = (k + 0.5 * z2) / (n + z2)
-    half = np.sqrt(z2 * (n * p * (1.0 - p) + 0.25 * z2)) / (n + z2)
-    return (np.where(k > 0.0, centre - half, 0.0), np.where(k < n, centre + half, 1.0))
+    return _score_interval(k / np.maximum(n, 1.0), n, float(ndtri(0.5 + 0.5 * confidence)))
+
+
+def _score_interval(p: Array, n: Array, z: float) -> tuple[Array, Array]:
+    """Return the ends where a share `p` of `n` runs is `z` standard deviations off."""
+    middle, half = n * p + 0.5 * z * z, z * np.sqrt(n * p * (1.0 - p) + 0.25 * z * z)
+    return (np.where(n * p > 0.0, (middle - half) / (n + z * z), 0.0),
+            np.where(n * p < n, (middle + half) / (n + z * z), 1.0))
+
+
+def pooled(failures: npt.ArrayLike, runs: npt.ArrayLike, confidence: float = CONFIDENCE
+           ) -> tuple[float, float]:
+    """
+    Return the interval of a probability from runs at several points that share their draws.
+
+    It is Wilson's for as many independent runs as would vary as much as the draws do, with
+    Student's quantile in place of the normal one. Where no run fails, or every one, there are
+    as many as draws. A bootstrap over draws has no width there, and covers too little where
+    failures are rare.
+
+    Parameters
+    ----------
+    failures, runs : array_like of int, shape (m,)
+        Of each draw, over all points.
+    confidence : float
+        Probability that the interval contains the true one.
+
+    Returns
+    -------
+    (float, float)
+        Lower and upper end; nan for a single draw, which does not show what others do.
+
+    """
+    n = np.asarray(runs, float)
+    k, n = np.asarray(failures, float)[n > 0.0], n[n > 0.0]
+    m, total = len(n), float(n.sum())
+    if total == m:
+        low, high = wilson(k.sum(), total, confidence)
+        return float(low), float(high)
+    if m < 2:
+        return np.nan, np.nan
+    p = k.sum() / total
+    variance = m / (m - 1.0) * np.square(k - p * n).sum() / total ** 2
+    likely = p * (1.0 - p)
+    independent = m if likely == 0.0 else min(total, likely / variance) if variance else total
+    low, high = _score_interval(np.asarray(p), np.asarray(float(independent)),
+                                float(stdtrit(m - 1, 0.5 + 0.5 * confidence)))
+    return float(low), float(high)
 
 
 def share(failures: npt.ArrayLike, runs: npt.ArrayLike) -> Array:

@@ -20,7 +20,7 @@ Counts = npt.NDArray[np.int64]
 #: Law whose error is the measure of the others'.
 BASE = 'compensation'
 #: Kinds of failure, the worst first.
-KINDS = ('diverged', 'error', 'saturated', 'not reached', 'refused')
+KINDS = ('diverged', 'error', 'saturated', 'not reached', 'too long', 'refused')
 #: Columns of the results that `map_data` reads, besides axes and uncertain parameters.
 COLUMNS = ('run', 'repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
 #: Of the error.
@@ -126,9 +126,17 @@ class MapData:
 
     @cached_property
     def kinds(self) -> Counts:
-        """Number of failures of each of `KINDS` and variant, shape (5, V)."""
+        """Number of failures of each of `KINDS` and variant, shape (6, V)."""
         return np.array([np.bincount(self.variant[self.failure == k],
                                      minlength=len(self.variants)) for k in range(len(KINDS))])
+
+    def of_draws(self, variant: int, kind: int | None = None) -> tuple[Counts, Counts]:
+        """Return failures, of one of `KINDS` or all, and runs of each draw, shape (draws,)."""
+        mine = self.variant == variant
+        failed = mine & (self.failure >= 0 if kind is None else self.failure == kind)
+        size = int(self.draw.max()) + 1
+        return (np.bincount(self.draw[failed], minlength=size),
+                np.bincount(self.draw[mine], minlength=size))
 
     @property
     def _cell(self) -> Counts:

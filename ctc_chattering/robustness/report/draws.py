@@ -9,12 +9,12 @@ from scipy.stats import spearmanr  # type: ignore[import-untyped]
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.robustness.report.boundary import wilson
+from ctc_chattering.robustness.report.boundary import pooled
 from ctc_chattering.robustness.report.data import KINDS, MapData, spaced
 from ctc_chattering.robustness.report.lines import legend_beside, names_on, styles
 
 #: Colours of `KINDS`.
-KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#56B4E9', '#b5b5b5')
+KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#56B4E9', '#7B5EA7', '#b5b5b5')
 #: Most steps of a distribution that are drawn.
 _STEPS = 1000
 
@@ -55,7 +55,7 @@ def shares(data: MapData) -> Figure:
         if count.any():
             ax.barh(range(n), count / runs, left=before, height=0.66, color=colour, label=kind)
             before += count / runs
-    low, high = wilson(data.kinds.sum(axis=0), runs)
+    low, high = np.array([pooled(*data.of_draws(v)) for v in range(n)]).T
     ax.errorbar(before, range(n), xerr=np.maximum([before - low, high - before], 0.0),
                 fmt='none', ecolor='#777777', elinewidth=1.4, capsize=4.0)
     ax.set(xlabel='share of runs that fail', xlim=(0.0, 1.0))

@@ -137,8 +137,8 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
     elif data.axes:
         yield 'lines', lines(data), (
             'Above: median of the error of the worst joint; × where half of the runs or more '
-            'diverged. Below: share of runs that fail; the marks of a value are moved aside of '
-            'each other.')
+            'diverged. Below: share of runs that fail, with the interval of each value by itself; '
+            'the marks of a value are moved aside of each other.')
         yield 'bands', bands(data), (
             'Line: median. Band: 5 % to 95 % of the runs, up to the top where more than 5 % of '
             'them diverged. Grey: medians of the others.')
@@ -147,8 +147,8 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
             'Share of the runs with this error or less; a curve that ends below 1 lacks the runs '
             'that diverged. Further left is better.')
     yield 'failures', shares(data), (
-        'Share of all runs that fail, by the first kind that applies, and the interval of 95 % '
-        '(Wilson) of their sum.')
+        'Share of all runs that fail, by the first kind that applies, and the interval of 95 % of '
+        'their sum' + (' for other draws, which all points share.' if data.axes else ' (Wilson).'))
     if (len(data.columns) > 1 or data.uncertain) and len(np.unique(data.error)) > 1:
         yield 'dependence', correlations(data), _correlation_caption(data)
 
@@ -176,8 +176,8 @@ def _maps(data: MapData) -> Iterator[tuple[str, Figure, str]]:
 
 def _failure_caption(data: MapData) -> str:
     text = (f'Share of failures among {_runs(data)}. Solid: a half. Beyond the dashed line the '
-            'interval of 95 % (Wilson) is above a half, within the dotted one below; between '
-            'them the runs do not decide.')
+            'interval of 95 % (Wilson) of a point by itself is above a half, within the dotted '
+            'one below; between them the runs do not decide.')
     return text + (' With so few runs no point is decided.' if data.repeats < 4 else '')
 
 

@@ -11,7 +11,7 @@ from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import Table, two_lines
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.robustness.report.axis import GridAxis, number
-from ctc_chattering.robustness.report.boundary import side, wilson
+from ctc_chattering.robustness.report.boundary import pooled, side
 from ctc_chattering.robustness.report.contrast import Contrast, contrast, passing
 from ctc_chattering.robustness.report.data import Counts, KINDS, MapData
 
@@ -85,16 +85,16 @@ def _failures(data: MapData) -> Table:
         runs = int(_runs(data)[v])
         error = np.sort(data.error[data.variant == v])
         middle, high = (error[int(np.ceil(q * runs)) - 1] for q in (0.5, 0.95))
-        rows.append([name, f'{runs}', *(_share(int(n), runs) for n in (
-            data.kinds[:, v].sum(), *data.kinds[used, v])),
-            two_lines(_error(middle), _error(high))])
+        rows.append([name, f'{runs}', *(_share(*data.of_draws(v, kind)) for kind in (None, *used)),
+                     two_lines(_error(middle), _error(high))])
         if data.axes:
             rows[-1].append(' / '.join(str(int(((sides[v] == x) & (data.runs[v] > 0)).sum()))
                                        for x in (-1, 0, 1)))
     return Table('', heads, rows, note=(
-        'Below each share: its interval of 95 % (Wilson)'
-        + ('; for all points together it holds for this grid only. A point passes if its '
-           'interval is below one half, and fails if it is above.' if data.axes else '.')
+        'Below each share: its interval of 95 % '
+        + ('for other draws on this grid; all points have the same draws, so it is as wide as '
+           'these differ, and there is none for one draw. A point passes if its own interval '
+           '(Wilson) is below one half, and fails if it is above.' if data.axes else '(Wilson).')
         + ' A run counts under the first kind that applies; one that diverged has an infinite '
         'error.'))
 
@@ -159,10 +159,11 @@ def _runs(data: MapData) -> Counts:
     return np.bincount(data.variant, minlength=len(data.variants))
 
 
-def _share(failures: int, runs: int) -> str:
-    """Return a share with its interval."""
-    low, high = (100.0 * float(x) for x in wilson(failures, runs))
-    return two_lines(_percent(failures, runs), f'{low:.1f} to {high:.1f}')
+def _share(failures: Counts, runs: Counts) -> str:
+    """Return a share with its interval, if there is one, from the counts of each draw."""
+    low, high = (100.0 * x for x in pooled(failures, runs))
+    share = _percent(int(failures.sum()), int(runs.sum()))
+    return share if np.isnan(low) else two_lines(share, f'{low:.1f} to {high:.1f}')
 
 
 def _percent(part: int, whole: int) -> str:

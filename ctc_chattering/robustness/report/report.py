@@ -67,6 +67,7 @@ def _failures(spec: MapSpec) -> Iterator[str]:
                'the samples')
     if limits.not_reached:
         yield 'v never stays within its band'
+    yield f'it would take more than {number(limits.steps_above)} steps of the integrator'
 
 
 def _meaning(x: Quantity) -> str:

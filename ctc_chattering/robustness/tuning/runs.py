@@ -13,7 +13,7 @@ import numpy as np
 from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.tuning.search import (
     front,
@@ -103,6 +103,8 @@ def measured(task: tuple[Setup, tuple[float, float], str]) -> Measured:
     try:
         with refused_as('the run failed'), np.errstate(all='ignore'):
             run = simulated_by(setup, engine, truth=True).run
+    except MachineError:
+        raise
     except CtcError as error:
         return Measured(inf, inf, (), (), str(error))
     period = setup.controller.control_period

@@ -1,12 +1,19 @@
-"""Wilson's interval against scipy's, and the values that pass against their definition."""
+"""Intervals against scipy's and by their coverage; values that pass by their definition."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import pytest
-from scipy.stats import binomtest  # type: ignore[import-untyped]
+from scipy.stats import binomtest, bootstrap, norm  # type: ignore[import-untyped]
 
-from ctc_chattering.robustness.report.boundary import passing_ranges, share, side, wilson
+from ctc_chattering.robustness.report.boundary import (
+    passing_ranges,
+    pooled,
+    share,
+    side,
+    wilson,
+)
 
 
 @pytest.mark.parametrize('confidence', [0.9, 0.95])
@@ -31,6 +38,65 @@ def test_a_side_is_known_when_the_interval_is_on_it() -> None:
             interval = binomtest(k, n).proportion_ci(method='wilson')
             assert side(k, n) == (1 if interval.low > 0.5 else -1 if interval.high < 0.5 else 0)
     assert side([0, 0, 4], [3, 4, 4]).tolist() == [0, -1, 1]
+
+
+POINTS = 60
+
+
+def shared(kind: str, size: float, draws: int, random: np.random.Generator
+           ) -> tuple[npt.NDArray[np.int_], float]:
+    """Return failures of each draw over 60 points of one axis, and the true probability."""
+    if kind == 'draw decides':
+        return POINTS * (random.random(draws) < size).astype(int), size
+    x = (np.arange(POINTS) + 0.5) / POINTS
+    moved = size * random.standard_normal((draws, 1))
+    return (x + moved > 0.7).sum(axis=1), float(norm.sf((0.7 - x) / size).mean())
+
+
+@pytest.mark.parametrize(('kind', 'size'), [
+    ('draw decides', 0.5), ('draw decides', 0.1), ('draw decides', 0.02), ('boundary moves', 0.2),
+    ('boundary moves', 0.5)])
+@pytest.mark.parametrize('draws', [8, 16, 64])
+def test_95_percent_are_95_percent_where_points_share_draws(kind: str, size: float, draws: int
+                                                            ) -> None:
+    """Check the coverage of 400 made-up maps; as if all runs were independent it is below 50 %."""
+    random, repeats = np.random.default_rng(0), 400
+    covered = np.zeros(2)
+    for _ in range(repeats):
+        failures, true = shared(kind, size, draws, random)
+        low, high = pooled(failures, [POINTS] * draws)
+        covered[0] += low <= true <= high
+        wrong = wilson(failures.sum(), POINTS * draws)
+        covered[1] += wrong[0] <= true <= wrong[1]
+    assert 0.9 <= covered[0] / repeats <= 1.0
+    assert covered[1] / repeats < 0.5
+
+
+def test_it_is_as_wide_as_a_bootstrap_over_draws() -> None:
+    """Compare where that is good: many draws, no rare failures."""
+    failures, _ = shared('boundary moves', 0.3, 200, np.random.default_rng(1))
+    expected = bootstrap((failures / POINTS,), np.mean, method='percentile', n_resamples=2000,
+                         rng=np.random.default_rng(2)).confidence_interval
+    low, high = pooled(failures, [POINTS] * 200)
+    assert high - low == pytest.approx(expected.high - expected.low, rel=0.1)
+    assert 0.5 * (high + low) == pytest.approx(0.5 * (expected.high + expected.low), abs=0.01)
+
+
+def test_draws_of_one_run_are_independent_and_one_draw_says_nothing() -> None:
+    expected = binomtest(3, 8).proportion_ci(method='wilson')
+    assert pooled([1, 0, 0, 1, 1, 0, 0, 0], [1] * 8) == pytest.approx(
+        (expected.low, expected.high))
+    assert np.isnan(pooled([7], [9])).all()
+    assert np.isnan(pooled([7, 0], [9, 0])).all()
+
+
+def test_a_failure_that_no_draw_shows_is_not_excluded() -> None:
+    """Check that 16 draws without a failure exclude no less than 16 runs would."""
+    low, high = pooled([0] * 16, [100] * 16)
+    assert low == 0.0
+    assert high == pytest.approx(0.221, abs=1e-3)
+    assert pooled([100] * 16, [100] * 16) == pytest.approx((1.0 - high, 1.0))
+    assert high > binomtest(0, 16).proportion_ci(method='wilson').high
 
 
 @pytest.mark.parametrize(('probability', 'expected'), [

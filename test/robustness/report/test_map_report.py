@@ -44,14 +44,16 @@ def test_facts_are_those_of_the_spec(spec: MapSpec) -> None:
         'draws': 'latin_hypercube, with seed 4',
         'a run fails if': 'it diverges, or the RMS error of a joint exceeds 0.005 rad, or a '
                           'torque is at its limit in more than 25 % of the samples, or v never '
-                          'stays within its band'}
+                          'stays within its band, or it would take more than 1e6 steps of the '
+                          'integrator'}
 
 
 def test_without_limits_only_a_run_that_diverges_fails(tmp_path: Path) -> None:
     path = tmp_path / 'least.yaml'
     path.write_text('duration: 1.0', encoding='utf-8')
     found = facts(read_spec(path))
-    assert found['a run fails if'] == 'it diverges'
+    assert found['a run fails if'] == (
+        'it diverges, or it would take more than 1e6 steps of the integrator')
     assert 'draws' not in found
 
 
