@@ -233,7 +233,7 @@ def split(tmp_path: Path) -> tuple[Path, list[int]]:
 def test_a_long_recording_has_several_files_and_costs_no_memory(
         split: tuple[Path, list[int]]) -> None:
     bag, sizes = split
-    assert sizes[2] - sizes[1] < 20 * 160  # The index of a chunk has 100 bytes or more.
+    assert sizes[2] - sizes[1] < 50 * 160  # The index of a chunk has 100 bytes or more.
     info = metadata(bag)
     names = [f'bag_{i}.mcap' for i in range(12)]
     assert info['relative_file_paths'] == names
@@ -252,7 +252,7 @@ def test_several_files_without_an_end_are_recovered(split: tuple[Path, list[int]
     bag, _ = split
     (bag / 'metadata.yaml').unlink()
     file = bag / 'bag_11.mcap'
-    file.write_bytes(file.read_bytes()[:file.stat().st_size // 2])
+    file.write_bytes(file.read_bytes()[:file.stat().st_size // 4])
     with closing(open_bag(bag)) as reader:
         found = [t for _, t, _ in reader.messages()]
     assert 441 < len(found) < 480
