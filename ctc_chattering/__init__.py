@@ -14,6 +14,17 @@ The closed loop without ROS, ten seconds of the paper's two-link arm:
 compensation: 2.9e-03 4.6e-02 rad
 chattering: 4.6e-05 4.9e-04 rad
 
+From a parameter file, a path or one of the package's own, with its events; ``read_bag('path')``
+returns such a result, too:
+
+>>> from ctc_chattering import load_parameters, simulated
+>>> setup = load_parameters('friction', {'plant': {'duration': 6.0}})
+>>> setup.controller.law
+'chattering'
+>>> result = simulated(setup)
+>>> print(', '.join(f'{x:.1e}' for x in result.metrics()['rms_error_rad']))
+6.6e-05, 5.0e-04
+
 Another arm derives from `Model` and is given to `simulate`, or named in a parameter file as
 ``model: package.module:Class``. The nodes are in `ctc_chattering.nodes`.
 """
@@ -26,6 +37,7 @@ from typing import Any, TYPE_CHECKING
 if TYPE_CHECKING:
     from ctc_chattering.analysis.metrics import metrics as metrics
     from ctc_chattering.analysis.result import Result as Result
+    from ctc_chattering.analysis.result import simulated as simulated
     from ctc_chattering.bags.reader import read_bag as read_bag
     from ctc_chattering.control.controller import Controller as Controller
     from ctc_chattering.control.controller import ControllerConfig as ControllerConfig
@@ -34,6 +46,8 @@ if TYPE_CHECKING:
     from ctc_chattering.dynamics.two_link import TwoLink as TwoLink
     from ctc_chattering.dynamics.urdf_model import UrdfModel as UrdfModel
     from ctc_chattering.errors import CtcError as CtcError
+    from ctc_chattering.experiment.loading import load_parameters as load_parameters
+    from ctc_chattering.experiment.parameter_file import Setup as Setup
     from ctc_chattering.simulation.closed_loop import Event as Event
     from ctc_chattering.simulation.closed_loop import Run as Run
     from ctc_chattering.simulation.closed_loop import simulate as simulate
@@ -48,11 +62,12 @@ __version__ = '0.1.0'
 #: The public names by the modules that define them. They are imported when they are first used: a
 #: node handles signals before it imports numpy.
 _MODULES = {
-    'analysis.metrics': ('metrics',), 'analysis.result': ('Result',),
+    'analysis.metrics': ('metrics',), 'analysis.result': ('Result', 'simulated'),
     'bags.reader': ('read_bag',), 'control.controller': (
         'Controller', 'ControllerConfig', 'Sample'),
     'dynamics.model': ('Model',), 'dynamics.two_link': ('TwoLink',),
     'dynamics.urdf_model': ('UrdfModel',), 'errors': ('CtcError',),
+    'experiment.loading': ('load_parameters',), 'experiment.parameter_file': ('Setup',),
     'simulation.closed_loop': ('Event', 'Run', 'simulate'),
     'simulation.plant': ('Plant',), 'simulation.plant_config': ('PlantConfig',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+#: Characters of a value in a message.
+_LONGEST = 400
+
 
 class CtcError(Exception):
     """Base of every error this package raises on purpose; its text is one line for a user."""
@@ -38,7 +41,11 @@ class ParameterError(CtcError, ValueError):
         self.value = value
         self.allowed = allowed
         shown = list(value) if isinstance(value, tuple) else value
-        text = ' '.join(repr(shown).split())
+        try:
+            text = ' '.join(repr(shown).split())
+        except ValueError:  # A number of thousands of digits.
+            text = f'a value of type {type(value).__name__}'
+        text = text if len(text) <= _LONGEST else f'{text[:_LONGEST]}…'
         super().__init__(f'{name}: {text} is not allowed; allowed: {allowed}')
 
     def __reduce__(self) -> tuple[type[ParameterError], tuple[str, object, str]]:

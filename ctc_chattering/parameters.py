@@ -18,6 +18,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from ctc_chattering.arguments import check_type
 from ctc_chattering.errors import ParameterError
 
 C = TypeVar('C', bound='Config')
@@ -211,6 +212,15 @@ class Config:
     #: Title of the configuration in the documentation.
     title: ClassVar[str] = ''
 
+    def __new__(cls: type[C], *args: Any, **values: Any) -> C:
+        """Refuse an argument that is no parameter."""
+        known = [spec.field for spec in cls.parameters().values()] if args or values else []
+        for name, value in (*values.items(), *((f'argument {len(known) + 1}', x)
+                                               for x in args[len(known):])):
+            if name not in known:
+                raise ParameterError(name, value, 'one of ' + ', '.join(known))
+        return super().__new__(cls)
+
     def __post_init__(self) -> None:
         """Fill in defaults, coerce types and check every value."""
         n = 0
@@ -255,6 +265,7 @@ class Config:
     def _known(cls, values: Mapping[str, object]) -> Iterator[tuple[Parameter, object]]:
         """Yield parameters with their values; raise `ParameterError` for an unknown name."""
         known = cls.parameters()
+        check_type('values', values, Mapping)
         for name, value in values.items():
             if name not in known:
                 raise ParameterError(name, value, 'one of ' + ', '.join(known))
@@ -268,6 +279,7 @@ class Config:
 
     def changed(self: C, values: Mapping[str, object]) -> C:
         """Return a copy with some parameters changed, checked like a new one."""
+        check_type('values', values, Mapping)
         if 'joint_names' in values:  # The number of joints concerns all others.
             return self.from_mapping({**self.as_mapping(), **values})
         made, n = copy(self), len(getattr(self, 'joint_names', ()))

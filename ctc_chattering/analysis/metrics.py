@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ctc_chattering.arguments import checked
+from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array, Run
 
@@ -18,6 +22,7 @@ BAND = 0.15
 _CHANGES = ('torque_variation_nm_per_s', 'max_torque_step_nm', 'max_torque_rate_nm_per_s')
 
 
+@checked(run=Run, window=Sequence, band=Real, period=(Real, type(None)))
 def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
             period: float | None = None) -> dict[str, Any]:
     """
@@ -46,6 +51,9 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
         None, in words.
 
     """
+    if len(window) != 2 or not all(isinstance(x, Real) for x in window) or not (
+            window[0] <= window[1]):
+        raise ParameterError('window', window, 'two numbers, the first not above the second')
     inside = within(run.t, window)
     result: dict[str, Any] = {
         'window_s': list(window), 'rms_error_rad': None, 'max_error_norm1_rad': None,

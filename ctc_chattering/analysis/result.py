@@ -16,9 +16,11 @@ import numpy.typing as npt
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.terms import Terms, terms
+from ctc_chattering.arguments import checked
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import ParameterError
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
 from ctc_chattering.numerics.gaps import missing
@@ -31,6 +33,8 @@ _REACHING = 0.5
 _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
+@checked(experiment=str, configs=Sequence, run=Run, computed=(Terms, type(None)), description=str,
+         source=str, window=Sequence)
 @dataclasses.dataclass(frozen=True)
 class Result:
     """
@@ -62,6 +66,14 @@ class Result:
     description: str = ''
     source: str = ''
     window: tuple[float, float] = WINDOW
+
+    def __post_init__(self) -> None:
+        """Check the configurations."""
+        if not len(self.configs) or not all(
+                isinstance(x, tuple) and len(x) == 2 and isinstance(x[1], ControllerConfig)
+                for x in self.configs):
+            raise ParameterError('configs', self.configs,
+                                 'pairs of a time [s] and a ControllerConfig, one or more')
 
     @cached_property
     def terms(self) -> Terms:
@@ -186,6 +198,7 @@ class Result:
                 yield f'{name}: {found}'
 
 
+@checked(setup=Setup, truth=bool)
 def simulated(setup: Setup, progress: Callable[[float], None] | None = None,
               truth: bool = False) -> Result:
     """

@@ -15,6 +15,7 @@ import numpy as np
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
+from ctc_chattering.arguments import checked
 from ctc_chattering.bags.repair import BagReader, open_bag
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
@@ -43,13 +44,14 @@ FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_val
           8: 'double_array_value', 9: 'string_array_value'}
 
 
-def read_bag(path: Path) -> Result:
+@checked(path=(str, Path))
+def read_bag(path: str | Path) -> Result:
     """
     Return the run that a bag holds.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         Directory of the bag.
 
     Raises
@@ -58,6 +60,7 @@ def read_bag(path: Path) -> Result:
         If there is no bag, it cannot be read, or it lacks something that a run needs.
 
     """
+    path = Path(path)
     with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
         return _Topics(reader, path).result()
 

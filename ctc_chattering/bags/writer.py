@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 import dataclasses
 import os
 from pathlib import Path
-from typing import Any, NamedTuple
+import time
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -17,21 +19,13 @@ from ctc_chattering.errors import CtcError
 
 #: Size at which a chunk is written [bytes]: compressing takes some times as much memory.
 _CHUNK = 1 << 18
-#: Flushes after which a new file is begun. A flush ends a chunk, and the index of a file, about
-#: 1 kB for each chunk, is in memory until the file ends.
-_FLUSHES = 2000
+#: Age at which a file is ended and a new one begun [s]. The index of a file, about 1 kB for each
+#: chunk, is in memory until the file ends.
+_FILE_AGE = 600.0
+#: What files of this package have in their header: in these, messages are numbered.
+LIBRARY = 'ctc_chattering'
 #: The time at which a bag without messages begins [ns].
 _NEVER = 2 ** 63 - 1
-
-
-def offered_qos(depth: int, latched: bool) -> str:
-    """Return the profile of a reliable publisher as a bag stores it, in YAML."""
-    unlimited = {'sec': 9223372036, 'nsec': 854775807}
-    return yaml.safe_dump([{
-        'history': 'keep_last', 'depth': depth, 'reliability': 'reliable',
-        'durability': 'transient_local' if latched else 'volatile', 'deadline': {**unlimited},
-        'lifespan': {**unlimited}, 'liveliness': 'automatic',
-        'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
 
 
 class TopicType(NamedTuple):
@@ -41,6 +35,11 @@ class TopicType(NamedTuple):
     encoding: str
     definition: bytes
     metadata: dict[str, str]
+
+    @property
+    def schema(self) -> tuple[str, str, bytes]:
+        """Name, encoding and definition of the type."""
+        return self.kind, self.encoding, self.definition
 
 
 @dataclasses.dataclass
@@ -89,6 +88,8 @@ class Recording:
     ----------
     path : Path
         Directory to create.
+    clock : callable
+        Returns the time that the age of a file is measured by [s].
 
     Attributes
     ----------
@@ -104,7 +105,8 @@ class Recording:
 
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._types: dict[str, TopicType] = {}
         self._custom: dict[str, str] = {}
@@ -160,11 +162,12 @@ class Recording:
         if self._stream.closed:
             return
         try:
-            if self._flushes >= _FLUSHES:
+            if self._flushed - self._begun >= _FILE_AGE:
                 self._end_file()
                 self._begin_file()
             channel = self._channels.get(topic) or self._add_channel(topic)
-            self._writer.add_message(channel, t, data, t)
+            number = (self.counts[topic] + 1) & 0xffffffff
+            self._writer.add_message(channel, t, data, t, number)
         except OSError:
             self.abandon()
             raise
@@ -187,9 +190,9 @@ class Recording:
         if self._stream.closed:
             return
         try:
-            self._writer.flush()
+            self._write_out()
             self._sync.begin(self._stream.fileno())
-            self._flushes += 1
+            self._flushed = self._clock()
         except OSError:
             self.abandon()
             raise
@@ -221,27 +224,53 @@ class Recording:
         self.file = self.path / f'{self.path.name}_{len(self._spans)}.mcap'
         self._span = self._spans[self.file.name] = Span()
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
-        self._flushes = 0
-        self._stream = self.file.open('xb')
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._described = 0
+        self._begun = self._flushed = self._clock()
+        self._stream: BinaryIO = self.file.open('xb')
         self._writer: Any = Writer(self._stream, _CHUNK, CompressionType.ZSTD)
-        self._writer.start('ros2')
+        self._writer.start('ros2', LIBRARY)
 
     def _end_file(self) -> None:
         """Write the index of a file."""
+        self._write_out()
         self._writer.add_metadata(
             'rosbag2', {'serialized_metadata': yaml.safe_dump(self._information())})
         self._writer.finish()
         self._sync.end()
         self._stream.close()
 
+    def _write_out(self) -> None:
+        """
+        End the chunk.
+
+        The first chunk with messages of a topic has their type. A damaged chunk must not take it
+        along: it stands outside as well, on both sides of that chunk.
+        """
+        new = len(self._channels) > self._described
+        if new:
+            self._describe()
+        self._writer.flush()
+        if new:
+            self._describe()
+        self._described = len(self._channels)
+
+    def _describe(self) -> None:
+        """Write the types of all topics in the file outside chunks, with the same numbers."""
+        writer: Any = Writer(self._stream, use_chunking=False)
+        for schema in self._schemas:
+            writer.register_schema(*schema)
+        for topic in self._channels:
+            kind = self._types[topic]
+            writer.register_channel(topic, 'cdr', self._schemas[kind.schema], kind.metadata)
+        writer.flush()
+
     def _add_channel(self, topic: str) -> int:
         """Describe a topic in the file; return its number."""
         kind = self._types[topic]
-        schema = self._schemas.get(kind.kind)
+        schema = self._schemas.get(kind.schema)
         if schema is None:
-            schema = self._schemas[kind.kind] = self._writer.register_schema(
-                kind.kind, kind.encoding, kind.definition)
+            schema = self._schemas[kind.schema] = self._writer.register_schema(*kind.schema)
         channel: int = self._writer.register_channel(topic, 'cdr', schema, kind.metadata)
         self._channels[topic] = channel
         return channel

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ctc_chattering.arguments import checked, vector
 from ctc_chattering.control.control_step import ControlStep
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.delay_prediction import DelayPrediction
@@ -17,6 +18,7 @@ from ctc_chattering.control.limiter import Limiter
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.scaled_model import Scaled
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
@@ -78,9 +80,13 @@ class Controller:
 
     """
 
+    @checked(config=ControllerConfig, model=(Model, type(None)))
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
         n = len(config.joint_names)
         self.model = model or model_of(config)
+        if self.model.n != n:
+            raise CtcError(f'joint_names: {list(config.joint_names)} are not allowed with a model '
+                           f'of {self.model.n} joints')
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         self.filter, self._limiter = ErrorFilter(n), Limiter(n)
@@ -90,6 +96,7 @@ class Controller:
         self.configure(config)
         self.reset()
 
+    @checked(config=ControllerConfig)
     def configure(self, config: ControllerConfig) -> None:
         """
         Use other gains or another law from the next step on.
@@ -122,12 +129,13 @@ class Controller:
             Torque that is still held, from which `effort_rate_limit` goes on; 0 if left out.
 
         """
+        rest = np.zeros(self.model.n) if held is None else vector('held', held, self.model.n)
         self.filter.reset()
         for law in self.laws.values():
             law.reset()
         self._control.reset()
         self._bumpless = bumpless
-        self._limiter.reset(np.zeros(self.model.n) if held is None else np.array(held))
+        self._limiter.reset(rest)
         self._loop.reset()
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
@@ -145,7 +153,15 @@ class Controller:
             The same for the next samples, as many as `input_delay` says.
 
         """
-        x, dx, x_d, dx_d, ddx_d = np.array((q, dq, q_d, dq_d, ddq_d), float)
+        try:
+            rows = np.array((q, dq, q_d, dq_d, ddq_d), float)
+            wrong = rows.shape != (5, self.model.n)
+        except (TypeError, ValueError, OverflowError):
+            wrong = True
+        if wrong:
+            raise CtcError(str(ParameterError('q, dq, q_d, dq_d, ddq_d', (q, dq, q_d, dq_d, ddq_d),
+                                              f'{self.model.n} numbers each')))
+        x, dx, x_d, dx_d, ddx_d = rows
         if self._bumpless:
             self.filter.initialize_bumpless(dx_d - dx)
             self._bumpless = False
@@ -171,4 +187,5 @@ class Controller:
 
     def lyapunov(self, q: Vector, v: Vector) -> float:
         """Return V = ½ vᵀ M(q) v of equation (9) [J]."""
-        return 0.5 * float(np.array(v) @ np.array(self.model.mass_matrix(q)) @ np.array(v))
+        at, x = (vector(name, values, self.model.n) for name, values in (('q', q), ('v', v)))
+        return 0.5 * float(x @ np.array(self.model.mass_matrix(at.tolist())) @ x)

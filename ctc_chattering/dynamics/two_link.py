@@ -14,7 +14,9 @@ positive definite for every q.
 from __future__ import annotations
 
 from math import cos, sin
+from numbers import Real
 
+from ctc_chattering.arguments import checked
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
 
@@ -32,6 +34,7 @@ class TwoLink(Model):
 
     n = 2
 
+    @checked(gravity=Real)
     def __init__(self, gravity: float = 9.81) -> None:
         self.gravity = gravity
         self._g1 = 7.6 * gravity

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import importlib
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
@@ -79,8 +81,13 @@ class UrdfModel(Model):
 
     """
 
+    @checked(urdf=str, joint_names=Sequence, gravity=Real, locked=(Mapping, type(None)))
     def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
                  locked: Mapping[str, float] | None = None) -> None:
+        for i, name in enumerate(joint_names):
+            check_type(f'joint_names[{i}]', name, str)
+        for name, position in (locked or {}).items():
+            check_type(f'locked, {name}', position, Real)
         pin = _pinocchio()
         self.joint_names = tuple(joint_names)
         check_joint_names(self.joint_names)

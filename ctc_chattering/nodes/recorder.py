@@ -10,7 +10,8 @@ from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.bags.writer import offered_qos, Recording
+from ctc_chattering.bags.qos import offered_qos
+from ctc_chattering.bags.writer import Recording
 from ctc_chattering.experiment.node_parameters import RecorderSettings
 from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring.log_clock import LogTime

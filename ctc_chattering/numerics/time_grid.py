@@ -31,4 +31,7 @@ def samples(duration: float, period: int) -> int:
 
 def seconds(nanoseconds: int) -> float:
     """Return integer nanoseconds in seconds, the same float for the same instant everywhere."""
-    return nanoseconds / NANOSECONDS
+    try:
+        return nanoseconds / NANOSECONDS
+    except OverflowError:
+        raise ParameterError('time', nanoseconds, 'nanoseconds that are a float in s') from None

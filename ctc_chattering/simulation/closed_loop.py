@@ -6,15 +6,17 @@ from array import array
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.error_monitor import joint_beyond
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -27,6 +29,7 @@ from ctc_chattering.trajectory.waypoints import Route
 Array = npt.NDArray[np.float64]
 
 
+@checked(time=Real, node=str, values=Mapping)
 @dataclasses.dataclass(frozen=True)
 class Event:
     """
@@ -47,7 +50,13 @@ class Event:
     node: str
     values: Mapping[str, Any]
 
+    def __post_init__(self) -> None:
+        """Check the node."""
+        if self.node not in ('plant', 'controller'):
+            raise ParameterError('node', self.node, 'plant | controller')
 
+
+@checked(**dict.fromkeys(('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v'), np.ndarray))
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
@@ -77,7 +86,18 @@ class Run:
     tau: Array
     v: Array
 
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        shape = (*self.t.shape, *self.q.shape[1:])
+        for name, x in vars(self).items():
+            if x.ndim != (1 if name == 't' else 2) or (name != 't' and x.shape != shape):
+                raise CtcError(f'{name}: an array of shape {x.shape} is not allowed; allowed: '
+                               f'(N,) for t, and the same (N, n) for all others')
 
+
+@checked(plant=PlantConfig, controller=ControllerConfig, reference=ReferenceConfig,
+         events=Sequence, truth=bool, route=(Route, type(None)), robot=(Robot, type(None)),
+         model=(Model, type(None)))
 @np.errstate(all='ignore')  # What overflows shows in the torque.
 def simulate(plant: PlantConfig, controller: ControllerConfig, reference: ReferenceConfig,
              events: Sequence[Event] = (),
@@ -114,6 +134,9 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         exceeds `error_limit`, or the waypoints are not allowed.
 
     """
+    _check_agreement(plant, controller, reference, events)
+    if not (progress is None or callable(progress)):
+        raise ParameterError('progress', progress, 'None or a function of the time [s]')
     if plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
     robot = robot or make_plant(plant)
@@ -153,6 +176,22 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
             progress(t)
     table = np.frombuffer(record).reshape(-1, 1 + 7 * robot.n)
     return Run(table[:, 0], *np.split(table[:, 1:], 7, axis=1))
+
+
+def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
+                     reference: ReferenceConfig, events: Sequence[Event]) -> None:
+    """Raise `ParameterError` if the configurations are not for the same loop."""
+    for i, event in enumerate(events):
+        check_type(f'events[{i}]', event, Event)
+    if controller.joint_names != plant.joint_names:
+        raise ParameterError('joint_names of the controller', controller.joint_names,
+                             f'those of the plant, {list(plant.joint_names)}')
+    if not set(controller.joint_names) <= set(reference.joint_names):
+        raise ParameterError('joint_names of the reference', reference.joint_names,
+                             f'with those of the controller, {list(controller.joint_names)}')
+    if period_ns(controller.control_period) != period_ns(plant.control_period):
+        raise ParameterError('control_period of the controller', controller.control_period,
+                             f'that of the plant, {plant.control_period}')
 
 
 def _step(law: Controller, t: float, q: Vector, dq: Vector, point: Point, ahead: Sequence[Point]

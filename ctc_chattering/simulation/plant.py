@@ -14,9 +14,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import exp, inf
 
+from ctc_chattering.arguments import checked
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.event_location import first_negative
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.runge_kutta import Dynamics, step
@@ -48,8 +50,12 @@ class Plant(Robot):
 
     """
 
+    @checked(config=PlantConfig, model=(Model, type(None)))
     def __init__(self, config: PlantConfig, model: Model | None = None) -> None:
         self.model = self._coupled = model or model_of(config)
+        if self.model.n != len(config.joint_names):
+            raise CtcError(f'joint_names: {list(config.joint_names)} are not allowed with a model '
+                           f'of {self.model.n} joints')
         motors: Sequence[int] = range(self.model.n)
         longest = inf
         #: Positions and velocities of links and motors; None for rigid joints.
@@ -65,6 +71,7 @@ class Plant(Robot):
         self.modes: tuple[int, ...] = (0,) * self._coupled.n
         self.configure(config)
 
+    @checked(config=PlantConfig)
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         super().configure(config)

@@ -9,7 +9,7 @@ import math
 from math import inf, isfinite
 from random import Random
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.disturbance import disturbance
@@ -142,7 +142,14 @@ class Robot(ABC):
             If the motion leaves the range of floating-point numbers.
 
         """
-        t, tau = self.t, [float(x) for x in tau]
+        t = self.t
+        try:
+            command = [float(x) for x in tau]
+        except (TypeError, ValueError, OverflowError):
+            command = []
+        if len(command) != self.n:
+            raise ParameterError('tau', tau, f'{self.n} numbers')
+        tau = command
         if not isfinite(sum(tau)):
             raise CtcError(f'the torque {tau} at t = {t:g} s is not finite')
         self.applied = tau = self._commanded(tau)

@@ -11,6 +11,7 @@ import dataclasses
 from math import ceil, cos, inf, log10, pi, sin
 from typing import ClassVar
 
+from ctc_chattering.arguments import checked, whole
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config, parameter
@@ -78,6 +79,7 @@ class Sinusoid:
 
     """
 
+    @checked(config=ReferenceConfig)
     def __init__(self, config: ReferenceConfig) -> None:
         self._joints = [
             (c, a, 2.0 * pi * f, p) for c, a, f, p in zip(
@@ -92,6 +94,7 @@ class Sinusoid:
 
     def at(self, t: int) -> Point:
         """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
+        t = t if type(t) is int else whole('t', t)
         q_d, dq_d, ddq_d = [], [], []
         for center, amplitude, omega, phase in self._joints:
             angle = omega * seconds(t) + phase

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+from ctc_chattering.arguments import check_type, checked, whole
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.polynomials import cubic, linear, quintic
 from ctc_chattering.numerics.time_grid import seconds
@@ -46,11 +47,14 @@ class Waypoints:
 
     """
 
+    @checked(times=Sequence, points=Sequence, start=(Sequence, type(None)))
     def __init__(self, times: Sequence[int], points: Sequence[Point],
                  start: tuple[int, Point] | None = None) -> None:
-        self._points = _checked(times, points, len(points[0][0]) if points else 1)
+        self._points = _checked(times, points)
         self._times = list(times)
-        if start is not None and start[0] < self._times[0]:
+        if start is not None and len(start) != 2:
+            raise ParameterError('start', start, 'an instant [ns] and a point')
+        if start is not None and whole('start', start[0]) < self._times[0]:
             self._times.insert(0, start[0])
             self._points.insert(0, _waypoint('start', start[1], len(self._points[0][0])))
 
@@ -67,6 +71,7 @@ class Waypoints:
 
     def at(self, t: int) -> Point:
         """Return position, velocity and acceleration, each of shape (n,), at `t` [ns]."""
+        t = t if type(t) is int else whole('t', t)
         i = bisect_right(self._times, t)
         before = self._points[max(i - 1, 0)]
         if i == 0 or i == len(self._times):
@@ -124,27 +129,35 @@ class Route(NamedTuple):
         return Route(tuple(names), tuple(self.times), tuple(points))  # type: ignore[arg-type]
 
 
-def _checked(times: Sequence[int], points: Sequence[Point], n: int) -> list[Point]:
-    """Return the points as tuples of floats; raise `ParameterError` unless all is allowed."""
-    if not points:
+def _checked(times: Sequence[int], points: Sequence[Point], n: int = 0) -> list[Point]:
+    """Return points of n joints as tuples of floats; raise `ParameterError` for what is wrong."""
+    if not len(points):
         raise ParameterError('points', [], 'one or more')
     if len(times) != len(points):
         raise ParameterError('times', tuple(times), f'one per point: {len(points)}')
-    checked = [_waypoint(f'points[{i}]', point, n) for i, point in enumerate(points)]
+    for i, t in enumerate(times):
+        whole(f'times[{i}]', t)
+    found: list[Point] = []
+    for i, point in enumerate(points):
+        found.append(_waypoint(f'points[{i}]', point, n))
+        n = n or len(found[0][0])
     for i, (before, t) in enumerate(pairwise(times), 1):
         if t <= before:
             raise ParameterError(f'points[{i}].time_from_start', seconds(t),
                                  f'more than that of the point before, {seconds(before)} s')
-    return checked
+    return found
 
 
 def _waypoint(name: str, point: Point, n: int) -> Point:
+    check_type(name, point, Sequence)
+    if len(point) != len(_FIELDS):
+        raise ParameterError(name, point, ', '.join(_FIELDS))
     rows: list[tuple[float, ...]] = []
     for field, value in zip(_FIELDS, point):
         spec = Parameter(f'{name}.{field}', 'float[]', (), '', shape='n')
         row = spec.coerce(value)
         if row or not rows:
-            spec.check(row, max(n, 1))
+            spec.check(row, n or max(len(row), 1))
         if row and rows and not rows[-1]:
             raise ParameterError(spec.name, row, 'none without velocities')
         rows.append(row)

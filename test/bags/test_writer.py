@@ -25,8 +25,10 @@ import pytest
 from recorded_runs import metadata
 
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.bags.repair import open_bag, recover
-from ctc_chattering.bags.writer import offered_qos, Recording
+from ctc_chattering.bags.qos import offered_qos
+from ctc_chattering.bags.recovery import recover
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags.writer import Recording
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.ros.topics import TOPICS
@@ -210,16 +212,17 @@ def test_qos_is_that_of_the_first_message(tmp_path: Path, messages: list[Entry])
 
 
 @pytest.fixture
-def split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[int]]:
-    """Return a bag of 1200 flushes in files of 100, and the memory in use after parts of them."""
-    monkeypatch.setattr('ctc_chattering.bags.writer._FLUSHES', 100)
-    recording, sizes, t = Recording(tmp_path / 'bag'), [], 0
+def split(tmp_path: Path) -> tuple[Path, list[int]]:
+    """Return a bag of 480 flushes in 12 files, and the memory in use after parts of them."""
+    sizes, t = [], 0
+    # A flush every 15 seconds: a file has 40 of them.
+    recording = Recording(tmp_path / 'bag', lambda: 15.0 * t)
     tracemalloc.start()
     for _ in range(3):
-        for _ in range(400):
-            t += 1
-            recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0',
+        for _ in range(160):
+            recording.write('/news', 'std_msgs/msg/String', t + 1, b'\0\1\0\0\1\0\0\0\0',
                             offered_qos(10, False))
+            t += 1
             recording.flush()
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
@@ -230,29 +233,29 @@ def split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, list[i
 def test_a_long_recording_has_several_files_and_costs_no_memory(
         split: tuple[Path, list[int]]) -> None:
     bag, sizes = split
-    assert sizes[2] - sizes[1] < 20 * 400  # The index of a chunk has 100 bytes or more.
+    assert sizes[2] - sizes[1] < 50 * 160  # The index of a chunk has 100 bytes or more.
     info = metadata(bag)
     names = [f'bag_{i}.mcap' for i in range(12)]
     assert info['relative_file_paths'] == names
     assert [(x['path'], x['message_count'], x['starting_time']['nanoseconds_since_epoch'])
-            for x in info['files']] == list(zip(names, [100] * 12, range(1, 1200, 100)))
-    assert (info['message_count'], info['duration']['nanoseconds']) == (1200, 1199)
+            for x in info['files']] == list(zip(names, [40] * 12, range(1, 480, 40)))
+    assert (info['message_count'], info['duration']['nanoseconds']) == (480, 479)
     with (bag / names[7]).open('rb') as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    assert [x.message_start_time for x in summary.chunk_indexes] == list(range(701, 801))
+    assert [x.message_start_time for x in summary.chunk_indexes] == list(range(281, 321))
     with closing(open_bag(bag)) as reader:
-        assert [t for _, t, _ in reader.messages()] == list(range(1, 1201))
+        assert [t for _, t, _ in reader.messages()] == list(range(1, 481))
 
 
 def test_several_files_without_an_end_are_recovered(split: tuple[Path, list[int]]) -> None:
     bag, _ = split
     (bag / 'metadata.yaml').unlink()
     file = bag / 'bag_11.mcap'
-    file.write_bytes(file.read_bytes()[:file.stat().st_size // 2])
+    file.write_bytes(file.read_bytes()[:file.stat().st_size // 4])
     with closing(open_bag(bag)) as reader:
         found = [t for _, t, _ in reader.messages()]
-    assert 1110 < len(found) < 1200
+    assert 441 < len(found) < 480
     assert found == list(range(1, len(found) + 1))
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from bags import state
 import pytest
 
-from ctc_chattering.bags.writer import offered_qos, Recording
+from ctc_chattering.bags.qos import offered_qos
+from ctc_chattering.bags.writer import Recording
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
 from soak.measurements import examine, Outage
 

@@ -20,7 +20,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.bags.writer import offered_qos, Recording
+from ctc_chattering.bags.qos import offered_qos
+from ctc_chattering.bags.writer import Recording
 from ctc_chattering.parameters import Config
 from ctc_chattering.simulation.closed_loop import Run
 
