@@ -59,6 +59,8 @@ def _runs(bags: Sequence[Path]) -> list[Any]:
     for bag in bags:
         print(f'reading {bag} ...', flush=True)
         runs.append(RecordedRun(read_bag(bag)))
+        if runs[-1].remark:
+            print(f'ctc live: {bag}: {runs[-1].remark}', file=sys.stderr, flush=True)
     return runs
 
 
