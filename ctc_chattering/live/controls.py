@@ -94,9 +94,10 @@ class Controls:
 
     def _time(self) -> None:
         steps = self._gui.add_number('samples a step', 1, min=1, max=100_000, step=1)
-        group = self._gui.add_button_group('lockstep', ('hold', 'step', 'run'))
-        group.on_click(lambda event: self._ask(event.target.value, int(steps.value)))
-        self._time_inputs = steps, group
+        # Single ones: viser cannot disable a group.
+        self._time_inputs = [steps, *map(self._gui.add_button, ('hold', 'step', 'run'))]
+        for button in self._time_inputs[1:]:
+            button.on_click(lambda event: self._ask(event.target.label, int(steps.value)))
         self._reason = self._gui.add_html('')
 
     def update(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
