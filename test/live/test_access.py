@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import http.client
+import http.server
+from pathlib import Path
 import re
 import socket
 import subprocess
+import threading
 from typing import Any
 
-from browser import ctc_live
+from browser import browser_page, ctc_live
 import pytest
 from websockets import Headers
 from websockets.exceptions import InvalidStatus
@@ -102,9 +105,10 @@ def test_every_page_has_a_token_of_its_own() -> None:
 
 @pytest.fixture(scope='module')
 def served() -> Iterator[str]:
-    """Yield the address of an empty page."""
+    """Yield the address of a page."""
     viser = require_viser()
     server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), 'test')
+    server.gui.add_html('content of the page')
     yield url
     stop(server)
 
@@ -180,6 +184,65 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
         serve(viser, '127.0.0.1', port, 'test')
     with pytest.raises(OSError, match='refused'):
         socket.create_connection(('127.0.0.1', port))
+
+
+class Evil(http.server.BaseHTTPRequestHandler):
+    """An empty page on another port."""
+
+    def do_GET(self) -> None:  # noqa: N802
+        self.send_response(200)
+        self.send_header('Content-Type', 'text/html')
+        self.end_headers()
+
+    def log_message(self, *_arguments: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[str]:
+    """Yield the address of a page of somebody else's, on another port of this machine."""
+    with http.server.ThreadingHTTPServer(('127.0.0.1', 0), Evil) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f'http://127.0.0.1:{server.server_port}/'
+        server.shutdown()
+
+
+@pytest.mark.browser
+def test_a_page_of_somebody_else_reaches_nothing_in_a_browser_that_has_the_cookie(
+        served: str, elsewhere: str, tmp_path: Path) -> None:
+    own, token = served.split('?')
+    file = tmp_path / 'evil.html'
+    file.write_text('<!doctype html>')
+    with browser_page(arguments=['--host-resolver-rules=MAP evil.example 127.0.0.1']) as page:
+        page.goto(served)
+        page.get_by_text('content of the page').wait_for()
+        page.goto(own)  # The cookie stands for the token.
+        page.get_by_text('content of the page').wait_for()
+        assert _reached(page, own) == [True, True]
+        for other in (elsewhere, file.as_uri()):
+            page.goto(other)
+            assert _reached(page, own) == [False, False]
+            page.evaluate('own => { document.body.innerHTML = `<iframe src="${own}">`; }', own)
+            page.wait_for_function('() => frames.length')
+            page.frames[1].wait_for_load_state()
+            assert page.frames[1].get_by_text('content of the page').count() == 0
+            assert not page.frames[1].url.startswith('http')
+        for query in (f'?{token}', ''):  # As if the name of its server now stood for this machine.
+            answer = page.goto(own.replace('127.0.0.1', 'evil.example') + query)
+            assert answer.status == 403
+            assert _reached(page, page.url.partition('?')[0]) == [False, False]
+        page.goto(served)
+        page.get_by_text('content of the page').wait_for()
+
+
+def _reached(page: Any, own: str) -> list[bool]:
+    """Return whether a script of the page opens a WebSocket there, and reads what is there."""
+    found: list[bool] = page.evaluate("""([own, protocol]) => Promise.all([
+        new Promise(done => { const it = new WebSocket(own.replace('http', 'ws'), [protocol]);
+                              it.onopen = () => done(true); it.onerror = () => done(false); }),
+        fetch(own, {credentials: 'include'}).then(it => it.ok, () => false)])""",
+        [own, f'viser-v{require_viser().__version__}'])
+    return found
 
 
 @pytest.mark.ros
