@@ -176,5 +176,6 @@ def warning_of(host: str) -> str:
     """Return what it means to listen on an address; empty for this machine's own."""
     if is_local(host):
         return ''
-    return (f'listening on {host}, without encryption: who reads the traffic has the token, sees '
-            'the page and, unless --read-only is given, can change the law and stop the torques')
+    return (f'listening on {host}: everyone who has the address with its token, which the network '
+            'carries without encryption, sees the page and, unless --read-only is given, can '
+            'change the law and stop the torques')

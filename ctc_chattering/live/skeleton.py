@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
-from math import cos, sin
+from math import cos, hypot, sin
 from typing import Any
 import xml.etree.ElementTree as ET
 
@@ -20,8 +20,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 
 #: Radius of a capsule as a part of the arm's reach, and the least length of one that is drawn.
 _RADIUS, _SHORTEST = 0.03, 1e-3
-#: Longest arm that is drawn [m].
-_LONGEST = 1e6
+#: What is longer is not drawn [m].
+LONGEST = 1e6
 #: Attributes of a shape with how many numbers each has; what stands for one that is missing.
 _SIZES = {'mesh': (('scale', 3),), 'box': (('size', 3),), 'sphere': (('radius', 1),),
           'cylinder': (('radius', 1), ('length', 1))}
@@ -184,8 +184,8 @@ def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],
         index[child] = len(made)
         made.append((child, index[parent], place, kind, axis, number))
     reach = _reach([(x[1], x[2]) for x in made])
-    if not reach < _LONGEST:
-        raise CtcError(f'an arm of {reach:g} m; drawn are those of less than {_LONGEST:g} m')
+    if not reach < LONGEST:
+        raise CtcError(f'an arm of {reach:g} m; drawn are those of less than {LONGEST:g} m')
     bodies = []
     for i, fields in enumerate(made):
         link, ends = tree.links[fields[0]], [x[2][:3, 3] for x in made if x[1] == i]
@@ -200,7 +200,7 @@ def _capsules(ends: Sequence[Array], link: ET.Element, radius: float) -> tuple[S
         mass = link.find('inertial')
         ends = [2.0 * np.array(origin('inertial', mass).xyz)] if mass is not None else []
     return tuple(Shape('capsule', (0.0, 0.0, 0.0, *map(float, end), radius), np.eye(4))
-                 for end in ends if radius and np.linalg.norm(end) > _SHORTEST)
+                 for end in ends if radius and _SHORTEST < hypot(*end) < LONGEST)
 
 
 def _shapes(link: ET.Element, tag: str) -> tuple[Shape, ...]:
@@ -224,7 +224,7 @@ def _reach(links: Sequence[tuple[int, Array]]) -> float:
     ways: list[float] = []
     last = 0.0
     for parent, pose in links:
-        length = float(np.linalg.norm(pose[:3, 3]))
+        length = hypot(*pose[:3, 3])
         last = length or last
         ways.append(length + (ways[parent] if parent >= 0 else 0.0))
     return max(ways) + last or 1.0
