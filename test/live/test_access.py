@@ -1,4 +1,4 @@
-"""Who may open the page: with the token, from the page itself, under an address of this machine."""
+"""Who may open the page: with the token, from itself, under an address of this machine."""
 
 from __future__ import annotations
 
@@ -147,14 +147,14 @@ def test_a_web_socket_opens_with_token_and_origin_of_the_page_alone(
         served: str, right: bool, headers: dict[str, str]) -> None:
     viser = require_viser()
     address = served.replace('http://', 'ws://')
+    protocol: Any = [f'viser-v{viser.__version__}']
 
     def open_it(url: str, **given: str) -> Any:
         own = served.partition('/?')[0]
-        return connect(url, subprotocols=[f'viser-v{viser.__version__}'],  # type: ignore[list-item]
-                       additional_headers={k: v.replace('OWN', own) for k, v in given.items()
-                                           if k != 'Host'},
-                       **({'sock': socket.create_connection(served.split('/')[2].split(':'))}
-                          if 'Host' in given else {}))
+        ip, port = served.split('/')[2].split(':')
+        return connect(
+            url, sock=socket.create_connection((ip, int(port))), subprotocols=protocol,
+            additional_headers={k: v.replace('OWN', own) for k, v in given.items() if k != 'Host'})
     with open_it(address) as it, open_it(address, Origin='OWN'):
         assert it.recv(timeout=30.0)
     url = address if right else address.partition('?')[0] + '?token=wrong'
@@ -189,7 +189,7 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
 class Evil(http.server.BaseHTTPRequestHandler):
     """An empty page on another port."""
 
-    def do_GET(self) -> None:  # noqa: N802
+    def do_GET(self) -> None:
         self.send_response(200)
         self.send_header('Content-Type', 'text/html')
         self.end_headers()
@@ -237,11 +237,11 @@ def test_a_page_of_somebody_else_reaches_nothing_in_a_browser_that_has_the_cooki
 
 def _reached(page: Any, own: str) -> list[bool]:
     """Return whether a script of the page opens a WebSocket there, and reads what is there."""
-    found: list[bool] = page.evaluate("""([own, protocol]) => Promise.all([
+    script = """([own, protocol]) => Promise.all([
         new Promise(done => { const it = new WebSocket(own.replace('http', 'ws'), [protocol]);
                               it.onopen = () => done(true); it.onerror = () => done(false); }),
-        fetch(own, {credentials: 'include'}).then(it => it.ok, () => false)])""",
-        [own, f'viser-v{require_viser().__version__}'])
+        fetch(own, {credentials: 'include'}).then(it => it.ok, () => false)])"""
+    found: list[bool] = page.evaluate(script, [own, f'viser-v{require_viser().__version__}'])
     return found
 
 

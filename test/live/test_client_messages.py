@@ -45,17 +45,18 @@ def test_only_what_the_page_can_send_is_allowed() -> None:
     camera = {'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0, 0, 0], 'fov': 1, 'near': 0.1}
     assert is_allowed(update, WIDGETS)
     assert is_allowed(camera, WIDGETS)
-    for other in (
-            {'uuid': 'none'}, {'uuid': ['law']}, {'uuid': None}, {'updates': {}},
-            {'updates': ['value']}, {'updates': {'value': 'compensation', 'removed': True}},
-            {'updates': {'sync_cb': None}}, {'updates': {'options': ['x']}}, {'more': 1},
-            {'uuid': 'off', 'updates': {'value': True}}, {'type': 'ShareUrlRequest'},
-            {'type': 'FileTransferStartUpload'}, {'type': 'GuiFormDirtyMessage'}, {'type': 1}):
+    others: tuple[dict[str, Any], ...] = (
+        {'uuid': 'none'}, {'uuid': ['law']}, {'uuid': None}, {'updates': {}},
+        {'updates': ['value']}, {'updates': {'value': 'compensation', 'removed': True}},
+        {'updates': {'sync_cb': None}}, {'updates': {'options': ['x']}}, {'more': 1},
+        {'uuid': 'off', 'updates': {'value': True}}, {'type': 'ShareUrlRequest'},
+        {'type': 'FileTransferStartUpload'}, {'type': 'GuiFormDirtyMessage'}, {'type': 1})
+    for other in others:
         assert not is_allowed({**update, **other}, WIDGETS)
     for wrong in (math.nan, math.inf, 'x', [math.nan], [1] * 5, [[1]], None, {'x': 1}):
         assert not is_allowed({**camera, 'position': wrong}, WIDGETS)
-    for message in (None, 1, 'x', [], {}, [update]):
-        assert not is_allowed(message, WIDGETS)
+    messages: tuple[Any, ...] = (None, 1, 'x', [], {}, [update])
+    assert [x for x in messages if is_allowed(x, WIDGETS)] == []
 
 
 @pytest.fixture(scope='module')
@@ -64,8 +65,8 @@ def page() -> Iterator[tuple[Any, Callable[[], Any]]]:
     viser = require_viser()
     server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), 'test')
     number = server.gui.add_number('samples', 1, min=1, max=100_000, step=1)
-    yield number, lambda: connect(url.replace('http', 'ws'), subprotocols=[
-        f'viser-v{viser.__version__}'])  # type: ignore[list-item]
+    protocol: Any = [f'viser-v{viser.__version__}']
+    yield number, lambda: connect(url.replace('http', 'ws'), subprotocols=protocol)
     stop(server)
 
 
@@ -90,7 +91,8 @@ def test_a_hostile_browser_does_not_disturb_the_next_one(page: Any) -> None:
     with opened() as hostile:
         for data in (update(value=1e300), update(value='x'), update(value=math.nan),
                      update(value=7, removed=True), update(update_cb=None), b'', b'\xc1',
-                     b'\x91' * 100_000, 'text', msgspec.msgpack.encode({'type': 'ShareUrlRequest'})):
+                     b'\x91' * 100_000, 'text',
+                     msgspec.msgpack.encode({'type': 'ShareUrlRequest'})):
             hostile.send(data)
         hostile.send(update(value=8))
         with opened() as other:

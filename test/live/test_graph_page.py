@@ -204,7 +204,7 @@ def test_a_hostile_graph_neither_runs_a_script_nor_ends_the_page() -> None:
         description = it.node.create_publisher(
             String, 'controller/robot_description', qos(1, latched=True))
         diagnostics = it.node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        values = {
+        values: dict[str, dict[str, Any]] = {
             'controller': {'joint_names': [EVIL, 'b'], 'model': 'urdf', 'law': 'chattering',
                            'ka': [1.0, 2.0]},
             'plant': {'pacing': EVIL, 'hold_at': ['x'], 'coulomb_friction': ['x', 'y'],
