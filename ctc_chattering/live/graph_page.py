@@ -148,6 +148,8 @@ class GraphPage:
         instant = self._reader.instant()
         if self._arm is not None and instant is not None:
             self._arm.show(instant.q, instant.q_d)
+        elif self._arm is not None:  # The controller waits, or is disabled.
+            self._arm.show(self._reader.position, None)
 
     def _show_numbers(self) -> None:
         reader = self._reader

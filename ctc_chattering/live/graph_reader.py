@@ -187,6 +187,11 @@ class GraphReader(BaseNode):
             return Instant(*self._state, self._tracked.q_d)
         return self._tracked
 
+    @property
+    def position(self) -> Any:
+        """The last position that was heard, shape (n,); None before."""
+        return None if self._state is None else self._state[1]
+
     def samples(self) -> Samples:
         """Return the signals of the window, at the times of the errors."""
         t, e = self._errors.read()
