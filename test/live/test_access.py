@@ -8,7 +8,6 @@ import http.server
 from pathlib import Path
 import re
 import socket
-import subprocess
 import threading
 from typing import Any
 
@@ -22,6 +21,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.live.access import Access, HEADERS
 from ctc_chattering.live.page import free_port, require_viser
 from ctc_chattering.live.server import serve, stop
+from ctc_chattering.ros.domain import own_domain
 
 HOST = '127.0.0.1:8080'
 
@@ -247,8 +247,7 @@ def _reached(page: Any, own: str) -> list[bool]:
 
 @pytest.mark.ros
 def test_the_printed_address_has_the_token() -> None:
-    with ctc_live('--port', 0) as (process, url):
+    with own_domain(), ctc_live('--port', 0) as (_, url):
         assert re.fullmatch(r'http://127\.0\.0\.1:\d+/\?token=[-\w]{43}', url)
         assert ask(url, '/')[0].status == 403
         assert ask(url, '/?' + url.partition('?')[2])[0].status == 200
-        assert isinstance(process, subprocess.Popen)
