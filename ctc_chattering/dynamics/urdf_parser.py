@@ -76,6 +76,8 @@ class Tree:
         if any('xacro' in element.tag for element in robot.iter()):
             raise CtcError('URDF: this is xacro; run xacro on it first')
         self.links, self._elements = _named(robot, 'link'), _named(robot, 'joint')
+        if not self.links:
+            raise CtcError('URDF: it has no link')
         for link in self.links.values():
             _check_inertia(link)
         self.ends = _outwards(self.links, {

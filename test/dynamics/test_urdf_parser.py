@@ -88,6 +88,7 @@ A, B = link('a'), link('b')
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('<robot', ['not XML']), ('', ['not XML']), ('<sdf/>', ['<sdf>', '<robot>']),
+    ('<robot name="empty"/>', ['no link']),
     ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', ['xacro']),
     (urdf([A, B, joint('j', 'floating', 'a', 'b')]), ['joint j is floating']),
     (urdf([A, B, joint('j', 'planar', 'a', 'b')]), ['joint j is planar']),
