@@ -142,9 +142,11 @@ def _add_live(commands: Any) -> None:
                       help='write the page of the bags into one HTML file, and serve none')
     live.add_argument('--overwrite', action='store_true', help='replace that file')
     live.add_argument('--host', default='127.0.0.1', metavar='H',
-                      help='address to listen on, 127.0.0.1 by default: this machine only')
+                      help='address to listen on, by default 127.0.0.1, which other machines '
+                           'do not reach')
     live.add_argument('--port', type=int, metavar='N',
                       help='port; by default the first free one from 8080 on')
+    live.add_argument('--open', action='store_true', help='open it in the browser of this machine')
     live.add_argument('--read-only', action='store_true', help='no buttons, nothing is sent')
     live.add_argument('--dark', action='store_true', help='light letters on dark ground')
     live.add_argument('--parent', type=int, help=argparse.SUPPRESS)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 import sys
 from typing import Any
+import webbrowser
 
 from ctc_chattering.errors import CtcError, UsageError
 
@@ -27,6 +28,8 @@ def live(options: argparse.Namespace) -> int:
     def make_page(main: str, reports: str = '') -> Page:
         page = Page('ctc live', options.host, options.port, options.dark, main, reports)
         print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
+        if options.open and not webbrowser.open(page.url):
+            print('ctc live: --open: no browser here', file=sys.stderr, flush=True)
         return page
 
     from ctc_chattering.ros import signals
@@ -59,6 +62,8 @@ def _runs(bags: Sequence[Path]) -> list[Any]:
     for bag in bags:
         print(f'reading {bag} ...', flush=True)
         runs.append(RecordedRun(read_bag(bag)))
+        if runs[-1].remark:
+            print(f'ctc live: {bag}: {runs[-1].remark}', file=sys.stderr, flush=True)
     return runs
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.dynamics.urdf_elements import axis, numbers, origin
 from ctc_chattering.errors import CtcError, ParameterError
 
 #: Types of joint with one degree of freedom.
@@ -45,8 +46,8 @@ class Tree:
 
     Parameters
     ----------
-    urdf : str
-        Its text.
+    urdf : str or Element
+        Its text, or what `parse_description` made of it.
 
     Attributes
     ----------
@@ -56,6 +57,10 @@ class Tree:
         Parent and child link of every joint, fixed ones too, from the root outwards.
     joints : dict of str to Joint
         Those with one degree of freedom, from the root outwards, in the order of the text.
+    origins : dict of str to Origin
+        Where every joint is on its parent link.
+    axes : dict of str to tuple of float, length 3
+        Of the joints with one degree of freedom, of length 1, or 0 as the text has it.
 
     Raises
     ------
@@ -64,23 +69,29 @@ class Tree:
 
     """
 
-    def __init__(self, urdf: str) -> None:
-        robot = parse_description(urdf)
+    def __init__(self, urdf: str | ET.Element) -> None:
+        robot = parse_description(urdf) if isinstance(urdf, str) else urdf
         if robot.tag != 'robot':
             raise CtcError(f'URDF: the outermost element is <{robot.tag}>, not <robot>')
         if any('xacro' in element.tag for element in robot.iter()):
             raise CtcError('URDF: this is xacro; run xacro on it first')
         self.links, self._elements = _named(robot, 'link'), _named(robot, 'joint')
+        if not self.links:
+            raise CtcError('URDF: it has no link')
         for link in self.links.values():
             _check_inertia(link)
         self.ends = _outwards(self.links, {
             name: (_link(joint, 'parent', self.links), _link(joint, 'child', self.links))
             for name, joint in self._elements.items()})
+        self.origins = {name: origin(f'joint {name}', joint)
+                        for name, joint in self._elements.items()}
+        self.axes: dict[str, tuple[float, float, float]] = {}
         self.joints: dict[str, Joint] = {}
         for name in self.ends:
             kind = self._elements[name].get('type', '')
             if kind in _MOVABLE:
                 self.joints[name] = _joint(self._elements[name])
+                self.axes[name] = axis(f'joint {name}', self._elements[name])
             elif kind in ('floating', 'planar'):
                 raise CtcError(f'URDF: joint {name} is {kind}; an arm has joints with one degree '
                                'of freedom on a base that stands still')
@@ -255,23 +266,8 @@ def _check_inertia(link: ET.Element) -> None:
             if element is None:
                 raise CtcError(f'URDF: {where} has no {tag}')
             for key in keys:
-                _numbers(where, f'{tag} {key}', element.get(key, ''), 1)
-        origin = inertial.find('origin')
-        if origin is not None:
-            for key in ('xyz', 'rpy'):
-                _numbers(where, key, origin.get(key, '0 0 0'), 3)
-
-
-def _numbers(where: str, what: str, text: str, count: int, most: float = 1e300) -> list[float]:
-    """Return the numbers of an attribute, none of them larger than `most`."""
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(abs(x) <= most for x in values):
-        raise CtcError(f'URDF: {where}: {what} is {text!r}, not '
-                       f'{"a number" if count == 1 else f"{count} numbers"}')
-    return values
+                numbers(where, f'{tag} {key}', element.get(key, ''), 1)
+        origin(where, inertial)
 
 
 def _joint(element: ET.Element) -> Joint:
@@ -279,15 +275,15 @@ def _joint(element: ET.Element) -> Joint:
     where, limit = f'joint {name}', element.find('limit')
     if limit is None:
         limit = ET.Element('limit')
-    low, high, velocity, effort = (_numbers(where, key, limit.get(key, '0'), 1, _INF)[0]
+    low, high, velocity, effort = (numbers(where, key, limit.get(key, '0'), 1, _INF)[0]
                                    for key in ('lower', 'upper', 'velocity', 'effort'))
-    acceleration = min(_numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF
+    acceleration = min(numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF
                        for key in ('acceleration', 'deceleration'))
     if kind == 'continuous' or low == high == 0.0:
         low, high = -_INF, _INF
     mimic, follows = None, element.find('mimic')
     if follows is not None:
-        (multiplier,) = _numbers(where, 'multiplier', follows.get('multiplier', '1'), 1)
-        (offset,) = _numbers(where, 'offset', follows.get('offset', '0'), 1)
+        (multiplier,) = numbers(where, 'multiplier', follows.get('multiplier', '1'), 1)
+        (offset,) = numbers(where, 'offset', follows.get('offset', '0'), 1)
         mimic = Mimic(follows.get('joint', ''), multiplier, offset)
     return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration, mimic)

@@ -16,7 +16,7 @@ _GHOST_SCALE, _GHOST_OPACITY = 1.03, 0.6
 
 class ArmView:
     """
-    An arm and its ghost.
+    An arm and its ghost, each hidden until its position is known.
 
     Parameters
     ----------
@@ -34,10 +34,12 @@ class ArmView:
         self.skeleton = skeleton
         self._root = server.scene.add_frame(f'/{name}', show_axes=False, position=place)
         shapes = drawn(skeleton)
-        self._frames = {}
+        self._parts, self._frames = {}, {}
         for part, colour, scale, opacity, side in (
                 ('arm', ARM_COLOUR, 1.0, None, 'front'),
                 ('ghost', GHOST_COLOUR, _GHOST_SCALE, _GHOST_OPACITY, 'back')):
+            self._parts[part] = server.scene.add_frame(
+                f'/{name}/{part}', show_axes=False, visible=False)
             frames = self._frames[part] = [
                 server.scene.add_frame(f'/{name}/{part}/{i}', show_axes=False)
                 for i in range(len(shapes))]
@@ -49,13 +51,15 @@ class ArmView:
                         color=colour, opacity=opacity, side=side, flat_shading=False,
                         cast_shadow=False, receive_shadow=False)
 
-    def show(self, q: Array, q_d: Array | None) -> None:
-        """Draw the arm at `q` and the ghost at `q_d`, each of shape (n,) [rad]."""
+    def show(self, q: Array | None, q_d: Array | None) -> None:
+        """Draw the arm at `q` and the ghost at `q_d`, each of shape (n,) [rad], where known."""
         for part, position in (('arm', q), ('ghost', q_d)):
             if position is None:
                 continue
             for frame, pose in zip(self._frames[part], self.skeleton.poses(position)):
                 frame.wxyz, frame.position = quaternion(pose[:3, :3]), pose[:3, 3]
+            if not self._parts[part].visible:
+                self._parts[part].visible = True
 
     def remove(self) -> None:
         """Take it from the scene."""

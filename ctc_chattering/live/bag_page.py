@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import time
 from typing import Any
 
+from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.page import Page
 from ctc_chattering.live.plot_panel import PlotPanel
@@ -106,9 +107,9 @@ class BagPage:
         t = self._player.t
         parts = [run.before(t, float(self._window.value)) for run in self._runs]
         with self._page.server.atomic():
-            self._page.numbers.content = ''.join(
+            self._page.numbers.content = str(Markup().join(
                 table(run.result.joint_names, run.at(t), part, f'{run.name}: {run.law(t)},')
-                for run, part in zip(self._runs, parts))
+                for run, part in zip(self._runs, parts)))
             self._plots.show(parts)
 
     def run(self, stop: Sequence[int]) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-import html
 import time
 from typing import Any
 
+from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 
@@ -19,6 +19,14 @@ FIELDS = (
     ('disturbance [N·m]', 'plant', 'disturbance.amplitude'),
     ('its frequency [rad/s]', 'plant', 'disturbance.frequency'))
 _LOG_LINES = 8
+_LOG = """<div class="ctc-log" style="font-size:0.8em;padding:4px 8px">
+{%- for line in lines %}{{ line }}{% endfor %}</div>"""
+_ANSWER = """<div><span style="color:{{ colour }}">{{ sign }}</span> {{ time }}
+<b>{{ what }}</b>: {{ answer }}</div>"""
+_REASON = '<div class="ctc-reason" style="font-size:0.8em;padding:0 12px 4px">{{ reason }}</div>'
+#: Why simulated time cannot be stopped, where it cannot.
+_REAL = 'hold, step and run: the plant has pacing: {}; only in lockstep its time can be held'
+_NO_PLANT = 'hold, step and run: nothing has been heard of a plant whose time can be held'
 
 
 class Controls:
@@ -41,7 +49,7 @@ class Controls:
         self._gui, self._ask = gui, ask
         self._fields: dict[tuple[str, str], Any] = {}
         self._values: dict[tuple[str, str], str] = {}
-        self._log: deque[str] = deque(maxlen=_LOG_LINES)
+        self._log: deque[Markup] = deque(maxlen=_LOG_LINES)
         self._folder = gui.add_folder('controls')
         with self._folder:
             self._log_view = gui.add_html('')
@@ -86,32 +94,45 @@ class Controls:
 
     def _time(self) -> None:
         steps = self._gui.add_number('samples a step', 1, min=1, max=100_000, step=1)
-        group = self._gui.add_button_group('lockstep', ('hold', 'step', 'run'))
-        group.on_click(lambda event: self._ask(event.target.value, int(steps.value)))
+        # Single ones: viser cannot disable a group.
+        self._time_inputs = [steps, *map(self._gui.add_button, ('hold', 'step', 'run'))]
+        for button in self._time_inputs[1:]:
+            button.on_click(lambda event: self._ask(event.target.label, int(steps.value)))
+        self._reason = self._gui.add_html('')
 
     def update(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
-        """Show values in force where they have changed."""
+        """Show values in force where they have changed, and what they do not allow."""
         for (node, name), field in self._fields.items():
             value = parameters.get(node, {}).get(name)
             if value is None:
                 continue
-            text = ', '.join(f'{x:g}' for x in value) if not isinstance(
-                value, (int, float, str)) else f'{value}'
+            text = shown(value)
             if self._values.get((node, name)) != text:
                 self._values[node, name] = field.value = text
+        pacing = parameters.get('plant', {}).get('pacing')
+        for widget in self._time_inputs:
+            if widget.disabled != (pacing != 'lockstep'):
+                widget.disabled = pacing != 'lockstep'
+        reason = '' if pacing == 'lockstep' else (
+            _NO_PLANT if pacing is None else _REAL.format(pacing))
+        self._reason.content = str(fragment(_REASON, reason=reason)) if reason else ''
 
     def log(self, what: str, done: bool, answer: str) -> None:
         """Show what became of a request."""
         sign, colour = ('✓', '#009e73') if done else ('✗ refused', '#d55e00')
-        self._log.appendleft(
-            f'<div><span style="color:{colour}">{sign}</span> {time.strftime("%H:%M:%S")} '
-            f'<b>{html.escape(what)}</b>: {html.escape(answer)}</div>')
-        self._log_view.content = ('<div class="ctc-log" style="font-size:0.8em;padding:4px 8px">'
-                                  + ''.join(self._log) + '</div>')
+        self._log.appendleft(fragment(_ANSWER, sign=sign, colour=colour, what=what, answer=answer,
+                                      time=time.strftime('%H:%M:%S')))
+        self._log_view.content = str(fragment(_LOG, lines=self._log))
 
     def remove(self) -> None:
         """Take them from the page."""
         self._folder.remove()
+
+
+def shown(value: Any) -> str:
+    """Return the value of a parameter, of any type, as a field has it."""
+    values = [value] if isinstance(value, str | bytes | int | float) else list(value)
+    return ', '.join(f'{x:.12g}' if isinstance(x, float) else str(x) for x in values)
 
 
 def numbers(text: str, count: int) -> list[float] | str:

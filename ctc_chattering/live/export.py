@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-import html
-from importlib.resources import files
-import json
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
 
+from ctc_chattering.analysis.markup import page
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.recorded import check_comparable, RecordedRun
@@ -49,11 +46,8 @@ def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
     """
     if reason := check_comparable(runs):
         raise CtcError(reason)
-    page = Template(files('ctc_chattering.live').joinpath('export.html').read_text('utf-8'))
-    # In a script, the letters </ would end it.
-    data = json.dumps(_data(runs), ensure_ascii=False).replace('<', '\\u003c')
-    text = page.substitute(
-        title=html.escape(' and '.join(run.name for run in runs)), data=data)
+    text = page('ctc_chattering.live', 'export.html',
+                title=' and '.join(run.name for run in runs), data=_data(runs))
     write_text(path, text)
     return len(text.encode())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-import html
 import os
 from queue import Empty, SimpleQueue
 import time
@@ -13,6 +12,7 @@ from typing import Any
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
+from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.arm_view import ArmView
@@ -38,6 +38,13 @@ _ASK = 2.0
 _SERVE = 0.001
 #: What is left out of the tables of the nodes' reports.
 _LONG = 'histogram'
+_REPORTS = """{% for name, report in reports %}<div style="padding:2px 12px;font-size:0.8em">
+<b>{{ name }}</b>: {{ report.message }}<table class="ctc-reports" style="width:100%">
+{%- for key, value in report.values.items() if long not in key %}
+<tr><td>{{ key }}</td><td style="overflow-wrap:anywhere">{{ value }}</td></tr>
+{%- endfor %}</table></div>{% endfor %}"""
+_SUMMARY = """<div class="ctc-law">law <b>{{ law }}</b>, period {{ period }} ms</div>
+<div>{{ counts }}</div>"""
 #: How long the middleware may take to leave the graph [s]: Fast DDS hangs now and then.
 _LEAVE = 0.5
 
@@ -141,36 +148,37 @@ class GraphPage:
         instant = self._reader.instant()
         if self._arm is not None and instant is not None:
             self._arm.show(instant.q, instant.q_d)
+        elif self._arm is not None:  # The controller waits, or is disabled.
+            self._arm.show(self._reader.position, None)
 
     def _show_numbers(self) -> None:
         reader = self._reader
         reports = reader.reports()
-        horizon = float(reader.parameters['reference'].get('horizon', SILENT))
+        horizon = reader.parameters['reference'].get('horizon')
+        patience = 0.5 * horizon if isinstance(horizon, int | float) else 0.0
         self._page.show_light(
-            light(reports, reader.silence(), reader.simulated, {
-                'reference': SILENT + 0.5 * horizon}),
+            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience}),
             self._summary(reports))
         instant = reader.instant()
         if instant is not None:
-            self._page.numbers.content = table(
-                reader.names, instant, reader.samples(), since=reader.start)
-        self._page.reports.content = '\n\n'.join(
-            f'**{name}**: {report.message}\n\n| | |\n|---|---|\n' + '\n'.join(
-                f'| {key} | {value.replace("|", "/")} |' for key, value in report.values.items()
-                if _LONG not in key) for name, report in sorted(reports.items()))
+            self._page.numbers.content = str(table(
+                reader.names, instant, reader.samples(), since=reader.start))
+        self._page.reports.content = str(fragment(
+            _REPORTS, reports=sorted(reports.items()), long=_LONG))
         if self._controls is not None:
             self._controls.update(reader.parameters)
 
-    def _summary(self, reports: Mapping[str, Report]) -> str:
-        """Return law, switching, period, misses and refused messages as HTML."""
+    def _summary(self, reports: Mapping[str, Report]) -> Markup:
+        """Return law, switching, period, misses and refused messages."""
         config = self._reader.config
         if config is None:
-            return f'<div>domain {os.environ.get("ROS_DOMAIN_ID", "0")}</div>'
+            return fragment('<div>domain {{ domain }}</div>',
+                            domain=os.environ.get('ROS_DOMAIN_ID', '0'))
         switching = f', {config.switching}' if config.takes('switching') else ''
         counts = '; '.join(f'{name} {misses} misses, {refused} refused' for name, misses, refused
                            in (counted(name, report) for name, report in reports.items()))
-        return (f'<div class="ctc-law">law <b>{html.escape(config.law + switching)}</b>, period '
-                f'{1e3 * config.control_period:g} ms</div><div>{html.escape(counts)}</div>')
+        return fragment(_SUMMARY, law=config.law + switching, counts=counts,
+                        period=f'{1e3 * config.control_period:g}')
 
     def _show_answer(self, what: str, done: bool, answer: str) -> None:
         if self._controls is not None:

@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import CtcError, RejectedMessage
+from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import Report
 from ctc_chattering.live.history import History
 from ctc_chattering.live.samples import Instant, PARTS, Samples
@@ -125,7 +125,13 @@ class GraphReader(BaseNode):
                 part: Any = None) -> None:
         def heard(message: Any, now: int) -> None:
             self._heard[topic] = seconds(now)
-            take(message)
+            try:
+                with refused_as('of no use'):
+                    take(message)
+            except RejectedMessage:
+                raise
+            except CtcError as error:
+                raise RejectedMessage('unusable', str(error)) from None
         made = ValidatedSubscription(
             self, message_type(TOPICS[topic].kind), topic, read, heard, profile, part)
         self.inputs.append(made)
@@ -181,11 +187,16 @@ class GraphReader(BaseNode):
             return Instant(*self._state, self._tracked.q_d)
         return self._tracked
 
+    @property
+    def position(self) -> Any:
+        """The last position that was heard, shape (n,); None before."""
+        return None if self._state is None else self._state[1]
+
     def samples(self) -> Samples:
         """Return the signals of the window, at the times of the errors."""
         t, e = self._errors.read()
         v, torques = (_at(t, *x.read()) for x in (self._filter, self._torques))
-        parts = torques[:, :-1].reshape(len(t), len(PARTS), -1)
+        parts = torques[:, :-1].reshape(len(t), len(PARTS), len(self.names))
         return Samples(t, e, v, torques[:, -1],
                        np.concatenate((parts.sum(axis=1, keepdims=True), parts), axis=1))
 
@@ -202,7 +213,9 @@ class GraphReader(BaseNode):
         names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in self.names]
         (row,) = self._select(names, state, state.position)
         t, n = seconds(state.t), len(self.names)
-        self._tracked = Instant(t, row[:n] - row[n:], row[:n])
+        with np.errstate(over='raise'):
+            q = row[:n] - row[n:]
+        self._tracked = Instant(t, q, row[:n])
         self._errors.add(t, row[n:])
 
     def _on_filter(self, state: State) -> None:
@@ -225,29 +238,30 @@ class GraphReader(BaseNode):
                                            {x.key: x.value for x in status.values})
 
     def _on_parameters(self, node: str, event: ParameterEvent) -> None:
+        values = {item.name: parameter_value_to_python(item.value)
+                  for item in (*event.new_parameters, *event.changed_parameters)}
         if event.new_parameters:
             self.parameters[node] = {}
             if node == 'plant':
                 self.start = event.stamp.sec + event.stamp.nanosec / NANOSECONDS
-        self.take_parameters(node, {
-            item.name: parameter_value_to_python(item.value)
-            for item in (*event.new_parameters, *event.changed_parameters)})
+        self.take_parameters(node, values)
 
     def take_parameters(self, node: str, values: Mapping[str, Any]) -> None:
         """Note values that are in force; the first ones of the controller name the joints."""
-        self.parameters[node].update(values)
-        if node != 'controller' or 'joint_names' not in self.parameters[node]:
-            return  # Or the first of its messages was not received: see `incomplete`.
-        known = ControllerConfig.parameters()
-        try:
-            self.config = ControllerConfig.from_mapping({
-                name: value for name, value in self.parameters[node].items()
-                if name in known and value is not None})
-        except CtcError as error:
-            raise RejectedMessage('parameters', str(error)) from None
-        if self.config.joint_names != self.names:
-            self.names = self.config.joint_names
-            self.clear()
+        values = {**self.parameters[node], **values}
+        if node == 'controller' and 'joint_names' in values:
+            # Else the first of its messages was not received: see `incomplete`.
+            known = ControllerConfig.parameters()
+            try:
+                self.config = ControllerConfig.from_mapping({
+                    name: value for name, value in values.items()
+                    if name in known and value is not None})
+            except CtcError as error:
+                raise RejectedMessage('parameters', str(error)) from None
+            if self.config.joint_names != self.names:
+                self.names = self.config.joint_names
+                self.clear()
+        self.parameters[node] = values
 
     def _on_description(self, message: String) -> None:
         self.description = message.data

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
+import re
 
 #: Levels of the light. `OK`, `WARN` and `ERROR` are those of /diagnostics.
 OK, WARN, ERROR, UNKNOWN = range(4)
@@ -87,8 +88,17 @@ def light(reports: Mapping[str, Report], silence: Mapping[str, float],
     return Light(level, tuple(text for _, text in found))
 
 
-def counted(name: str, report: Report) -> tuple[str, int, int]:
-    """Return the name of a node, its deadline misses, and the messages that it has refused."""
+def counted(name: str, report: Report) -> tuple[str, str, str]:
+    """Return a node's name, deadline misses and refused messages; `?` for what is no count."""
     values = report.values
-    refused = sum(int(value) for key, value in values.items() if key.endswith(': refused'))
-    return name, int(values.get('deadline misses', '0')), refused
+    refused = [_count(value) for key, value in values.items() if key.endswith(': refused')]
+    return (name, _shown([_count(values.get('deadline misses', '0'))]), _shown(refused))
+
+
+def _count(text: str) -> int | None:
+    return int(text) if re.fullmatch('[0-9]{1,15}', text) else None
+
+
+def _shown(counts: Sequence[int | None]) -> str:
+    known = [x for x in counts if x is not None]
+    return str(sum(known)) if len(known) == len(counts) else '?'

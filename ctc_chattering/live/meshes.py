@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from ctc_chattering.experiment.robot_description import find_file
-from ctc_chattering.live.skeleton import Shape, Skeleton
+from ctc_chattering.live.skeleton import LONGEST, Shape, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Files of more triangles than this are drawn by the other shapes of their link.
@@ -55,6 +55,8 @@ def triangles(shape: Shape) -> Triangles | None:
     if mesh is None or not 0 < len(mesh.faces) <= _MOST:
         return None
     vertices = np.asarray(mesh.vertices, float) @ shape.pose[:3, :3].T + shape.pose[:3, 3]
+    if not np.abs(vertices).max() < LONGEST:
+        return None
     return Triangles(vertices, np.asarray(mesh.faces, np.int64))
 
 

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import redirect_stdout, suppress
 import errno
-import html
-from io import StringIO
 import logging
 import socket
 from typing import Any
 
+from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.live.access import is_local
 from ctc_chattering.live.health import COLOURS, Light, SIGNS
+from ctc_chattering.live.server import serve, stop
 from ctc_chattering.live.skeleton import hanging, places, Skeleton
 
 #: Where the page is by default, and how many ports after it are tried.
 HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
 #: Widths of the panels [px].
 _PLOTS_WIDTH, _MAIN_WIDTH = 420, 430
-_LOCAL = ('127.0.0.1', 'localhost', '::1')
+_LIGHT = """<div class="ctc-light" data-level="{{ level }}" style="padding:8px 12px">
+<b style="color:{{ colour }};font-size:1.25em">{{ sign }}</b><div style="font-size:0.8em">
+{%- for line in lines %}<div>{{ line }}</div>{% endfor %}{{ more }}</div></div>"""
 
 
 class Page:
@@ -42,25 +44,22 @@ class Page:
     ----------
     server : ViserServer
     url : str
+        What to open, with the token without which nothing is shown.
     main, plots : container of GUI elements
         The first tab, and the panel on the left.
     numbers, reports : handle
-        Of HTML above the tabs, and of Markdown in the second tab.
+        Of HTML above the tabs, and in the second tab.
 
     Raises
     ------
     CtcError
-        If the port is taken or the address is none of this machine's.
+        If the port is taken, the address is none of this machine's, or access cannot be checked.
 
     """
 
     def __init__(self, title: str, host: str = HOST, port: int | None = None,
                  dark: bool = False, main: str = 'run', reports: str = '') -> None:
-        number = free_port(host, port)
-        with redirect_stdout(StringIO()):  # It prints its address in a frame.
-            self.server = require_viser().ViserServer(host, number, label=title, verbose=False)
-        shown = 'localhost' if host in _LOCAL else host.replace('0.0.0.0', socket.gethostname())
-        self.url = f'http://{shown}:{self.server.get_port()}'
+        self.server, self.url = serve(require_viser(), host, free_port(host, port), title)
         gui = self.server.gui
         gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
         panel = gui.add_panel()
@@ -80,7 +79,7 @@ class Page:
         self.main = tabs.add_tab(main)
         if reports:
             with tabs.add_tab(reports):
-                self.reports = gui.add_markdown('')
+                self.reports = gui.add_html('')
         self._arms: list[Any] = []
         self._grid: Any = None
 
@@ -89,12 +88,10 @@ class Page:
         """Whether a browser shows the page."""
         return bool(self.server.get_clients())
 
-    def show_light(self, light: Light, more: str = '') -> None:
-        """Show a level with the lines that say why; `more` is HTML below them."""
-        lines = ''.join(f'<div>{html.escape(line)}</div>' for line in light.lines)
-        text = (f'<div class="ctc-light" data-level="{light.level}" style="padding:8px 12px">'
-                f'<b style="color:{COLOURS[light.level]};font-size:1.25em">'
-                f'{SIGNS[light.level]}</b><div style="font-size:0.8em">{lines}{more}</div></div>')
+    def show_light(self, light: Light, more: Markup) -> None:
+        """Show a level with the lines that say why, and `more` below them."""
+        text = str(fragment(_LIGHT, level=light.level, colour=COLOURS[light.level],
+                            sign=SIGNS[light.level], lines=light.lines, more=more))
         if text != self._light_text:
             self._light_text = self._light.content = text
 
@@ -122,8 +119,7 @@ class Page:
 
     def close(self) -> None:
         """Stop serving."""
-        with suppress(RuntimeError), redirect_stdout(StringIO()):
-            self.server.stop()
+        stop(self.server)
 
 
 def _grey(level: int) -> Any:
@@ -178,7 +174,8 @@ def free_port(host: str, port: int | None) -> int:
 
 def warning_of(host: str) -> str:
     """Return what it means to listen on an address; empty for this machine's own."""
-    if host in _LOCAL:
+    if is_local(host):
         return ''
-    return (f'listening on {host}: everyone who reaches this address sees the page and, unless '
-            '--read-only is given, can change the law and stop the torques')
+    return (f'listening on {host}: everyone who has the address with its token, which the network '
+            'carries without encryption, sees the page and, unless --read-only is given, can '
+            'change the law and stop the torques')

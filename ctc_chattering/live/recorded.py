@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.errors import CtcError
 from ctc_chattering.live.samples import Instant, Samples
 from ctc_chattering.live.skeleton import Skeleton, skeleton_of
 
@@ -26,7 +27,9 @@ class RecordedRun:
     name : str
         Of the bag.
     skeleton : Skeleton or None
-        None for a model without a description.
+        None for a model without a description, or with one that cannot be drawn.
+    remark : str
+        Why it cannot; else empty.
     duration : float
         Time of the last sample [s].
 
@@ -35,8 +38,14 @@ class RecordedRun:
     def __init__(self, result: Result) -> None:
         run, terms = result.run, result.terms
         self.result = result
-        self.name = result.source or result.label
-        self.skeleton: Skeleton | None = skeleton_of(result.config, result.description)
+        # The name of a file may have bytes that are no text.
+        self.name = (result.source or result.label).encode('utf-8', 'replace').decode()
+        self.skeleton: Skeleton | None = None
+        self.remark = ''
+        try:
+            self.skeleton = skeleton_of(result.config, result.description)
+        except CtcError as error:
+            self.remark = f'no picture of the arm: {error}'
         self.duration = float(run.t[-1])
         self._run = run
         self.samples = Samples(

@@ -13,6 +13,8 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.live.controls import shown
 from ctc_chattering.ros.node import BaseNode
 
 #: Time to wait for a service and its answer, and after which a request is sent again [s]: the
@@ -57,7 +59,7 @@ class Requests:
         request = SetParameters.Request(parameters=[
             RosParameter(name, value=value).to_parameter_msg() for name, value in items])
         name, value = items[-1]
-        self._ask(f'{node}: {name} = {_shown(value)}', SetParameters, f'{node}/set_parameters',
+        self._ask(f'{node}: {name} = {shown(value)}', SetParameters, f'{node}/set_parameters',
                   request)
 
     def get(self, node: str, names: Sequence[str], use: Callable[[dict[str, Any]], None]) -> None:
@@ -93,7 +95,12 @@ class Requests:
             done = next((x for x in it.futures if x.done()), None)
             if done is not None:
                 self._pending.remove(it)
-                self._show(it.what, *it.outcome(done.result()))
+                try:
+                    with refused_as('its answer'):
+                        outcome = it.outcome(done.result())
+                except CtcError as error:
+                    outcome = False, str(error)
+                self._show(it.what, *outcome)
             elif now - it.asked > _PATIENCE:
                 self._pending.remove(it)
                 self._show(it.what, False, f'no answer of {it.client.srv_name}')
@@ -108,7 +115,3 @@ def _outcome(response: Any) -> tuple[bool, str]:
         reasons = [x.reason for x in response.results if not x.successful]
         return not reasons, '; '.join(reasons) or 'done'
     return bool(response.success), str(response.message)
-
-
-def _shown(value: Any) -> str:
-    return ', '.join(f'{x:g}' for x in value) if isinstance(value, list) else str(value)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
-import html
 
 import numpy as np
 
+from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Part of a torque as the controller publishes it: nominal + compensation + robust.
@@ -15,6 +15,13 @@ PARTS = ('nominal', 'compensation', 'robust')
 #: Colours of lines: the palette of Okabe and Ito, which people with any colour vision can
 #: distinguish.
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#808080')
+_COLUMNS = ('joint', 'q', 'q_d', 'error', 'RMS, 1 s', 'v', 'torque')
+_TABLE = """<div style="padding:2px 12px;font-size:0.8em">{{ title }} t =
+<span class="ctc-time">{{ t }}</span> s<table class="ctc-numbers"
+style="width:100%;text-align:right;font-variant-numeric:tabular-nums"><tr>
+{%- for x in columns %}<th>{{ x }}</th>{% endfor %}</tr>
+{%- for row in rows %}<tr>{% for x in row %}<td>{{ x }}</td>{% endfor %}</tr>{% endfor -%}
+</table></div>"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,20 +84,15 @@ def rms(samples: Samples, last: float = 1.0) -> Array:
 
 
 def table(names: Sequence[str], instant: Instant, samples: Samples, title: str = '',
-          since: float = 0.0) -> str:
+          since: float = 0.0) -> Markup:
     """Return the numbers of an instant as an HTML table, its time as that from `since` on [s]."""
-    columns = ('joint', 'q', 'q_d', 'error', 'RMS, 1 s', 'v', 'torque')
     known = len(samples.t) > 0
     errors = rms(samples)
     rows = []
     for i, name in enumerate(names):
         v, tau = (samples.v[-1, i], samples.torques[-1, 0, i]) if known else (np.nan, np.nan)
-        rows.append((html.escape(name), f'{instant.q[i]:.6f}', f'{instant.q_d[i]:.6f}',
+        rows.append((name, f'{instant.q[i]:.6f}', f'{instant.q_d[i]:.6f}',
                      f'{instant.q_d[i] - instant.q[i]:.2e}', f'{errors[i]:.2e}', f'{v:.2e}',
                      f'{tau:.1f}'))
-    head = ''.join(f'<th>{x}</th>' for x in columns)
-    body = ''.join('<tr>' + ''.join(f'<td>{x}</td>' for x in row) + '</tr>' for row in rows)
-    return (f'<div style="padding:2px 12px;font-size:0.8em">{html.escape(title)} t = '
-            f'<span class="ctc-time">{instant.t - since:.3f}</span> s'
-            '<table class="ctc-numbers" style="width:100%;text-align:right;'
-            f'font-variant-numeric:tabular-nums"><tr>{head}</tr>{body}</table></div>')
+    return fragment(_TABLE, columns=_COLUMNS, rows=rows, title=title,
+                    t=f'{instant.t - since:.3f}')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
-from math import cos, sin
+from math import cos, hypot, sin
 from typing import Any
 import xml.etree.ElementTree as ET
 
@@ -13,11 +13,19 @@ import numpy as np
 from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.dynamics.two_link_urdf import two_link_urdf
+from ctc_chattering.dynamics.urdf_elements import numbers, Origin, origin
 from ctc_chattering.dynamics.urdf_parser import parse_description, Tree
+from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Radius of a capsule as a part of the arm's reach, and the least length of one that is drawn.
 _RADIUS, _SHORTEST = 0.03, 1e-3
+#: What is longer is not drawn [m].
+LONGEST = 1e6
+#: Attributes of a shape with how many numbers each has; what stands for one that is missing.
+_SIZES = {'mesh': (('scale', 3),), 'box': (('size', 3),), 'sphere': (('radius', 1),),
+          'cylinder': (('radius', 1), ('length', 1))}
+_UNSCALED = {'scale': '1 1 1'}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,7 +36,7 @@ class Shape:
     Attributes
     ----------
     kind : str
-        ``capsule``, ``mesh``, ``box``, ``cylinder`` or ``sphere``.
+        ``capsule``, ``mesh``, ``box``, ``cylinder`` or ``sphere``; or ``unreadable``.
     sizes : tuple of float
         Capsule: its ends, six numbers, and its radius [m]. Mesh: scale along x, y and z. Box: its
         edges [m]; cylinder: radius and length [m]; sphere: radius [m].
@@ -134,20 +142,21 @@ def skeleton_of(config: RobotConfig, description: str = '') -> Skeleton | None:
     """
     if config.model == 'two_link':
         return urdf_skeleton(two_link_urdf(config.joint_names), config.joint_names)
-    if not description.strip() or parse_description(description).tag != 'robot':
+    root = parse_description(description) if description.strip() else None
+    if root is None or root.tag != 'robot':
         return None
-    return urdf_skeleton(description, config.joint_names, locked_positions(config.locked))
+    return urdf_skeleton(root, config.joint_names, locked_positions(config.locked))
 
 
-def urdf_skeleton(urdf: str, joint_names: Sequence[str],
+def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],
                   locked: Mapping[str, float] | None = None) -> Skeleton:
     """
     Return the bodies of a URDF.
 
     Parameters
     ----------
-    urdf : str
-        Its text.
+    urdf : str or Element
+        Its text, or what `parse_description` made of it.
     joint_names : sequence of str
         Joints of the model.
     locked : mapping of str to float, optional
@@ -156,31 +165,32 @@ def urdf_skeleton(urdf: str, joint_names: Sequence[str],
     Raises
     ------
     CtcError
-        If the text is no URDF with these joints.
+        If the text is no URDF with these joints, or its arm is too long to be drawn.
 
     """
     tree = Tree(urdf)
     stand = tree.locked(joint_names, locked or {})
-    elements = {x.get('name', ''): x for x in parse_description(urdf).findall('joint')}
     children = [child for _, child in tree.ends.values()]
     root = next(link for link in tree.links if link not in children)
     index = {root: 0}
     made = [(root, -1, np.eye(4), 'fixed', (0.0, 0.0, 1.0), -1)]
     for name, (parent, child) in tree.ends.items():
-        origin, axis = _pose(elements[name].find('origin')), _axis(elements[name])
+        place, axis = _pose(tree.origins[name]), tree.axes.get(name, (0.0, 0.0, 1.0))
         joint = tree.joints.get(name)
         kind = 'fixed' if joint is None else joint.kind.replace('continuous', 'revolute')
         if name in stand:
-            origin, kind = origin @ _motion(kind, axis, stand[name]), 'fixed'
+            place, kind = place @ _motion(kind, axis, stand[name]), 'fixed'
         number = list(joint_names).index(name) if kind != 'fixed' else -1
         index[child] = len(made)
-        made.append((child, index[parent], origin, kind, axis, number))
-    radius = _RADIUS * _reach([(x[1], x[2]) for x in made])
+        made.append((child, index[parent], place, kind, axis, number))
+    reach = _reach([(x[1], x[2]) for x in made])
+    if not reach < LONGEST:
+        raise CtcError(f'an arm of {reach:g} m; drawn are those of less than {LONGEST:g} m')
     bodies = []
     for i, fields in enumerate(made):
         link, ends = tree.links[fields[0]], [x[2][:3, 3] for x in made if x[1] == i]
         bodies.append(Body(*fields, _shapes(link, 'visual'), _shapes(link, 'collision'),
-                           _capsules(ends, link, radius)))
+                           _capsules(ends, link, _RADIUS * reach)))
     return Skeleton(bodies, len(joint_names))
 
 
@@ -188,23 +198,24 @@ def _capsules(ends: Sequence[Array], link: ET.Element, radius: float) -> tuple[S
     """Return lines from the origin of a link to the joints on it, or to its end."""
     if not ends:
         mass = link.find('inertial')
-        ends = [2.0 * _pose(mass.find('origin'))[:3, 3]] if mass is not None else []
+        ends = [2.0 * np.array(origin('inertial', mass).xyz)] if mass is not None else []
     return tuple(Shape('capsule', (0.0, 0.0, 0.0, *map(float, end), radius), np.eye(4))
-                 for end in ends if radius and np.linalg.norm(end) > _SHORTEST)
+                 for end in ends if radius and _SHORTEST < hypot(*end) < LONGEST)
 
 
 def _shapes(link: ET.Element, tag: str) -> tuple[Shape, ...]:
-    """Return the shapes of a link."""
+    """Return the shapes of a link; one of kind ``unreadable`` if there is one with no numbers."""
     found = []
     for element in link.findall(tag):
-        pose = _pose(element.find('origin'))
-        for x in element.findall('geometry/*'):
-            names = {'mesh': 'scale', 'box': 'size', 'cylinder': 'radius length',
-                     'sphere': 'radius'}.get(x.tag, '')
-            sizes = tuple(float(word) for name in names.split()
-                          for word in x.get(name, '1 1 1').split())
-            if names:
-                found.append(Shape(x.tag, sizes, pose, x.get('filename', '')))
+        try:
+            pose = _pose(origin(tag, element))
+            found += [Shape(x.tag, tuple(
+                value for key, count in _SIZES[x.tag]
+                for value in numbers(x.tag, key, x.get(key, _UNSCALED.get(key, '')), count)),
+                pose, x.get('filename', ''))
+                for x in element.findall('geometry/*') if x.tag in _SIZES]
+        except CtcError:
+            found.append(Shape('unreadable', (), np.eye(4)))
     return tuple(found)
 
 
@@ -212,8 +223,8 @@ def _reach(links: Sequence[tuple[int, Array]]) -> float:
     """Return the longest way from the root over the joints, and as far as the last one again."""
     ways: list[float] = []
     last = 0.0
-    for parent, origin in links:
-        length = float(np.linalg.norm(origin[:3, 3]))
+    for parent, pose in links:
+        length = hypot(*pose[:3, 3])
         last = length or last
         ways.append(length + (ways[parent] if parent >= 0 else 0.0))
     return max(ways) + last or 1.0
@@ -252,23 +263,14 @@ def quaternion(matrix: Array) -> Array:
     return unit
 
 
-def _pose(origin: ET.Element | None) -> Array:
-    """Return the pose that an origin element says, shape (4, 4)."""
+def _pose(origin: Origin) -> Array:
+    """Return an origin as a matrix, shape (4, 4)."""
     pose = np.eye(4)
-    if origin is not None:
-        roll, pitch, yaw = (float(x) for x in origin.get('rpy', '0 0 0').split())
-        pose[:3, :3] = (rotation((0, 0, 1), yaw) @ rotation((0, 1, 0), pitch)
-                        @ rotation((1, 0, 0), roll))
-        pose[:3, 3] = [float(x) for x in origin.get('xyz', '0 0 0').split()]
+    roll, pitch, yaw = origin.rpy
+    pose[:3, :3] = (rotation((0, 0, 1), yaw) @ rotation((0, 1, 0), pitch)
+                    @ rotation((1, 0, 0), roll))
+    pose[:3, 3] = origin.xyz
     return pose
-
-
-def _axis(joint: ET.Element) -> tuple[float, float, float]:
-    element = joint.find('axis')
-    x, y, z = (float(word) for word in (
-        '1 0 0' if element is None else element.get('xyz', '1 0 0')).split())
-    size = float(np.linalg.norm((x, y, z))) or 1.0
-    return x / size, y / size, z / size
 
 
 def places(count: int, reach: float) -> list[tuple[float, float, float]]:

@@ -274,7 +274,7 @@ def test_names(names: tuple[str, ...]) -> None:
      ['a and b', 'closed chain']),
     ('<robot', ('a',), ['not XML']),
     (two_links().replace('value="3.0"', 'value="heavy"'), ('a', 'b'), ['link upper', 'heavy']),
-    (two_links().replace('0 -1 0', 'up'), ('a', 'b'), ['Pinocchio refuses'])])
+    (two_links().replace('0 -1 0', 'up'), ('a', 'b'), ['joint a: axis', "'up'"])])
 def test_refused(text: str, names: tuple[str, ...], words: list[str]) -> None:
     """Check one line that names what is wrong."""
     with pytest.raises(CtcError) as error:

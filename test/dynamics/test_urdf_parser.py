@@ -88,6 +88,7 @@ A, B = link('a'), link('b')
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('<robot', ['not XML']), ('', ['not XML']), ('<sdf/>', ['<sdf>', '<robot>']),
+    ('<robot name="empty"/>', ['no link']),
     ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', ['xacro']),
     (urdf([A, B, joint('j', 'floating', 'a', 'b')]), ['joint j is floating']),
     (urdf([A, B, joint('j', 'planar', 'a', 'b')]), ['joint j is planar']),
@@ -110,6 +111,11 @@ A, B = link('a'), link('b')
      ['joint j: effort', "'much'", 'a number']),
     (urdf([A, B, joint('j', 'revolute', 'a', 'b', more='<limit upper="nan"/>')]),
      ['joint j: upper', "'nan'"]),
+    *((urdf([A, B, f'<joint name="j" type="{kind}"><parent link="a"/><child link="b"/>{more}'
+                   '</joint>']), ['joint j', *words]) for kind, more, *words in (
+        ('revolute', '<origin xyz="0 0"/>', 'origin xyz', "'0 0'", '3 numbers'),
+        ('fixed', '<origin rpy="0 0 nan"/>', 'origin rpy', "'0 0 nan'"),
+        ('prismatic', '<axis xyz="up"/>', 'axis', "'up'"))),
     (two_links().replace('value="3.0"', 'value="heavy"'),
      ['inertial of link upper', 'mass value', "'heavy'"]),
     (two_links().replace('ixy="0"', '', 1), ['inertial of link base', 'inertia ixy', "''"]),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
+import json
 from pathlib import Path
 import signal
 import time
@@ -11,13 +13,19 @@ from typing import Any
 from bags import entries, write_bag
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
 from commands import ctc, refused
+from markupsafe import escape
 import numpy as np
 from processes import CONFIG, PATIENCE
 import pytest
 
 from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.terms import Terms
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.experiment import parameter_file
+from ctc_chattering.live.export import write_export
+from ctc_chattering.live.recorded import RecordedRun
+from ctc_chattering.live.samples import table
+from ctc_chattering.simulation.closed_loop import Run
 
 LAWS = ('chattering', 'compensation')
 
@@ -101,6 +109,27 @@ def test_export_works_without_a_network(bags: list[Path], tmp_path: Path) -> Non
     assert asked == [file.as_uri()]
 
 
+def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
+    evil = '</script><iframe srcdoc="<script>hacked=1</script>"></iframe>\udcff'
+    made, _ = result('chattering')
+    run = RecordedRun(replace(
+        made, source=evil, computed=made.terms, description='<robot><link/></robot>',
+        configs=[(0.0, replace(made.config, model='urdf'))]))
+    assert run.remark == 'no picture of the arm: URDF: a link is not named'
+    write_export([run], tmp_path / 'page.html')
+    text = (tmp_path / 'page.html').read_text(encoding='utf-8')
+    assert text.count('</script>') == 2
+    assert '<iframe' not in text
+    title = evil.replace('\udcff', '?')
+    assert text.count(str(escape(title))) == 2
+    data = json.loads(text.partition('application/json">')[2].partition('</script>')[0])
+    assert data['runs'][0]['name'] == title
+    assert data['runs'][0]['bodies'] == []
+    shown = table([evil], run.at(0.0), run.before(0.1, 1.0), evil)
+    assert '<iframe' not in shown
+    assert shown.count(str(escape(evil))) == 2
+
+
 def test_what_cannot_be_shown_is_refused(bags: list[Path], tmp_path: Path) -> None:
     refused(ctc('live', *bags, bags[0]), '3 bags')
     refused(ctc('live', tmp_path / 'none'), 'none')
@@ -111,12 +140,6 @@ def test_what_cannot_be_shown_is_refused(bags: list[Path], tmp_path: Path) -> No
 
 def test_seeking_in_ten_minutes_takes_no_time() -> None:
     """Check the arrays behind the page: ten minutes at 1 kHz."""
-    from dataclasses import replace
-
-    from ctc_chattering.analysis.terms import Terms
-    from ctc_chattering.live.recorded import RecordedRun
-    from ctc_chattering.simulation.closed_loop import Run
-
     count = 600_000
     t = np.arange(count) / 1000
     rows = np.random.default_rng(0).normal(size=(count, 2))

@@ -69,5 +69,5 @@ def test_counts_misses_and_refused_messages_once() -> None:
     report = Report(OK, 'running', 0.0, {
         'deadline misses': '3', 'joint_states: refused': '4', 'joint_states: refused, stamp': '4',
         'reference: refused': '1', 'reference: publishers': '/reference'})
-    assert counted('controller', report) == ('controller', 3, 5)
-    assert counted('plant', Report(OK, 'running', 0.0)) == ('plant', 0, 0)
+    assert counted('controller', report) == ('controller', '3', '5')
+    assert counted('plant', Report(OK, 'running', 0.0)) == ('plant', '0', '0')

@@ -104,3 +104,38 @@ def test_capsules_reach_from_joint_to_joint() -> None:
         radius = 0.03 * skeleton.reach
         assert low == pytest.approx([-radius, -radius, -LENGTH - radius], abs=2e-3)
         assert high == pytest.approx([radius, radius, radius], abs=2e-3)
+
+
+BAD = ('0 0', '', 'nan 0 0', 'inf 0 0', '1e308 0 0', 'x y z', '1 2 3 4')
+
+
+@pytest.mark.parametrize('origin', ['xyz', 'rpy', ''])
+def test_a_shape_without_its_numbers_is_drawn_as_if_it_were_not_found(origin: str) -> None:
+    """Check that the arm has its capsules then, and the page goes on."""
+    urdf = re.sub('<visual>.*?</visual>', '', two_link_urdf(), flags=re.DOTALL)
+    plain = drawn(urdf_skeleton(urdf, ('joint1', 'joint2')))
+    for value in BAD:
+        shape = (f'<visual><origin {origin}="{value}"/><geometry><sphere radius="1"/></geometry>'
+                 if origin else f'<visual><geometry><box size="{value}"/></geometry>')
+        bad = drawn(urdf_skeleton(urdf.replace('<inertial>', f'{shape}</visual><inertial>'),
+                                  ('joint1', 'joint2')))
+        for one, other in zip(plain, bad, strict=True):
+            assert [x.vertices.tolist() for x in one] == [x.vertices.tolist() for x in other]
+
+
+def test_of_changed_descriptions_every_one_is_drawn_or_refused_in_one_line() -> None:
+    rng = np.random.default_rng(1)
+    urdf = two_link_urdf()
+    spans = [found.span(1) for found in re.finditer('="([^"]*)"', urdf)]
+    refused = 0
+    for _ in range(150):
+        begin, end = spans[rng.integers(len(spans))]
+        changed = urdf[:begin] + str(rng.choice([*BAD, '0', '-1', '0 0 0'])) + urdf[end:]
+        try:
+            skeleton = urdf_skeleton(changed, ('joint1', 'joint2'))
+        except CtcError as error:
+            refused += 1
+            assert '\n' not in str(error)
+        else:
+            assert all(np.isfinite(x.vertices).all() for body in drawn(skeleton) for x in body)
+    assert 20 < refused < 130

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import io
 import os
@@ -30,13 +30,15 @@ def chromium() -> str | None:
 
 
 @contextmanager
-def browser_page(offline: bool = False, **options: Any) -> Iterator[Any]:
-    """Yield an empty page; at the end it must have had no error."""
+def browser_page(offline: bool = False, arguments: Sequence[str] = (), **options: Any
+                 ) -> Iterator[Any]:
+    """Yield an empty page of a browser with `arguments`; at the end it must have had no error."""
     from playwright.sync_api import sync_playwright
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=chromium(),
-            args=['--enable-unsafe-swiftshader', '--no-sandbox', '--disable-dev-shm-usage'])
+            args=['--enable-unsafe-swiftshader', '--no-sandbox', '--disable-dev-shm-usage',
+                  *arguments])
         context = browser.new_context(offline=offline, **{'viewport': SIZE, **options})
         context.set_default_timeout(1e3 * PATIENCE)
         page = context.new_page()

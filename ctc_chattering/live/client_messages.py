@@ -1,0 +1,67 @@
+"""What browsers may send: values that the widgets of the page allow, and where they look from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+#: Longest text of a field.
+_CHARACTERS = 10_000
+
+
+def is_allowed(message: Any, widgets: Mapping[str, Any]) -> bool:
+    """
+    Return whether a decoded message of a browser is one that the page itself could send.
+
+    viser passes on to all browsers what one of them sends, and enforces no limits.
+
+    Parameters
+    ----------
+    message : object
+        As it was decoded.
+    widgets : mapping of str to object
+        The page's inputs, handles of viser, by their identifiers.
+
+    """
+    if not isinstance(message, dict):
+        return False
+    fields = dict(message)
+    kind = fields.pop('type', None)
+    if kind == 'ViewerCameraMessage':  # Nothing uses it; viser counts its sender as present.
+        return all(map(_is_number, (
+            x for field in fields.values() for x in (field if _is_vector(field) else (field,)))))
+    if kind != 'GuiUpdateMessage' or set(fields) != {'uuid', 'updates'}:
+        return False
+    uuid, updates = fields['uuid'], fields['updates']
+    widget = widgets.get(uuid) if isinstance(uuid, str) else None
+    return (widget is not None and not widget.disabled and isinstance(updates, dict)
+            and set(updates) == {'value'} and fits(widget, updates['value']))
+
+
+def fits(widget: Any, value: Any) -> bool:
+    """Return whether a widget can have a value: of its kind, and within its limits or options."""
+    options = getattr(widget, 'options', None)
+    if options is not None:
+        return value in options
+    now = widget.value
+    if isinstance(now, bool):
+        return isinstance(value, bool)
+    if isinstance(now, str):
+        return isinstance(value, str) and len(value) <= _CHARACTERS
+    if not isinstance(now, int | float) or not _is_number(value):
+        return False
+    least, most = getattr(widget, 'min', None), getattr(widget, 'max', None)
+    return ((least is None or value >= least) and (most is None or value <= most)
+            and (isinstance(now, float) or value == int(value)))
+
+
+def _is_vector(value: Any) -> bool:
+    return isinstance(value, list) and len(value) <= 4
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        return not isinstance(value, bool) and isfinite(value)
+    except (TypeError, OverflowError):
+        return False

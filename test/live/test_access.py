@@ -1,0 +1,253 @@
+"""Who may open the page: with the token, from itself, under an address of this machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import http.client
+import http.server
+from pathlib import Path
+import re
+import socket
+import threading
+from typing import Any
+
+from browser import browser_page, ctc_live
+import pytest
+from websockets import Headers
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.live.access import Access, HEADERS
+from ctc_chattering.live.page import free_port, require_viser
+from ctc_chattering.live.server import serve, stop
+from ctc_chattering.ros.domain import own_domain
+
+HOST = '127.0.0.1:8080'
+
+
+def refusal(path: str, *headers: tuple[str, str], host: str = '127.0.0.1', port: int = 8080,
+            reached: str = '127.0.0.1', access: Access | None = None) -> str:
+    access = access or Access(host, port)
+    token = access.url.partition('token=')[2]
+    given = Headers([(name, value.replace('TOKEN', token)) for name, value in headers])
+    return access.refusal(path.replace('TOKEN', token), given, reached)
+
+
+@pytest.mark.parametrize('path', ['/?token=TOKEN', '/any?token=TOKEN'])
+@pytest.mark.parametrize('host', [HOST, 'localhost:8080', 'LocalHost:8080', '[::1]:8080'])
+def test_the_printed_address_opens_the_page_under_the_names_of_this_machine(
+        path: str, host: str) -> None:
+    assert refusal(path, ('Host', host)) == ''
+    assert refusal(path, ('Host', host), ('Origin', f'http://{host}')) == ''
+
+
+def test_the_cookie_stands_for_the_token_on_its_own_port_alone() -> None:
+    access, other = Access('127.0.0.1', 8080), Access('127.0.0.1', 8081)
+    cookie = access.cookie.partition(';')[0]
+    assert {'HttpOnly', 'SameSite=Strict', 'Path=/'} < set(access.cookie.split('; '))
+    for line in (cookie, f'a=b; {cookie}; c', f'{other.cookie.partition(";")[0]}; {cookie}'):
+        assert refusal('/', ('Host', HOST), ('Cookie', line), access=access) == ''
+    for line in (cookie.replace('8080', '8081'), cookie[:-1], cookie.upper(), 'ctc_live_8080=',
+                 other.cookie.partition(';')[0], '', ';;=;'):
+        assert 'token' in refusal('/', ('Host', HOST), ('Cookie', line), access=access)
+        assert 'token' in refusal('/', ('Host', '127.0.0.1:8081'), ('Cookie', cookie),
+                                  access=other)
+
+
+@pytest.mark.parametrize('query', ['', '?', '?token', '?token=', '?token=TOKE', '?token=TOKENx',
+                                   '?token=%00', '?token=é', '?Token=TOKEN', '?token=T&token='])
+def test_without_the_token_nothing_is_answered(query: str) -> None:
+    assert refusal(f'/{query}', ('Host', HOST))
+
+
+@pytest.mark.parametrize('headers', [
+    [], [('Host', 'evil.example:8080')], [('Host', '127.0.0.1')], [('Host', 'localhost:8081')],
+    [('Host', '127.0.0.1.evil.example:8080')], [('Host', 'localhost.:8080')], [('Host', '')],
+    [('Host', HOST), ('Host', HOST)], [('Host', HOST), ('Host', 'evil.example')],
+    [('Host', '192.168.0.7:8080')]])
+def test_another_host_is_refused_with_the_token(headers: list[tuple[str, str]]) -> None:
+    assert 'Host' in refusal('/?token=TOKEN', *headers)
+
+
+@pytest.mark.parametrize('origin', [
+    'http://evil.example', 'http://127.0.0.1:9999', 'http://127.0.0.1', 'https://127.0.0.1:8080',
+    'http://localhost:8080', 'null', '', 'file://', 'http://127.0.0.1:8080.evil.example'])
+def test_another_origin_is_refused_with_the_token(origin: str) -> None:
+    assert 'Origin' in refusal('/?token=TOKEN', ('Host', HOST), ('Origin', origin))
+
+
+@pytest.mark.parametrize('query', ['websocket=ws://evil.example', 'playbackPath=http://x', 'a'])
+def test_the_page_is_not_told_to_connect_elsewhere(query: str) -> None:
+    """Check that of viser: its client takes the server from the address, and renders its HTML."""
+    assert 'no more' in refusal(f'/?token=TOKEN&{query}', ('Host', HOST))
+    assert 'no more' in refusal(f'/?{query}&token=TOKEN', ('Host', HOST))
+
+
+def test_on_all_addresses_the_name_and_the_address_asked_for_are_allowed() -> None:
+    name = socket.gethostname()
+    assert Access('0.0.0.0', 8080).url.startswith(f'http://{name}:8080/')
+    for host, reached in ((f'{name}:8080', '10.0.0.5'), ('10.0.0.5:8080', '10.0.0.5'),
+                          ('10.0.0.5:8080', '::ffff:10.0.0.5'), (HOST, '127.0.0.1'),
+                          ('[fe80::1]:8080', 'fe80::1%eth0')):
+        assert refusal('/?token=TOKEN', ('Host', host), host='0.0.0.0', reached=reached) == ''
+    for host in ('10.0.0.6:8080', 'evil.example:8080'):
+        assert refusal('/?token=TOKEN', ('Host', host), host='0.0.0.0', reached='10.0.0.5')
+    assert refusal('/?token=TOKEN', ('Host', '127.0.0.1'), port=80) == ''
+    assert refusal('/?token=TOKEN', ('Host', 'robot.local:8080'), host='robot.local') == ''
+
+
+def test_every_page_has_a_token_of_its_own() -> None:
+    tokens = {Access('127.0.0.1', 8080).url.partition('token=')[2] for _ in range(20)}
+    assert len(tokens) == 20
+    assert all(re.fullmatch('[-_A-Za-z0-9]{43}', token) for token in tokens)
+
+
+@pytest.fixture(scope='module')
+def served() -> Iterator[str]:
+    """Yield the address of a page."""
+    viser = require_viser()
+    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), 'test')
+    server.gui.add_html('content of the page')
+    yield url
+    stop(server)
+
+
+def ask(url: str, path: str, **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
+    address = url.split('/')[2]
+    asked = http.client.HTTPConnection(address, timeout=30.0)
+    asked.request('GET', path, headers=headers)
+    answer = asked.getresponse()
+    return answer, answer.read()
+
+
+def test_without_the_token_one_plain_line_is_shown(served: str) -> None:
+    query = f'/?{served.partition("?")[2]}'
+    for path, headers in (('/', {}), ('/index.html', {}), ('/?token=wrong', {}),
+                          (query, {'Host': 'evil.example'}),
+                          (query, {'Origin': 'http://evil.example'})):
+        answer, text = ask(served, path, **headers)
+        assert answer.status == 403
+        assert answer.getheader('Content-Type') == 'text/plain; charset=utf-8'
+        assert re.fullmatch(rb'ctc live: [^\n<]+\n', text)
+        assert answer.getheader('Set-Cookie') is None
+    answer, text = ask(served, query)
+    assert answer.status == 200
+    assert b'<!doctype html>' in text[:100]
+    assert all(answer.getheader(name) == value for name, value in HEADERS.items())
+    cookie = str(answer.getheader('Set-Cookie')).partition(';')[0]
+    assert ask(served, '/', Cookie=cookie)[0].status == 200
+
+
+@pytest.mark.parametrize(('right', 'headers'), [
+    (False, {}), (False, {'Origin': 'OWN'}), (True, {'Origin': 'http://evil.example'}),
+    (True, {'Origin': 'null'}), (True, {'Origin': 'http://127.0.0.1:1'}),
+    (True, {'Host': 'evil.example'})])
+def test_a_web_socket_opens_with_token_and_origin_of_the_page_alone(
+        served: str, right: bool, headers: dict[str, str]) -> None:
+    viser = require_viser()
+    address = served.replace('http://', 'ws://')
+    protocol: Any = [f'viser-v{viser.__version__}']
+
+    def open_it(url: str, **given: str) -> Any:
+        own = served.partition('/?')[0]
+        ip, port = served.split('/')[2].split(':')
+        return connect(
+            url, sock=socket.create_connection((ip, int(port))), subprotocols=protocol,
+            additional_headers={k: v.replace('OWN', own) for k, v in given.items() if k != 'Host'})
+    with open_it(address) as it, open_it(address, Origin='OWN'):
+        assert it.recv(timeout=30.0)
+    url = address if right else address.partition('?')[0] + '?token=wrong'
+    if 'Host' in headers:
+        url = url.replace('127.0.0.1', headers['Host'])
+    with pytest.raises(InvalidStatus) as refused:
+        open_it(url, **headers)
+    assert refused.value.response.status_code == 403
+
+
+def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check a stand-in for one that starts its server by other means."""
+    import websockets.asyncio.server as library
+
+    viser = require_viser()
+    start = library.serve
+
+    class Other(viser.ViserServer):  # type: ignore[misc, name-defined]
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            with monkeypatch.context() as patch:
+                patch.setattr(library, 'serve', start)
+                super().__init__(*arguments, **options)
+    monkeypatch.setattr(viser, 'ViserServer', Other)
+    port = free_port('127.0.0.1', 0)
+    with pytest.raises(CtcError, match=r'cannot be checked \(status 200 without the token\)'):
+        serve(viser, '127.0.0.1', port, 'test')
+    with pytest.raises(OSError, match='refused'):
+        socket.create_connection(('127.0.0.1', port))
+
+
+class Evil(http.server.BaseHTTPRequestHandler):
+    """An empty page on another port."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header('Content-Type', 'text/html')
+        self.end_headers()
+
+    def log_message(self, *_arguments: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[str]:
+    """Yield the address of a page of somebody else's, on another port of this machine."""
+    with http.server.ThreadingHTTPServer(('127.0.0.1', 0), Evil) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f'http://127.0.0.1:{server.server_port}/'
+        server.shutdown()
+
+
+@pytest.mark.browser
+def test_a_page_of_somebody_else_reaches_nothing_in_a_browser_that_has_the_cookie(
+        served: str, elsewhere: str, tmp_path: Path) -> None:
+    own, token = served.split('?')
+    file = tmp_path / 'evil.html'
+    file.write_text('<!doctype html>')
+    with browser_page(arguments=['--host-resolver-rules=MAP evil.example 127.0.0.1']) as page:
+        page.goto(served)
+        page.get_by_text('content of the page').wait_for()
+        page.goto(own)  # The cookie stands for the token.
+        page.get_by_text('content of the page').wait_for()
+        assert _reached(page, own) == [True, True]
+        for other in (elsewhere, file.as_uri()):
+            page.goto(other)
+            assert _reached(page, own) == [False, False]
+            page.evaluate('own => { document.body.innerHTML = `<iframe src="${own}">`; }', own)
+            page.wait_for_function('() => frames.length')
+            page.frames[1].wait_for_load_state()
+            assert page.frames[1].get_by_text('content of the page').count() == 0
+            assert not page.frames[1].url.startswith('http')
+        for query in (f'?{token}', ''):  # As if the name of its server now stood for this machine.
+            answer = page.goto(own.replace('127.0.0.1', 'evil.example') + query)
+            assert answer.status == 403
+            assert _reached(page, page.url.partition('?')[0]) == [False, False]
+        page.goto(served)
+        page.get_by_text('content of the page').wait_for()
+
+
+def _reached(page: Any, own: str) -> list[bool]:
+    """Return whether a script of the page opens a WebSocket there, and reads what is there."""
+    script = """([own, protocol]) => Promise.all([
+        new Promise(done => { const it = new WebSocket(own.replace('http', 'ws'), [protocol]);
+                              it.onopen = () => done(true); it.onerror = () => done(false); }),
+        fetch(own, {credentials: 'include'}).then(it => it.ok, () => false)])"""
+    found: list[bool] = page.evaluate(script, [own, f'viser-v{require_viser().__version__}'])
+    return found
+
+
+@pytest.mark.ros
+def test_the_printed_address_has_the_token() -> None:
+    with own_domain(), ctc_live('--port', 0) as (_, url):
+        assert re.fullmatch(r'http://127\.0\.0\.1:\d+/\?token=[-\w]{43}', url)
+        assert ask(url, '/')[0].status == 403
+        assert ask(url, '/?' + url.partition('?')[2])[0].status == 200

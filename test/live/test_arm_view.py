@@ -1,0 +1,45 @@
+"""The arm is not drawn where it is not known to be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.live.arm_view import ArmView
+from ctc_chattering.live.page import free_port, require_viser
+from ctc_chattering.live.server import serve, stop
+from ctc_chattering.live.skeleton import quaternion, skeleton_of
+
+
+def test_arm_and_ghost_are_hidden_until_their_positions_are_known() -> None:
+    server, _ = serve(require_viser(), '127.0.0.1', free_port('127.0.0.1', 0), 'test')
+    try:
+        made: dict[str, Any] = {}
+        add = server.scene.add_frame
+
+        def add_frame(name: str, **options: Any) -> Any:
+            made[name] = add(name, **options)
+            return made[name]
+        server.scene.add_frame = add_frame
+        skeleton = skeleton_of(ControllerConfig())
+        assert skeleton is not None
+        view = ArmView(server, skeleton, 'arm0')
+
+        def visible() -> list[bool]:
+            return [made[f'/arm0/{part}'].visible for part in ('arm', 'ghost')]
+        assert visible() == [False, False]
+        view.show(None, None)
+        assert visible() == [False, False]
+        q = np.array([0.3, -0.8])
+        view.show(q, None)
+        assert visible() == [True, False]
+        view.show(q, 2.0 * q)
+        assert visible() == [True, True]
+        for part, at in (('arm', q), ('ghost', 2.0 * q)):
+            for i, pose in enumerate(skeleton.poses(at)):
+                assert np.allclose(made[f'/arm0/{part}/{i}'].wxyz, quaternion(pose[:3, :3]))
+                assert np.allclose(made[f'/arm0/{part}/{i}'].position, pose[:3, 3])
+    finally:
+        stop(server)
