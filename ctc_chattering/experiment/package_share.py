@@ -55,5 +55,5 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
         return own[text]
     if Path(text).name == text and not (beside / text).exists():
         raise UsageError(f'{text}: there is no such file, and the package has none of this name: '
-                         f'{", ".join(own)}{near(Path(text).stem, own)}')
+                         f'{", ".join(own)}{near(text, own)}')
     return beside / text
