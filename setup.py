@@ -47,8 +47,8 @@ setup(
         # The page of `ctc live`.
         'live': ['viser>=1.1'],
         'mujoco': ['mujoco'],
-        # The model urdf; of apt, ros-jazzy-pinocchio.
-        'urdf': ['pin'],
+        # The model urdf, of apt ros-jazzy-pinocchio; the robots of panda.yaml and ur5.yaml.
+        'urdf': ['example-robot-data', 'pin'],
         # `ctc map`; without numba it is slow.
         'map': ['numba', 'dask[distributed]', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+import difflib
 
 #: Characters of a value in a message.
 _LONGEST = 400
@@ -69,6 +70,32 @@ class RejectedMessage(CtcError):
     def __init__(self, kind: str, reason: str = '') -> None:
         super().__init__(reason)
         self.kind = kind
+
+
+def near(value: object, known: Iterable[str]) -> str:
+    """Return "; did you mean NAME?" with the known name most like a wrong one; '' for none."""
+    names = {name.lower(): name for name in known if name != value}
+    found = difflib.get_close_matches(str(value).lower(), names, 1)
+    return f'; did you mean {names[found[0]]}?' if found else ''
+
+
+@contextmanager
+def given_by_user(names: Iterable[str]) -> Iterator[None]:
+    """
+    Turn the refusal of a value that stands on the command line into a `UsageError`.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The parameters that stand there.
+
+    """
+    try:
+        yield
+    except ParameterError as error:
+        if any(error.name == x or error.name.endswith((f' {x}', f'.{x}')) for x in names):
+            raise UsageError(str(error)) from None
+        raise
 
 
 @contextmanager

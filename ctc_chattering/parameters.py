@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ctc_chattering.arguments import check_type
-from ctc_chattering.errors import ParameterError
+from ctc_chattering.errors import near, ParameterError
 
 C = TypeVar('C', bound='Config')
 
@@ -177,7 +177,7 @@ class Parameter:
                        or (self.infinite and item == math.inf) for item in items) and (
                 not full or _positive_definite(matrix(items, n)))
         if not fits:
-            raise ParameterError(self.name, value, self.allowed)
+            raise ParameterError(self.name, value, self.allowed + near(value, self.choices))
 
 
 def _positive_definite(a: npt.NDArray[np.float64]) -> bool:
@@ -268,7 +268,7 @@ class Config:
         check_type('values', values, Mapping)
         for name, value in values.items():
             if name not in known:
-                raise ParameterError(name, value, 'one of ' + ', '.join(known))
+                raise ParameterError(name, value, f'one of {", ".join(known)}{near(name, known)}')
             if value is None:
                 raise ParameterError(name, value, known[name].allowed)
             yield known[name], value

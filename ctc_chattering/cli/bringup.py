@@ -9,6 +9,7 @@ import sys
 
 from ctc_chattering import __version__
 from ctc_chattering.cli.options import add_run_options, find_file, guarded, overrides, Parser
+from ctc_chattering.errors import given_by_user
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
@@ -48,10 +49,12 @@ def bringup(arguments: Sequence[str]) -> int:
         require_viser()
 
     over = overrides(options)
-    for node, values in ros_arguments.bringup_values(ros).items():
-        over.setdefault(node, {}).update(values)
+    given = {name for values in over.values() for name in values} | ros.assigned
     file = find_file(options.params_file)
-    plant = parameter_file.load(file, over).plant
+    with given_by_user(given):
+        for node, values in ros_arguments.bringup_values(ros).items():
+            over.setdefault(node, {}).update(values)
+        plant = parameter_file.load(file, over).plant
     with Progress(plant.experiment, plant.duration) as progress:
         try:
             run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,

@@ -14,8 +14,8 @@ from ctc_chattering.cli.options import (
     check,
     chosen_engine,
     find_file,
+    load_setup,
     number_of_jobs,
-    overrides,
 )
 from ctc_chattering.cli.presentation import (
     FIGURES,
@@ -44,8 +44,7 @@ def _say(line: str) -> None:
 
 def simulate(options: argparse.Namespace) -> int:
     """Run `ctc simulate`."""
-    file, over = find_file(options.params_file), overrides(options)
-    setup = parameter_file.load(file, over)
+    file, over, setup = load_setup(options)
     if setup.plant.duration == 0.0:
         print(f'duration is 0, no end: simulating {_DURATION:g} s', file=sys.stderr)
         over.setdefault('plant', {})['duration'] = _DURATION
@@ -154,7 +153,7 @@ def compare(options: argparse.Namespace) -> int:
     engine = chosen.engine(options)
     run: Runner = over_ros if options.ros else Simulation(engine)
     todo = comparison.tasks(
-        [find_file(file) for file in options.files], options.backend or [None],
+        [find_file(file) for file in options.files], chosen.backends(options),
         chosen.conditions(options), chosen.laws(options), chosen.budget(options))
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)

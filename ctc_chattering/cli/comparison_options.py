@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from ctc_chattering.cli.options import add_engine_option, chosen_engine
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.errors import UsageError
+from ctc_chattering.errors import given_by_user, near, UsageError
+from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.studies.conditions import ALL, CONDITIONS
 
 if TYPE_CHECKING:
@@ -40,6 +41,14 @@ def add_comparison_options(parser: argparse.ArgumentParser) -> None:
     add_engine_option(parser)
 
 
+def backends(options: argparse.Namespace) -> list[str | None]:
+    """Return the backends, None for the file's; raise `UsageError`."""
+    for name in options.backend or ():
+        with given_by_user(['plant_backend']):
+            PlantConfig.parameters()['plant_backend'].check(name, 0)
+    return options.backend or [None]
+
+
 def conditions(options: argparse.Namespace) -> list[str | None]:
     """Return the names of the conditions; None for the robot as it is in the file."""
     return options.condition or [None]
@@ -50,7 +59,8 @@ def laws(options: argparse.Namespace) -> list[str]:
     names: list[str] = options.laws.split(',')
     for law in names:
         if law not in LAWS:
-            raise UsageError(f'--laws: no law is called {law}; allowed: {", ".join(LAWS)}')
+            raise UsageError(f'--laws: no law is called {law}; allowed: {", ".join(LAWS)}'
+                             + near(law, LAWS))
     return names
 
 

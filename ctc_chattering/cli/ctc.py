@@ -15,13 +15,14 @@ from ctc_chattering.cli.options import (
     add_params_file,
     add_run_options,
     guarded,
+    Parser,
 )
 from ctc_chattering.cli.tune import add_tune_options
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='ctc', description='Computed torque plus compensation plus chattering.')
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
@@ -255,16 +256,17 @@ def _add_output(parser: argparse.ArgumentParser, default: str | None) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    name = ' '.join(('ctc', *(word for word in arguments[:1] if not word.startswith('-'))))
+    return guarded(name, lambda: _run(arguments))
+
+
+def _run(arguments: list[str]) -> int:
     ros: list[str] = []
     if arguments[:1] == ['live'] and '--ros-args' in arguments:
         first = arguments.index('--ros-args')
         arguments, ros = arguments[:first], arguments[first:]
     options = make_parser().parse_args(arguments)
     options.ros_args = ros
-    return guarded(f'ctc {options.command}', lambda: _run(options))
-
-
-def _run(options: argparse.Namespace) -> int:
     # Imported here: each needs libraries that take time to load, or may be missing.
     from ctc_chattering.cli import commands, live
     if options.command == 'live':

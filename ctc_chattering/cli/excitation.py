@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import find_file
+from ctc_chattering.cli.options import check, find_file
 from ctc_chattering.cli.table import print_columns
-from ctc_chattering.errors import ParameterError
+from ctc_chattering.errors import given_by_user, ParameterError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.identification.excitation_limits import ExcitationConfig
@@ -37,13 +37,14 @@ _POOR = 100.0
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc excite`."""
-    for name, least in (('draws', 1), ('seed', 0)):
-        Parameter(f'--{name}', 'int', None, '', minimum=least).check(getattr(options, name), 0)
+    check('--draws', options.draws, 1)
+    check('--seed', options.seed, 0)
     file = find_file(options.params_file)
     setup, sections = parameter_file.load(file), parameter_file.read(file)
-    config = _config(options, setup)
-    found = plan(setup, config, _friction(options, len(config.joint_names)), options.draws,
-                 options.seed)
+    with given_by_user((*_SCALARS, *_LISTS, 'friction')):
+        config = _config(options, setup)
+        friction = _friction(options, len(config.joint_names))
+    found = plan(setup, config, friction, options.draws, options.seed)
     if options.out is not None:
         write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
     _show(found)

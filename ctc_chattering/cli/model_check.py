@@ -11,7 +11,7 @@ from ctc_chattering.dynamics.inertia_check import inertia_faults
 from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, given_by_user, UsageError
 from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.parameters import check_joint_names
 
@@ -23,10 +23,12 @@ def run(options: argparse.Namespace) -> int:
     check('--gravity', options.gravity, 0)
     name = options.model or ('urdf' if options.urdf else 'two_link')
     if (name == 'urdf') != (options.urdf is not None):
-        raise CtcError(f'the model {name} {"needs" if name == "urdf" else "takes no"} --urdf FILE')
+        raise UsageError(
+            f'the model {name} {"needs" if name == "urdf" else "takes no"} --urdf FILE')
     urdf = read_description(options.urdf) if options.urdf else ''
-    joints = _joints(options.joints, urdf)
-    model = make_model(name, options.gravity, joints, urdf)
+    with given_by_user(('joint_names', 'model')):
+        joints = _joints(options.joints, urdf)
+        model = make_model(name, options.gravity, joints, urdf)
     print(f'{name}, {model.n} joints: {", ".join(joints)}')
     findings = check_dynamics(model, options.seed, options.samples)
     print_columns([('', 'worst', 'allowed', 'check')] + [

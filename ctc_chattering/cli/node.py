@@ -14,7 +14,7 @@ import gc
 import importlib
 import os
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ctc_chattering import __version__
 from ctc_chattering.ros import signals
@@ -46,18 +46,23 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
 
 def _run(name: str, arguments: Sequence[str]) -> int:
     """Run a node with its arguments, those for ROS and its own."""
+    from ctc_chattering.errors import given_by_user
     from ctc_chattering.launch import child_process
     from ctc_chattering.ros import ros_arguments
     own, ros = ros_arguments.parse(arguments)
     parent = _make_parser(name).parse_args(own).parent
     if parent is not None:
         child_process.end_with(parent)
-    values = ros.values([name])[name]
+    with given_by_user(ros.assigned):
+        values = ros.values([name])[name]
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     run = importlib.import_module('ctc_chattering.ros.run').run
+
+    def make_node() -> Any:
+        with given_by_user(ros.assigned):
+            return module.NODE(values)
     with nonblocking_output():
-        return int(run(lambda: module.NODE(values), name, ['--ros-args', *ros.rest],
-                       signals.collect()))
+        return int(run(make_node, name, ['--ros-args', *ros.rest], signals.collect()))
 
 
 def _make_parser(name: str) -> argparse.ArgumentParser:

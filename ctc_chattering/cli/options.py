@@ -6,12 +6,16 @@ import argparse
 from collections.abc import Callable
 import os
 from pathlib import Path
+import re
 import sys
+import tempfile
+import traceback
 from typing import Any, NoReturn
 
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.errors import CtcError, given_by_user, near, UsageError
+from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.parameters import Parameter
 
@@ -30,7 +34,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""
-        raise UsageError(f'{message}; see --help')
+        word, *known = re.findall(r"'([^']*)'", message) if 'invalid choice' in message else ['']
+        raise UsageError(f'{message}{near(word, known)}; see {self.prog} --help')
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -83,10 +88,18 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     return result
 
 
+def load_setup(options: argparse.Namespace) -> tuple[Path, Any, parameter_file.Setup]:
+    """Return the parameter file, the values that override it, and both, checked."""
+    file, over = find_file(options.params_file), overrides(options)
+    with given_by_user(name for values in over.values() for name in values):
+        return file, over, parameter_file.load(file, over)
+
+
 def check(option: str, value: float, minimum: float, exclusive: bool = False) -> None:
-    """Raise `ParameterError` unless the value of an option is finite and large enough."""
-    Parameter(option, type(value).__name__, None, '', minimum=minimum,
-              exclusive=exclusive).check(value, 0)
+    """Raise `UsageError` unless the value of an option is finite and large enough."""
+    with given_by_user([option]):
+        Parameter(option, type(value).__name__, None, '', minimum=minimum,
+                  exclusive=exclusive).check(value, 0)
 
 
 def number_of_jobs(number: int | None) -> int:
@@ -100,7 +113,8 @@ def guarded(name: str, command: Callable[[], int]) -> int:
     """
     Run a command; a `CtcError`, or too little memory, becomes one line.
 
-    The status is then 1, or 2 if the command line is wrong or a package is missing.
+    The status is then 1, or 2 if the command line is wrong or a package is missing. Any other
+    exception is a defect of this package: it becomes one line, too, and its traceback a file.
     """
     try:
         return command()
@@ -110,23 +124,33 @@ def guarded(name: str, command: Callable[[], int]) -> int:
     except MemoryError as error:
         print(f'{name}: too little memory: {error}'.rstrip(': '), file=sys.stderr, flush=True)
         return 1
-    except ModuleNotFoundError as error:
-        print(f'{name}: {_how_to_install(error)}', file=sys.stderr, flush=True)
-        return 2
     except KeyboardInterrupt as stop:
         print(f'{name}: {str(stop) or "stopped"}', file=sys.stderr, flush=True)
         return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except Exception as error:  # Whatever else comes must not reach a user as a traceback.
+        missing = _how_to_install(error) if isinstance(error, ModuleNotFoundError) else ''
+        print(f'{name}: {missing or _defect(error)}', file=sys.stderr, flush=True)
+        return 2 if missing else 1
 
 
 def _how_to_install(error: ModuleNotFoundError) -> str:
-    """Return how to install a missing package; raise an error that has another cause."""
+    """Return how to install a missing package; '' if it is one of this package."""
     module = (error.name or '').split('.')[0]
     if module in _OF_ROS or module.endswith('_msgs'):
         return (f'ROS 2 is missing (no module {module}): source its setup file, or install the '
                 "wheels from the checkout: pip install '.[ros]'")
     if module == 'ctc_chattering':
-        raise error
+        return ''
     return f'{module} is missing: pip install {_PACKAGES.get(module, module)}'
+
+
+def _defect(error: Exception) -> str:
+    """Write the traceback of a defect into a file; return the line that names it."""
+    text = ' '.join(f'{type(error).__name__}: {error}'.split())
+    with tempfile.NamedTemporaryFile('w', prefix='ctc_chattering-', suffix='.txt', delete=False,
+                                     encoding='utf-8') as file:
+        traceback.print_exception(error, file=file)
+    return f'{text}. This is a defect of ctc_chattering: please report it with {file.name}'

@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, given_by_user, ParameterError, UsageError
 
 if TYPE_CHECKING:
     from ctc_chattering.robustness.tuning.spec import TuneSpec
@@ -71,8 +71,12 @@ def run(options: argparse.Namespace) -> int:
     require_optuna('ctc tune')
     check('--trials', options.trials, 1)
     if not 0.0 < options.percentile <= 100.0:
-        raise ParameterError('--percentile', options.percentile, 'a number > 0 and <= 100')
-    jobs, spec = number_of_jobs(options.jobs), _spec(options)
+        raise UsageError(f'--percentile: {options.percentile} is not allowed; allowed: a number '
+                         '> 0 and <= 100')
+    jobs = number_of_jobs(options.jobs)
+    with given_by_user(key for name, key in (_KEYS | _OF_TUNE).items()
+                       if getattr(options, name) is not None):
+        spec = _spec(options)
     engine, reason = available()
     used, why = engine_of(spec.setup, engine)
     out = prepare(options.out, NAMES, options.overwrite)

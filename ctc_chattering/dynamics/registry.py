@@ -18,7 +18,7 @@ import re
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.errors import CtcError, ParameterError, refused_as
+from ctc_chattering.errors import CtcError, near, ParameterError, refused_as
 
 #: Values of the parameter ``model``, besides classes.
 MODELS = ('two_link', 'urdf')
@@ -106,7 +106,8 @@ def locked_positions(lines: Sequence[str]) -> dict[str, float]:
 def check_model(name: str, joint_names: tuple[str, ...]) -> None:
     """Raise `ParameterError` unless `name` may be a model, for as many joints as are named."""
     if name not in MODELS and not _CLASS.fullmatch(name):
-        raise ParameterError('model', name, ' | '.join((*MODELS, 'package.module:Class')))
+        raise ParameterError(
+            'model', name, ' | '.join((*MODELS, 'package.module:Class')) + near(name, MODELS))
     if name == 'two_link' and len(joint_names) != TwoLink.n:
         raise ParameterError('joint_names', joint_names, f'{TwoLink.n} names for model {name}')
 

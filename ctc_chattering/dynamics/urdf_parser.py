@@ -7,7 +7,7 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.urdf_elements import axis, numbers, origin
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError
 
 #: Types of joint with one degree of freedom.
 _MOVABLE = ('revolute', 'continuous', 'prismatic')
@@ -125,8 +125,8 @@ class Tree:
         for name in chosen:
             joint = self.joints.get(name)
             if joint is None:
-                raise ParameterError('joint_names', tuple(chosen),
-                                     f'movable joints of the URDF: {", ".join(self.movable)}')
+                raise ParameterError('joint_names', tuple(chosen), 'movable joints of the URDF: '
+                                     f'{", ".join(self.movable)}{near(name, self.movable)}')
             if joint.mimic is not None:
                 raise CtcError(f'URDF: joint {name} mimics {joint.mimic.leader} and cannot be a '
                                'joint of the model')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 import sys
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, near, UsageError
 
 
 def config_directory() -> Path:
@@ -44,6 +44,16 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
     folder : str
         Of the package's own, below `config_directory`.
 
+    Raises
+    ------
+    UsageError
+        If `text` has no directory, and names neither.
+
     """
-    installed = config_directory() / folder / f'{text}.yaml'
-    return installed if Path(text).name == text and installed.exists() else beside / text
+    own = {path.stem: path for path in sorted((config_directory() / folder).glob('*.yaml'))}
+    if text in own:
+        return own[text]
+    if Path(text).name == text and not (beside / text).exists():
+        raise UsageError(f'{text}: there is no such file, and the package has none of this name: '
+                         f'{", ".join(own)}{near(text, own)}')
+    return beside / text

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.experiment.events import parse_events
 from ctc_chattering.experiment.node_parameters import LOOP, NODES, parameters_of
 from ctc_chattering.experiment.robot_description import read_description
@@ -88,7 +88,7 @@ def load(path: Path | None, overrides: Overrides | None = None) -> Setup:
     for name in sections:
         if name not in (*NODES, EVERY_NODE):
             raise CtcError(f'{path}: no node is called {name}; allowed: '
-                           + ', '.join((*NODES, EVERY_NODE)))
+                           f'{", ".join((*NODES, EVERY_NODE))}{near(name, NODES)}')
     values = {node: node_values(sections, node, str(path))
               | node_values(overrides or {}, node, 'overrides') for node in NODES}
     values['plant'].setdefault('experiment', path.stem if path is not None else 'friction')
@@ -244,7 +244,7 @@ def node_values(sections: Overrides, node: str, source: str) -> Values:
                 values[name] = value
             elif name not in allowed:
                 raise CtcError(f'{source}: {section} has no parameter {name}; allowed: '
-                               + ', '.join(sorted(allowed)))
+                               f'{", ".join(sorted(allowed))}{near(name, allowed)}')
     return values
 
 

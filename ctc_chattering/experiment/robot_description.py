@@ -10,6 +10,8 @@ import sys
 from ctc_chattering.errors import CtcError
 
 _SCHEME = 'package://'
+#: The robots of the package's own files, and how they come with what their model needs.
+_ROBOTS, _INSTALL = f'{_SCHEME}example-robot-data/', 'pip install example-robot-data pin'
 
 
 def read_description(location: str) -> str:
@@ -58,8 +60,9 @@ def find_file(location: str) -> Path:
     for prefix in looked:
         if (prefix / below).is_file():
             return prefix / below
+    hint = f'; {_INSTALL}' if location.startswith(_ROBOTS) else ''
     raise CtcError(f'description: {location}: not installed; looked for {below} below '
-                   + ', '.join(map(str, looked)))
+                   f'{", ".join(map(str, looked))}{hint}')
 
 
 def _prefixes() -> Iterator[Path]:

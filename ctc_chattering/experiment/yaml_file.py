@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError
 
 
 class Loader(yaml.SafeLoader):
@@ -92,5 +92,5 @@ def mapping(name: str, value: object, keys: Sequence[str]) -> dict[Any, Any]:
         raise ParameterError(name, value, allowed)
     for key in value:
         if key not in keys:
-            raise ParameterError(name, key, allowed)
+            raise ParameterError(name, key, allowed + near(key, keys))
     return value

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite, nan
 
-from ctc_chattering.errors import ParameterError, UsageError
+from ctc_chattering.errors import near, ParameterError, UsageError
 from ctc_chattering.robustness.quantity import Axis
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.spec import Variant
@@ -41,7 +41,8 @@ def find_run(runs: Runs, text: str) -> int:
                    _REPEAT: [str(k) for k in range(spec.repeats.repeats)]}
         for name in given:
             if name not in choices:
-                raise ParameterError(name, given[name], 'a run number, or ' + ', '.join(choices))
+                raise ParameterError(name, given[name], 'a run number, or '
+                                     f'{", ".join(choices)}{near(name, choices)}')
         for name, values in choices.items():
             if len(values) > 1 and name not in given:
                 shown = ', '.join(values if len(values) < 20 else [values[0], '...', values[-1]])
@@ -96,5 +97,6 @@ def _law(variants: Sequence[Variant], text: str) -> int:
     found = [i for i, x in enumerate(variants) if x.name == text] or [
         i for i, x in enumerate(variants) if x.law == text]
     if len(found) != 1:
-        raise ParameterError(_LAW, text, ' | '.join(x.name for x in variants))
+        names = [x.name for x in variants]
+        raise ParameterError(_LAW, text, ' | '.join(names) + near(text, names))
     return found[0]

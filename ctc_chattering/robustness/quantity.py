@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.experiment.node_parameters import LOOP, NODES
 from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.experiment.yaml_file import mapping
@@ -228,7 +228,8 @@ def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
         raise ParameterError(key, text, 'any other: duration, seed and repeats set it')
     if not all(spec.kind in ('int', 'float', 'float[]') for _, spec in found) or not found:
         raise ParameterError(key, text, f'a parameter of {", ".join(LOOP)} that is a number or '
-                             'a number a joint, such as plant.coulomb_friction')
+                             'a number a joint, such as plant.coulomb_friction' + near(
+                                 name, (x for node in nodes for x in NODES[node][0].parameters())))
     return found
 
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
-import difflib
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
-from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.errors import CtcError, near, UsageError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.node_parameters import NODES, parameters_of
 from ctc_chattering.experiment.parameter_file import Values
@@ -62,6 +61,11 @@ class RosArguments:
     namespace: str = '/'
     sources: tuple[Path | _Assignment, ...] = ()
     rest: tuple[str, ...] = ()
+
+    @property
+    def assigned(self) -> set[str]:
+        """The parameters that ``-p`` gives."""
+        return {source.name for source in self.sources if isinstance(source, _Assignment)}
 
     def values(self, executables: Sequence[str]) -> dict[str, Values]:
         """
@@ -131,9 +135,9 @@ def _hint(name: str, executables: Sequence[str]) -> str:
     """Return what to say of a parameter that none of the executables has."""
     if name.startswith('qos_overrides.'):
         return 'the QoS of topics is fixed'
-    near = difflib.get_close_matches(name, {x for y in executables for x in parameters_of(y)})
-    return f'{" | ".join(executables)}: no parameter of this name; ' + (
-        f'do you mean {" or ".join(near)}?' if near else 'ctc parameters lists them')
+    known = {x for y in executables for x in parameters_of(y)}
+    return (f'{" | ".join(executables)}: no parameter of this name'
+            + (near(name, known) or '; ctc parameters lists them'))
 
 
 def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:

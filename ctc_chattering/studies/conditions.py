@@ -14,7 +14,7 @@ from math import inf
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import UsageError
+from ctc_chattering.errors import near, UsageError
 
 if TYPE_CHECKING:
     from ctc_chattering.experiment.parameter_file import Overrides, Setup
@@ -134,7 +134,8 @@ CONDITIONS = {condition.name: condition for condition in (
 def condition(name: str) -> Condition:
     """Return the condition of this name; raise `UsageError` if there is none."""
     if name not in CONDITIONS:
-        raise UsageError(f'no condition is called {name}; allowed: {", ".join(CONDITIONS)}')
+        raise UsageError(f'no condition is called {name}; allowed: '
+                         f'{", ".join((*CONDITIONS, ALL))}{near(name, CONDITIONS)}')
     return CONDITIONS[name]
 
 

@@ -31,6 +31,14 @@ def recommended_pole(setup: Setup) -> float:
         max(config.actuator_lag), config.control_period, config.input_delay))
 
 
+def integral_pole(setup: Setup) -> float:
+    """Return the triple pole of `integral` [rad/s]; a reversal of friction takes its time, too."""
+    config, plant = setup.controller, setup.plant
+    reversal = max(f / r for f, r in zip(plant.coulomb_friction, plant.torque_rate_limit))
+    return _INTEGRAL * largest_pole(reversal + lateness(
+        max(config.actuator_lag), config.control_period, config.input_delay))
+
+
 def recommended_ka(setup: Setup) -> list[float]:
     """Return the file's ka and 20 % of the largest torque that the model takes, shape (n,)."""
     config, plant = setup.controller, setup.plant
@@ -72,7 +80,7 @@ def recommended_setup(setup: Setup, law: str) -> Setup:
         values = {'switching': 'implicit_observer',
                   'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
     elif law == 'integral':
-        n, p = len(config.joint_names), _INTEGRAL * recommended_pole(setup)
+        n, p = len(config.joint_names), integral_pole(setup)
         values = {'kp': [3.0 * p ** 2] * n, 'kv': [3.0 * p] * n, 'ki': [p ** 3] * n}
         reference = reference.changed({'start_duration': max(reference.start_duration, _START)})
     elif law in KNOW_FRICTION:

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 import re
+from typing import Any
 
 import numpy as np
 import pytest
 
+from ctc_chattering.analysis.result import simulated
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.handover import FADE
 from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.package_share import find_config
+from ctc_chattering.experiment.parameter_file import changed, Setup
+from ctc_chattering.studies.conditions import condition
+from ctc_chattering.studies.recommended import integral_pole, recommended_setup
 
 PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'laws.md').read_text(encoding='utf-8')
 
@@ -55,3 +64,44 @@ def test_the_fastest_triple_pole(scale: float) -> None:
     p = scale * 8.0 / (9.0 * lag)
     roots = np.roots([lag, 1.0, 3 * p, 3 * p * p, p ** 3])
     assert (roots.real.max() < 0.0) == (scale < 1.0)
+
+
+def like_a_real_arm(duration: float, factor: float, values: Mapping[str, Any]) -> Setup:
+    """Return the paper's arm under the condition real_arm, with values of the controller."""
+    friction = find_config('friction')
+    given = condition('real_arm').overrides(parameter_file.load(friction))[0]
+    controller = {**given['controller'], 'inertia_scale': factor, 'gravity_scale': factor}
+    return parameter_file.load(friction, {
+        **given, 'plant': {**given['plant'], 'duration': duration},
+        'controller': {**controller, **values}})
+
+
+def triple_pole(p: float) -> dict[str, Any]:
+    return {'law': 'integral', 'kp': [3 * p * p] * 2, 'kv': [3 * p] * 2, 'ki': [p ** 3] * 2}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('factor', [0.9, 1.1])
+def test_the_pole_of_integral_on_the_paper_s_arm(factor: float) -> None:
+    """The rule is stable, where one without F / R is not."""
+    p = 0.24 / (2e-3 + 1e-3 * (1 + 1) + 9.9 / 1000.0)
+    assert integral_pole(like_a_real_arm(4.0, factor, {})) == pytest.approx(p)
+    assert f'this is {p:.0f} rad/s' in PAGE
+    run = simulated(like_a_real_arm(4.0, factor, triple_pole(p))).run
+    assert np.abs(run.q_d - run.q)[2500:].max() < 0.05
+    with pytest.raises(CtcError, match='exceeds error_limit'):
+        simulated(like_a_real_arm(4.0, factor, triple_pole(60.0)))
+
+
+@pytest.mark.slow
+def test_what_a_lag_costs_that_observer_feedback_is_not_told() -> None:
+    """The factors of docs/theory.md, on joint 2, with the model 10 % too light and too heavy."""
+    def error(factor: float, lag: float) -> float:
+        setup = recommended_setup(like_a_real_arm(10.0, factor, {}), 'observer_feedback')
+        run = simulated(changed(setup, {'controller': {'actuator_lag': [lag] * 2}})).run
+        return float(np.sqrt(np.mean((run.q_d - run.q)[5000:, 1] ** 2)))
+
+    told = {factor: error(factor, 2e-3) for factor in (0.9, 1.1)}
+    assert error(1.1, 1e-3) == pytest.approx(told[1.1], rel=0.25)
+    assert error(0.9, 0.0) == pytest.approx(1.4 * told[0.9], rel=0.2)
+    assert error(1.1, 0.0) == pytest.approx(19.0 * told[1.1], rel=0.2)

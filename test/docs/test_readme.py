@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 import re
 
+import pytest
+
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.ctc import make_parser as ctc_parser
@@ -60,3 +62,33 @@ def test_links_lead_somewhere() -> None:
     for page in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').rglob('*.md')):
         for target in re.findall(r'\]\(([^)#]+)\)', page.read_text(encoding='utf-8')):
             assert target.startswith('http') or (page.parent / target).exists(), target
+
+
+#: Pages whose code spans are checked, and where their paths begin.
+PATHS = {'CONTRIBUTING.md': ('ctc_chattering', ''), 'docs/design.md': (
+             'ctc_chattering', '', 'ctc_chattering/control'),
+         'README.md': ('',), **{f'docs/{name}.md': ('ctc_chattering', '', 'docs') for name in (
+             'laws', 'theory', 'plant', 'safety', 'soak', 'comparison', 'identification')}}
+#: What looks like a path and is none here: topics of ROS, and files of a system.
+NO_PATHS = r'.*\.\.\.|/.*|~/|excite/.*|.*_controller/.*|(controller|plant|reference|~)/\w+'
+
+
+@pytest.mark.parametrize('page', PATHS)
+def test_paths_are_there(page: str) -> None:
+    """A path with NAME stands for one of the caller's choice in a folder that is there."""
+    text = (ROOT / page).read_text(encoding='utf-8')
+    spans = re.findall(r'`([\w.~-]*/[\w./~-]*)`', text)
+    missing = [span for span in spans if not re.fullmatch(NO_PATHS, span) and not any(
+        (ROOT / base / (span.rpartition('/')[0] if 'NAME' in span else span)).exists() or (
+            ROOT / base / f'{span}.py').exists() for base in PATHS[page])]
+    assert not missing
+
+
+def test_names_are_in_the_modules_that_contributing_names() -> None:
+    text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    found = re.findall(r'`(\w+)`(?: and `(\w+)`)?\s+(?:of |\()`([\w/]+\.py)`', text)
+    assert len(found) >= 5
+    for first, second, path in found:
+        module = (ROOT / 'ctc_chattering' / path).read_text(encoding='utf-8')
+        for name in filter(None, (first, second)):
+            assert re.search(rf'^(class |def )?{name}\b', module, re.MULTILINE), (name, path)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
+import re
+import shlex
 import subprocess
 import sys
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -18,6 +22,29 @@ def test_setup_runs_where_colcon_s_symlink_install_runs_it(tmp_path: Path) -> No
         capture_output=True, timeout=60, check=False)
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith('ctc_chattering\n# ctc_chattering\n')
+
+
+def requirements() -> dict[str, Any]:
+    """Return what setup.py requires, always and for each extra."""
+    tree = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
+    (call,) = (x for x in ast.walk(tree) if isinstance(x, ast.Call)
+               and isinstance(x.func, ast.Name) and x.func.id == 'setup')
+    return {x.arg: ast.literal_eval(x.value) for x in call.keywords
+            if x.arg in ('install_requires', 'extras_require')}
+
+
+def names(words: list[str]) -> set[str]:
+    return {re.split('[<>=]', word)[0] for word in words}
+
+
+def test_the_readme_installs_what_is_needed() -> None:
+    """Beside apt's ROS 2, and without; in both ways what --params-file panda needs, too."""
+    lines = re.findall(r'pip install (.*?)(?:`|\n)', (ROOT / 'README.md').read_text())
+    beside, alone, robots = (shlex.split(line) for line in lines)
+    required = requirements()
+    assert names(required['install_requires']) - names(beside) == {'numpy', 'PyYAML', 'setuptools'}
+    assert alone == ['.[ros,urdf]']
+    assert set(robots) == {'pin', 'example-robot-data'} == set(required['extras_require']['urdf'])
 
 
 def test_a_build_has_all_files_of_the_package(tmp_path: Path) -> None:
