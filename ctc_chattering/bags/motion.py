@@ -19,7 +19,7 @@ from ctc_chattering.bags.reader import FIELDS, nanoseconds
 from ctc_chattering.bags.repair import BagReader, open_bag
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.errors import CtcError, near, refused_as
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
@@ -174,7 +174,9 @@ class _Bag:
             stamps.append(nanoseconds(message.header.stamp))
             logged.append(t)
         if not stamps:
-            raise CtcError(f'{self._path}: no state has the joints {list(names)}')
+            known = sorted({name for _, message in states for name in message.name})
+            raise CtcError(f'{self._path}: no state has the joints {list(names)}; joints of the '
+                           f'bag: {", ".join(known)}{"".join(near(x, known) for x in names)}')
         times = np.array([seconds(x - stamps[0]) for x in stamps])
         if len(times) > 1 and not np.any(np.diff(times)):
             times = np.array([seconds(x - logged[0]) for x in logged])
