@@ -129,7 +129,7 @@ def test_refuses_an_endless_run_and_tells_progress() -> None:
 def test_law_2_under_friction_has_the_expected_error() -> None:
     """Check the limit of small periods to 1 %, which the default period is not within."""
     limit = [2.827e-3, 4.639e-2]
-    assert _rms_error(_run(1e-4, law='compensation')) == pytest.approx(limit, rel=0.01)
+    assert _rms_error(_run(2e-4, law='compensation')) == pytest.approx(limit, rel=0.01)
     assert _rms_error(_run(1e-3, law='compensation')) != pytest.approx(limit, rel=0.01)
 
 

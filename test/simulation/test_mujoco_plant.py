@@ -632,8 +632,8 @@ def test_chattering_beats_compensation() -> None:
 
 
 @pytest.mark.parametrize(('law', 'switching'), [
-    ('compensation', 'sign'),
-    *(pytest.param('chattering', x, marks=pytest.mark.slow) for x in ('sign', 'implicit')),
+    *(pytest.param(*x, marks=pytest.mark.slow) for x in (
+        ('compensation', 'sign'), ('chattering', 'sign'), ('chattering', 'implicit'))),
     ('chattering', 'implicit_observer')])
 def test_both_plants_give_the_same_error(law: str, switching: str) -> None:
     """Check the RMS error of the loop with MuJoCo against the one with our own plant."""
