@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from math import cos, pi, sin
 from pathlib import Path
 import sys
@@ -612,6 +613,7 @@ def test_make_plant() -> None:
 # The closed loop.
 
 
+@cache
 def _errors(robot: str, law: str = 'chattering', switching: str = 'sign') -> Array:
     config = PlantConfig.from_mapping(
         {'plant_backend': robot, 'coulomb_friction': [9.0, 4.0], 'duration': 8.0})
