@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test compiled test-load slow lint compare benchmark map-benchmark latency live-cost soak identification clean
+.PHONY: demo live test suite compiled test-load slow lint compare benchmark map-benchmark latency live-cost soak identification clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -22,8 +22,13 @@ live: $(READY)
 # Processes that run tests: more than two processors, for many tests mostly wait.
 WORKERS ?= 3
 test: $(READY)
-	$(MAKE) --no-print-directory --jobs=2 --output-sync lint compiled
-	$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=worksteal --durations=10
+	@begin=$$(date +%s); \
+	$(MAKE) --no-print-directory --jobs=2 --output-sync lint suite; status=$$?; \
+	$(BIN)/python test/support/calibration.py 'make test' $$begin; exit $$status
+
+# "+" shows what it says at once, whatever else is made meanwhile.
+suite: compiled
+	+$(BIN)/python -m pytest --numprocesses=$(WORKERS) --dist=worksteal --durations=10
 
 # The tests with ROS processes beside LOOPS busy loops, ROUNDS times.
 LOOPS ?= 2

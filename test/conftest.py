@@ -3,13 +3,16 @@ What all tests have in common.
 
 The processes that they start have the rights of an ordinary user, whoever runs the tests, and
 signals end them, where the tests run under nohup or in the background too.
-Tests of the page are left out where there is no Chromium, and the summary says so.
+Tests of pages are left out where there is no Chromium, and the summary says so; with
+REQUIRE_BROWSER in the environment, as in CI, nothing is tested without it.
 Hypothesis tries the same examples every time, however slow the machine.
 """
 
+import os
 import signal
 
 from browser import chromium
+from calibration import text
 from hypothesis import HealthCheck, settings
 import pytest
 from rights import drop_rights
@@ -24,6 +27,9 @@ settings.load_profile('repeatable')
 
 def pytest_configure(config: pytest.Config) -> None:
     """Take signals and rights as an ordinary user has them."""
+    if os.environ.get('REQUIRE_BROWSER') and chromium() is None:
+        raise pytest.UsageError('there is no Chromium, and REQUIRE_BROWSER is set: '
+                                'apt-get install chromium, or CHROMIUM=/its/path')
     if config.getoption('numprocesses', None) and not hasattr(config, 'workerinput'):
         return  # It starts those that run the tests.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -40,7 +46,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say that something was left out."""
+    """Say how fast the computer is, and whether something was left out."""
+    terminalreporter.write_line(text())
     if chromium() is None:
         terminalreporter.write_line(
             'No Chromium: tests of the page were left out. apt-get install chromium')

@@ -67,5 +67,6 @@ def _sampled(motion: Motion, order: list[int], period: int, count: int) -> Array
     points = (motion.at(k * period) for k in range(count))
     flat = np.fromiter((x for point in points for row in point for x in row), float,
                        count * 3 * len(order) if count else 0)
-    table: Array = flat.reshape(count, 3, -1)[:, :, order]
+    # In the order of rows, in which the loop is compiled: for another one it would be once more.
+    table: Array = np.ascontiguousarray(flat.reshape(count, 3, -1)[:, :, order])
     return table

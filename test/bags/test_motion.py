@@ -67,8 +67,8 @@ def test_refusals(tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no message on joint_states'):
         read_motion(write(tmp_path / 'empty', messages_of(
             x.t[:0], x.joints, x.q, None, None, None, urdf=urdfs.two_links())))
-    with pytest.raises(CtcError, match="no state has the joints \\['elbow'\\]; joints of the bag: "
-                                       'joint1, joint2$'):
+    with pytest.raises(CtcError, match=r"no state has the joints \['elbow'\]; "
+                                       r'joints of the bag: joint1, joint2$'):
         read_motion(recorded_bag(tmp_path / 'others', made()), ('elbow',))
     with pytest.raises(CtcError, match=r'did you mean joint1\?'):
         read_motion(tmp_path / 'others', ('jiont1',))

@@ -373,6 +373,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     assert status == 1
     assert 'Traceback' not in output
     run = read_bag(bag).run
-    expected = simulated(parameter_file.load(CONFIG / 'friction.yaml')).run
+    expected = simulated(parameter_file.load(
+        CONFIG / 'friction.yaml', {'plant': {'duration': 3.0}})).run
     assert 100 < len(run.t) < len(expected.t)
     assert np.array_equal(run.q, expected.q[:len(run.t)])

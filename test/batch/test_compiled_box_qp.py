@@ -2,10 +2,14 @@
 
 import numpy as np
 from oracles import Array, inclusion_by_enumeration, random_spd
+import pytest
 
 from ctc_chattering.batch.box_qp import box_scratch, nearest
 from ctc_chattering.batch.records import record
 from ctc_chattering.numerics.box_qp import nearest as reference
+
+#: Compiled for three rows, that takes long; `test_as_plain_python.py` runs them not compiled.
+pytestmark = pytest.mark.slow
 
 
 def solved(mass: Array, point: Array, bound: Array) -> Array:

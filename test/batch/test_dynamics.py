@@ -42,6 +42,7 @@ def robots() -> dict[str, Model]:
                                {'bent': 0.6})}
 
 
+@pytest.mark.slow  # Not compiled, they are part of `test_as_plain_python.py`.
 @pytest.mark.parametrize('name', list(robots()))
 @pytest.mark.parametrize('scales', [(1.0, 1.0), (0.8, 1.3)])
 def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
@@ -63,6 +64,7 @@ def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
         np.testing.assert_allclose(ddq, right, rtol=0, atol=1e-10 * (1 + np.abs(right).max()))
 
 
+@pytest.mark.slow
 def test_joints_of_different_arms_do_not_act_on_each_other() -> None:
     """The oracle, Pinocchio, has zeros there too; that they are seen needs a state in motion."""
     model = robots()['branching']

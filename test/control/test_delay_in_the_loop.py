@@ -1,5 +1,6 @@
 """The known input delay: the law for the state in which its torque will arrive."""
 
+from functools import cache
 import math
 from typing import Any
 
@@ -59,6 +60,7 @@ def test_the_torque_is_the_undelayed_law_of_the_state_d_samples_later(
     assert np.abs(np.subtract(sent[-1], sent[-1 - d])).max() > 0.05
 
 
+@cache
 def _run(switching: str, plant_delay: int, known: int, duration: float = 3.0) -> Run:
     return simulate(
         PlantConfig(duration=duration, input_delay=plant_delay, coulomb_friction=(0.0, 0.0)),

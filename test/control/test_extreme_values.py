@@ -34,7 +34,7 @@ FIXED = ('joint_names', 'model', 'plant_backend', 'description', 'locked', 'paci
          'trajectory_file', 'duration', 'integration_step', 'input_delay')
 STEPS = 12
 LIMITED = settings(
-    max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+    max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
 seeds = st.integers(0, 10 ** 6)
 
 

@@ -96,7 +96,7 @@ def test_the_study_of_laws_has_every_case_and_both_files_have_the_same_numbers()
     assert text.startswith(to_markdown(LAW_KIND, LAW_ROWS) + '\n## Figures\n')
 
 
-@pytest.mark.parametrize('row', [*SAMPLE[::4], *LAW_SAMPLE[::2]], ids=name_of)
+@pytest.mark.parametrize('row', [*SAMPLE[::8], *LAW_SAMPLE[::3]], ids=name_of)
 def test_a_row_of_the_study(row: Outcome) -> None:
     """Check it with the loop that `ctc study` did not use for most rows."""
     check(row, REFERENCE)

@@ -33,7 +33,8 @@ def data(velocity: np.ndarray, noise: np.ndarray) -> Data:
                 2.0 + 0.5 * column + noise[:, None], (0,))
 
 
-@pytest.mark.parametrize('share', [0.0, 0.6, 0.9])
+@pytest.mark.parametrize('share', [
+    0.0, pytest.param(0.6, marks=pytest.mark.slow), 0.9])
 def test_intervals_cover_the_truth(share: float) -> None:
     rng = np.random.default_rng(7)
     covered = []

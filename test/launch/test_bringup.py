@@ -36,7 +36,8 @@ def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
 
 
 @pytest.mark.parametrize('numbers', [
-    (signal.SIGINT, signal.SIGTERM), (signal.SIGHUP, signal.SIGQUIT),
+    (signal.SIGINT, signal.SIGTERM),
+    pytest.param((signal.SIGHUP, signal.SIGQUIT), marks=pytest.mark.slow),
     pytest.param((signal.SIGTERM,), marks=pytest.mark.slow),
     pytest.param((signal.SIGQUIT,), marks=pytest.mark.slow)])
 def test_a_signal_stops_all_of_them_cleanly(

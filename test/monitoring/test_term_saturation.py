@@ -72,7 +72,9 @@ def loop(switching: str, ka: float, observer_bandwidth: float = 200.0, **plant: 
     return count.found()
 
 
-@pytest.mark.parametrize('switching', ['sign', 'boundary_layer', 'implicit', 'implicit_observer'])
+@pytest.mark.parametrize('switching', [
+    'sign', 'implicit_observer', *(
+        pytest.param(x, marks=pytest.mark.slow) for x in ('boundary_layer', 'implicit'))])
 def test_the_cause_in_closed_loop(switching: str) -> None:
     """Check friction below, at and above ka, and noise: each is recognized on joint 2."""
     assert [x.cause for x in loop(switching, 12.0)] == ['', '']

@@ -67,9 +67,8 @@ def nothing_raised(it: Probe) -> None:
 
 
 @pytest.mark.parametrize(('pacing', 'together'), [
-    ('lockstep', False), ('real_time', True),
-    pytest.param('lockstep', True, marks=pytest.mark.slow),
-    pytest.param('real_time', False, marks=pytest.mark.slow)])
+    ('lockstep', False), *(pytest.param(*x, marks=pytest.mark.slow) for x in (
+        ('lockstep', True), ('real_time', True), ('real_time', False)))])
 def test_a_running_graph_ends_soon_on_a_loaded_machine(
         pacing: str, together: bool, tmp_path: Path) -> None:
     """In any order while messages flow at the full rate, or all at once and asked twice."""

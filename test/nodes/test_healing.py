@@ -26,9 +26,9 @@ def test_killed_nodes_started_again_heal_the_graph(pacing: str) -> None:
         children = {name: it.start(name, *more) for name, more in arguments.items()}
 
         def moved() -> bool:
-            """Return whether the last states were driven by torques, over half a second."""
+            """Return whether the last states were driven by torques, over 0.2 s."""
             driven = [m for m in states[-2000:] if any(m.effort)]
-            return len(driven) > 500
+            return len(driven) > 200
 
         def drained() -> bool:
             """Return whether nothing of the old plant is left to come."""

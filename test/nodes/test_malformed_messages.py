@@ -14,7 +14,6 @@ from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed
 import numpy as np
 from processes import bringup, CONFIG, PATIENCE, Probe, probe
 import pytest
-from rclpy.qos import QoSProfile
 from recorded_runs import FIELDS
 from sensor_msgs.msg import JointState
 
@@ -62,13 +61,6 @@ def is_huge(data: bytes) -> bool:
     return any(math.isfinite(x) and abs(x) > 1e6 for x in values)
 
 
-def listen_raw(it: Probe, kind: Any, topic: str) -> list[bytes]:
-    """Return a list that fills with messages as they came."""
-    heard: list[bytes] = []
-    it.node.create_subscription(kind, topic, heard.append, QoSProfile(depth=1000), raw=True)
-    return heard
-
-
 def reports_of_refusals(it: Probe, node: str, topic: str) -> list[float]:
     """Return when a node said that it refuses messages of a topic [s]."""
     head = re.compile(rf'\[{node}\] \[WARN\] \[([0-9.]+)\] .*: {topic}: refused: ')
@@ -94,9 +86,9 @@ def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[st
     with probe() as it:
         diagnostics = Diagnostics(it)
         answers = {
-            'plant': lambda: listen_raw(it, JointState, JOINT_STATES),
-            'controller': lambda: listen_raw(it, KINDS[COMMANDS].type, COMMANDS),
-            'reference': lambda: listen_raw(it, KINDS[REFERENCE].type, REFERENCE)}[name]()
+            'plant': lambda: it.listen(JointState, JOINT_STATES, raw=True),
+            'controller': lambda: it.listen(KINDS[COMMANDS].type, COMMANDS, raw=True),
+            'reference': lambda: it.listen(KINDS[REFERENCE].type, REFERENCE, raw=True)}[name]()
         publisher = it.node.create_publisher(kind.type, topic, 1000)
         child = it.start(name, *arguments)
         diagnostics.until(
@@ -144,7 +136,7 @@ def test_a_node_alone_refuses_counts_and_runs_on(topic: str, arguments: tuple[st
 def test_a_torque_from_which_no_motion_follows_ends_the_plant_in_one_line(pacing: str) -> None:
     with probe() as it:
         publisher = it.node.create_publisher(KINDS[COMMANDS].type, COMMANDS, 10)
-        states = listen_raw(it, JointState, JOINT_STATES)
+        states = it.listen(JointState, JOINT_STATES, raw=True)
         child = it.start('plant', '-p', f'pacing:={pacing}')
         it.until(lambda: states and publisher.get_subscription_count(), 'the plant')
 
@@ -170,7 +162,7 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
     # One that speaks of our joints from the first message on is no publisher of other joints.
     messages[JOINT_STATES].insert(0, state(JOINTS[:1], [[0.1]] * 3, (0, 0)))
     bad = {topic: undecodable(kind, messages[topic]) for topic, kind in KINDS.items()}
-    with bringup('--params-file', str(file), '--duration', '1.5', '--record',
+    with bringup('--params-file', str(file), '--duration', '0.8', '--record',
                  str(bag)) as process:
         it = Probe()
         try:
@@ -200,7 +192,7 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
     assert process.returncode == 0, output
     assert 'Traceback' not in output and 'sequence size' not in output
     run = read_bag(bag).run
-    expected = simulated(parameter_file.load(file, {'plant': {'duration': 1.5}})).run
+    expected = simulated(parameter_file.load(file, {'plant': {'duration': 0.8}})).run
     for field in FIELDS:  # Of the last torque there is no state that says that it was applied.
         end = -1 if field == 'tau' else None
         assert np.array_equal(getattr(run, field)[:end], getattr(expected, field)[:end]), field

@@ -93,7 +93,7 @@ def recorded(bag: Path, node: str) -> list[dict[str, str]]:
 def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
     """Hold each process still for half a second, as long as 25 timeouts."""
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
-    with bringup('--params-file', str(file), '--duration', '3', '--record', str(bag)) as process:
+    with bringup('--params-file', str(file), '--duration', '2', '--record', str(bag)) as process:
         wait_for(lambda: (bag / 'bag_0.mcap').exists()
                  and (bag / 'bag_0.mcap').stat().st_size > 20_000, 'a part of the bag')
         pids = nodes_of(process.pid)
@@ -103,7 +103,7 @@ def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
             os.kill(pids[victim], signal.SIGCONT)
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output
-    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 3.0}})))
+    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 2.0}})))
     reports = recorded(bag, 'controller')
     assert reports
     for report in reports:

@@ -48,7 +48,7 @@ PERIOD = 1_000_000
 #: What a killed recorder may lose, beside what comes while it waits for a processor [ns].
 LOSS = NANOSECONDS
 #: Recorders killed in each graph, by pacing (lockstep is slow), and those alive at the same time.
-KILLS, ALIVE = {'lockstep': 6, 'real_time': 4}, 2
+KILLS, ALIVE = {'lockstep': 6, 'real_time': 2}, 2
 #: Largest size of a bag without a message [bytes].
 EMPTY = 500
 
@@ -212,23 +212,23 @@ def others(bag: Path) -> list[bytes]:
     return found
 
 
-def test_two_seconds_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
+def test_a_second_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: Path) -> None:
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'
     status, output = run_bringup(
-        '--params-file', str(file), '--duration', '2', '--record', str(bag))
+        '--params-file', str(file), '--duration', '1', '--record', str(bag))
     assert status == 0, output
     assert 'were dropped' not in output
-    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 2.0}})))
+    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 1.0}})))
     found = counts(bag)
     reader = StateReader()
     stamps = [reader.read(data).t for data in recorded(bag)[STATES]]
     # A state whose answer took long is sent again, and so is the answer.
-    assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(2001)]
+    assert stamps == sorted(stamps) and sorted(set(stamps)) == [k * PERIOD for k in range(1001)]
     assert len(stamps) == found[STATES]
-    assert found[TORQUES] >= 2001
-    assert found['/clock'] >= 201
+    assert found[TORQUES] >= 1001
+    assert found['/clock'] >= 101
     for topic in ('tracking', 'filter', 'torques'):
-        assert found[f'/controller/{topic}'] == 201
+        assert found[f'/controller/{topic}'] == 101
     assert not metadata(bag)['custom_data']
     said = dropped(bag)
     assert said

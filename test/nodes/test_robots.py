@@ -63,13 +63,13 @@ def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
     where = next(x for x in text.split() if x.startswith('package://'))
     file.write_text(text.replace(where, str(robot)).replace(
         'pacing: lockstep', f'pacing: lockstep\n    plant_backend: {backend}'))
-    expected = simulated(parameter_file.load(file, {'plant': {'duration': 1.0}}))
-    record(bag, '--params-file', str(file), '--duration', '1')
+    expected = simulated(parameter_file.load(file, {'plant': {'duration': 0.5}}))
+    record(bag, '--params-file', str(file), '--duration', '0.5')
     robot.unlink()
     file.unlink()
     result = read_bag(bag)
     assert_equal(result, expected)
-    assert len(result.run.t) == 1001
+    assert len(result.run.t) == 501
     assert result.joint_names == tuple(joints)
     assert (result.experiment, result.config.switching) == (name, 'implicit_observer')
     assert np.abs(result.terms.robust).max() > 0.0
@@ -186,17 +186,12 @@ def test_bad_descriptions_and_missing_extras_end_the_start_in_one_line(
     robot, broken, stubs = (tmp_path / x for x in ('arm.urdf', 'broken.urdf', 'stubs'))
     robot.write_text(two_links())
     broken.write_text('<robot name="r"><link')
-    urdf = ('-p', 'model:=urdf')
     good = ('-p', f'description:={robot}')
     mujoco = ('-p', 'plant_backend:=mujoco', '-p', 'joint_names:=[a,b]')
     cases = [
-        ('controller', (*urdf, *good, '-p', 'joint_names:=[a,elbow]'), 'elbow'),
         ('controller', (*ARM, '-p', 'description:=no.urdf'),
          'description: no.urdf: No such file or directory'),
-        ('controller', (*ARM, '-p', f'description:={broken}'), 'the description is not XML'),
-        ('controller', (*ARM, *good, '-p', 'locked:=[c 1]'), 'c'),
         ('plant', (*mujoco, '-p', f'description:={broken}'), 'the description is not XML'),
-        ('plant', (*mujoco, '-p', 'description:=package://arm/arm.urdf'), 'not installed'),
         ('controller', ('-p', 'model:=nowhere:Arm'),
          "the model nowhere:Arm cannot be made: ModuleNotFoundError: No module named 'nowhere'")]
     missing = [
@@ -388,11 +383,13 @@ def test_waypoints_are_gone_through_in_real_time_and_held_at_the_end() -> None:
         reports = Diagnostics(it)
         tracking = it.listen(JointState, 'controller/tracking', 10_000)
         topic = it.node.create_publisher(JointTrajectory, 'reference/joint_trajectory', 10)
-        it.start('plant')
+        period = ('-p', 'control_period:=0.002')
+        it.start('plant', *period)
         # A machine that is late for 0.1 s would have the controller lead back to the reference.
-        it.start('controller', '-p', 'state_decimation:=1', '-p', 'state_timeout:=1.0', '-p',
-                 'restart_duration:=0.0', *PATIENT)
-        it.start('reference', '-p', 'center:=[0.0, 0.0]', '-p', 'amplitude:=[0.0, 0.0]')
+        it.start('controller', *period, '-p', 'state_decimation:=1', '-p', 'state_timeout:=1.0',
+                 '-p', 'restart_duration:=0.0', *PATIENT)
+        it.start('reference', *period, '-p', 'center:=[0.0, 0.0]', '-p',
+                 'amplitude:=[0.0, 0.0]')
         it.until(lambda: len(tracking) > 100 and topic.get_subscription_count(), 'motion')
 
         def sample(m: JointState) -> Sample:
@@ -438,7 +435,7 @@ def test_waypoints_are_gone_through_in_real_time_and_held_at_the_end() -> None:
             gaps = np.diff(times, prepend=times[0])  # Wide where the machine was late.
             for back, q in ((0.25, b), (0.45, a)):  # Before the end.
                 found = [np.interp(end - back, times, desired[:, j]) for j in range(2)]
-                late = sum(max(0.0, gaps[np.searchsorted(times, x)] - 2e-3)
+                late = sum(max(0.0, gaps[np.searchsorted(times, x)] - 4e-3)
                            for x in (end, end - back))
                 assert found == pytest.approx(q, abs=2e-3 * max(1.0, speed) + late * speed)
             here = c
@@ -466,7 +463,8 @@ def test_waypoints_are_gone_through_in_real_time_and_held_at_the_end() -> None:
 # The start, and waypoints from a file.
 
 START = """
-plant: {{ros__parameters: {{pacing: {pacing}, duration: 1.5, initial_position: [0.4, -0.3]}}}}
+plant:
+  ros__parameters: {{pacing: {pacing}, duration: {duration}, initial_position: [0.4, -0.3]}}
 controller: {{ros__parameters: {{{law}, state_timeout: 1.0}}}}
 reference: {{ros__parameters: {{start_duration: {start}}}}}
 """
@@ -476,11 +474,11 @@ BEST = 'switching: implicit_observer, ka: [12.0, 12.0]'
 def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
     """In lockstep as in the simulation, and in real time, where no jump comes either."""
     file = tmp_path / 'params.yaml'
-    file.write_text(START.format(pacing='lockstep', start=0.0, law=BEST))
+    file.write_text(START.format(pacing='lockstep', duration=0.5, start=0.0, law=BEST))
     assert np.abs(simulated(parameter_file.load(file)).run.tau).max() > 4000.0
     for pacing, law in (('lockstep', BEST),
                         ('real_time', 'law: compensation, kp: [25.0, 25.0], kv: [10.0, 10.0]')):
-        file.write_text(START.format(pacing=pacing, start=1.0, law=law))
+        file.write_text(START.format(pacing=pacing, duration=0.5, start=1.0, law=law))
         result = record(tmp_path / pacing, '--params-file', str(file))
         run = result.run
         if pacing == 'lockstep':
@@ -507,9 +505,8 @@ points:
   - {positions: [0.2, 0.6], velocities: [0.0, 0.0], time_from_start: 0.6}
   - {positions: [0.0, 0.4], time_from_start: 0.8}
 """)
-    file.write_text(START.format(pacing='lockstep', start=0.0, law=BEST).replace(
-        'start_duration: 0.0', f'trajectory_file: {waypoints}').replace(
-        'duration: 1.5', 'duration: 1.0'))
+    file.write_text(START.format(pacing='lockstep', duration=1.0, start=0.0, law=BEST).replace(
+        'start_duration: 0.0', f'trajectory_file: {waypoints}'))
     result = record(tmp_path / 'bag', '--params-file', str(file))
     assert_equal(result, simulated(parameter_file.load(file)))
     assert result.run.q_d[[0, 200, 400, 600, 800, 1000]] == pytest.approx(np.array(

@@ -55,9 +55,9 @@ def tour() -> list[str]:
 def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     """At the sample of a change nothing differs from the run without it but the term itself."""
     first, *others = tour()
-    times = [0.2 + 0.05 * i for i in range(len(others))]
+    times = [0.1 + 0.03 * i for i in range(len(others))]
     file = tmp_path / 'params.yaml'
-    file.write_text(PLAIN.format(duration=0.9, switching=first, events=[
+    file.write_text(PLAIN.format(duration=0.5, switching=first, events=[
         f'{t:.3f} controller switching {name}' for t, name in zip(times, others)]))
     status, output = run_bringup('--params-file', str(file), '--record', str(tmp_path / 'bag'))
     assert status == 0, output
@@ -80,12 +80,12 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
 
 
 def test_every_law_one_after_another(tmp_path: Path) -> None:
-    """The law changes every tenth of a second; the graph equals the simulation to the last bit."""
+    """The law changes every 50 ms; the graph equals the simulation to the last bit."""
     file = tmp_path / 'params.yaml'
-    events = [f'{0.1 * k:.1f} controller law {law}' for k, law in enumerate(LAWS[1:], 1)]
+    events = [f'{0.05 * k:.2f} controller law {law}' for k, law in enumerate(LAWS[1:], 1)]
     file.write_text(f"""
 plant:
-  ros__parameters: {{pacing: lockstep, duration: 1.0, actuator_lag: [0.002, 0.002],
+  ros__parameters: {{pacing: lockstep, duration: 0.5, actuator_lag: [0.002, 0.002],
     encoder_resolution: [1.0e-5, 1.0e-5], initial_position: [3.14159, 1.5708]}}
 controller:
   ros__parameters: {{law: {LAWS[0]}, switching: implicit_observer, ka: [60.0, 30.0],

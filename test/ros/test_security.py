@@ -96,7 +96,7 @@ def multicast(pid: int, domain: int) -> bool:
 
 
 @pytest.mark.parametrize(('before', 'after'), [
-    (None, 'LOCALHOST'), ('SUBNET', 'SUBNET'),
+    (None, 'LOCALHOST'), pytest.param('SUBNET', 'SUBNET', marks=pytest.mark.slow),
     pytest.param('OFF', 'OFF', marks=pytest.mark.slow)])
 def test_what_bringup_starts_is_confined_to_this_host(
         before: str | None, after: str, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def test_how_many_samples_are_lost(probability: float) -> None:
 
     From one that is sent to the next, 0, 1 or 2 are lost with 1 - p, p (1 - p) and p².
     """
-    count = 8_000
+    count = 4_000
     plant = Plant(PlantConfig(duration=1e-3 * count, sample_loss=probability, noise_seed=3,
                               coulomb_friction=(0.0, 0.0)), Masses([[1.0, 0.0], [0.0, 1.0]]))
     sent = [0]
@@ -87,7 +87,7 @@ def test_every_torque_late_is_a_delay_of_one_sample() -> None:
 
 def test_how_many_torques_are_late() -> None:
     """Check the share within 5 sigma: what is applied is the last torque or the one before."""
-    count, probability = 20_000, 0.1
+    count, probability = 5_000, 0.1
     plant = Plant(PlantConfig(late_samples=probability, coulomb_friction=(0.0, 0.0)),
                   Masses([[1.0, 0.0], [0.0, 1.0]]))
     late = 0

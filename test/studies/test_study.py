@@ -99,7 +99,7 @@ def test_diverging_run_is_reported() -> None:
     unstable = Case('unstable', 'Gain', {
         '/**': {'control_period': 0.01}, 'controller': {'kv': [1e4, 1e4]},
         'plant': {'duration': 2.0, 'torque_saturation': [float('inf')] * 2}}, x=1.0)
-    outcomes = list(run_cases((SHORT[0], unstable), TWO, 2))
+    outcomes = list(run_cases((SHORT[0], unstable), TWO))
     assert [bool(o.failure) for o in outcomes] == [False, False, True, True]
     assert outcomes[2].error is None
     line = list(csv.DictReader(io.StringIO(to_csv(outcomes))))[3]

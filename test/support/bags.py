@@ -193,10 +193,11 @@ def serialized(message: Any) -> bytes:
 def write_bag(path: Path, found: Iterable[Entry], namespace: str = '') -> dict[str, int]:
     """Record messages as the recorder does; return how many there are by topic."""
     recording = Recording(path)
+    profiles = [offered_qos(100, latched) for latched in (False, True)]
     for topic, kind, t, message in found:
         data = message if isinstance(message, bytes) else serialized(message)
-        latched = topic.endswith('/parameters')
-        recording.write(namespace + topic, kind, t, data, offered_qos(100, latched))
+        profile = profiles[topic.endswith('/parameters')]
+        recording.write(namespace + topic, kind, t, data, profile)
     recording.close()
     return recording.counts
 

@@ -126,9 +126,9 @@ def _pulled(switching: str, force: list[float], h: float = 1e-3, b: float = 1.0,
     return np.array(v), np.linalg.solve(mass, total)
 
 
-@pytest.mark.parametrize(('h', 'b'), [(1e-3, 1.0), (1e-3, 0.5), (4e-3, 1.0)])
-@pytest.mark.parametrize(('force', 'friction'), [
-    ([5.0, -3.0], (0.0, 0.0)), ([0.0, 0.0], (6.0, 4.0)), ([2.0, 2.0], (3.0, 1.0))])
+@pytest.mark.parametrize(('h', 'b', 'force', 'friction'), [
+    (1e-3, 1.0, [5.0, -3.0], (0.0, 0.0)), (1e-3, 0.5, [0.0, 0.0], (6.0, 4.0)),
+    (4e-3, 1.0, [2.0, 2.0], (3.0, 1.0)), (4e-3, 0.5, [5.0, -3.0], (0.0, 0.0))])
 def test_a_constant_perturbation_on_a_ramp(
         h: float, b: float, force: list[float], friction: tuple[float, float]) -> None:
     """Check that v rests at -b h M⁻¹ F exactly, and with the observer at 0, soon and for good."""

@@ -74,8 +74,7 @@ def changed(before: str, after: str, switching: str, delay: int, samples: int) -
     return loop
 
 
-@pytest.mark.parametrize('delay', [0, 2])
-@pytest.mark.parametrize('switching', ['implicit_observer', 'sign'])
+@pytest.mark.parametrize(('switching', 'delay'), [('implicit_observer', 0), ('sign', 2)])
 def test_the_torque_does_not_jump(switching: str, delay: int) -> None:
     """Check all ordered pairs against the usual step of the law before, with and without delay."""
     for before, after in PAIRS:

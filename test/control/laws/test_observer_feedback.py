@@ -232,7 +232,7 @@ def real(law: dict[str, Any], scale: float, duration: float = 6.0, start: float 
         ReferenceConfig(start_duration=start), truth=True)
 
 
-@pytest.mark.parametrize('scale', [0.9, 1.1])
+@pytest.mark.parametrize('scale', [pytest.param(0.9, marks=pytest.mark.slow), 1.1])
 def test_on_an_arm_as_drives_and_encoders_are(scale: float) -> None:
     """Check error and variation; friction is unknown at first, and there is no smooth start."""
     found = real({**GAINS, **KNOWN}, scale)

@@ -1,0 +1,33 @@
+"""
+How fast this computer is, which belongs beside every time that is reported.
+
+``python test/support/calibration.py "make test" BEGIN`` says how long something took that began at
+BEGIN, in seconds since 1970.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+
+def calibration() -> float:
+    """Return the time of ten million ``s += i * i`` [s], from the best of three tenths."""
+    return 10.0 * min(_tenth() for _ in range(3))
+
+
+def _tenth() -> float:
+    begin = time.perf_counter()
+    s = 0
+    for i in range(10 ** 6):
+        s += i * i
+    return time.perf_counter() - begin
+
+
+def text() -> str:
+    """Return the words for it."""
+    return f'ten million `s += i * i` take {calibration():.2f} s here'
+
+
+if __name__ == '__main__':
+    print(f'{sys.argv[1]}: {time.time() - float(sys.argv[2]):.0f} s; {text()}')
