@@ -118,7 +118,10 @@ class BaseNode(Node):
     def schedule(self) -> None:
         """Have the process scheduled for real time while that is needed, and say so."""
         if self.scheduling and (line := self.scheduling.update(self.in_real_time)):
-            self.get_logger().info(line)
+            if self.scheduling.lost:
+                self.get_logger().warning(line)
+            else:
+                self.get_logger().info(line)
 
     def status(self) -> Status:
         """Return what is to be reported beside the loop statistics and what was refused."""
@@ -142,6 +145,8 @@ class BaseNode(Node):
         everything = dict(values)
         if self.scheduling:
             everything['scheduling'] = self.scheduling.outcome
+            if self.scheduling.lost:
+                level, message = max(level, WARN), f'{message}; {self.scheduling.outcome}'
         if self.statistics.samples:
             everything |= self.statistics.values()
         for subscription in self.inputs:
