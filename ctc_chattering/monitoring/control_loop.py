@@ -108,7 +108,8 @@ class ControlLoop:
         unused = self.last is None or self.watchdog.out
         self.motion.extend(times, points, _MOST_POINTS if unused else None)
 
-    def take_state(self, state: JointSample, now: int, simulated: bool) -> None:
+    def take_state(self, state: JointSample, now: int, simulated: bool, skipped: int = 0
+                   ) -> None:
         """
         Take the next joint state.
 
@@ -120,6 +121,8 @@ class ControlLoop:
             When it came, on a clock that only goes forward [ns].
         simulated : bool
             Whether time is simulated.
+        skipped : int
+            States skipped so far because newer ones had come.
 
         Raises
         ------
@@ -140,7 +143,7 @@ class ControlLoop:
                 self.restarted = True
                 self.motion.restart()
         self.handle(Event.STATE)
-        self.health.take(state.t)
+        self.health.take(state.t, skipped)
         self.last = self._pending = state
 
     def _reject(self, verdict: str, t: int) -> None:
@@ -268,7 +271,7 @@ class ControlLoop:
         if self.health.taken % _FORGET == 0:
             self.motion.pass_over(answer.state.t, driven=True)
 
-    def status(self, now: int, rejected: Mapping[str, int]) -> tuple[int, str]:
+    def status(self, now: int, rejected: Mapping[str, int], cause: str = '') -> tuple[int, str]:
         """
         Return level (0 all is well, 1 warning, 2 error) and text of the present state.
 
@@ -278,9 +281,11 @@ class ControlLoop:
             Time [ns].
         rejected : mapping
             Messages rejected so far, by kind.
+        cause : str
+            As `ControllerHealth.report` takes it.
 
         """
-        problems = self.health.report(now, rejected, self.simulated)
+        problems = self.health.report(now, rejected, self.simulated, cause)
         level, text = self._describe(now)
         if level == 0 and problems:
             return (max(problem[0] for problem in problems),

@@ -80,7 +80,8 @@ class ControllerNode(BaseNode):
             qos())
         states = ValidatedSubscription(
             self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
-            lambda state: (state.names, not set(self._names).isdisjoint(state.names)))
+            lambda state: (state.names, not set(self._names).isdisjoint(state.names)),
+            lambda: self.in_real_time)
         self.inputs = [states, reference]
 
     @property
@@ -111,7 +112,8 @@ class ControllerNode(BaseNode):
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep = self._clock_published
-        self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published)
+        self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
+                              self.inputs[0].skipped or 0)
         if self._loop.restarted:
             self._restart(state.t)
         self._answer(now)
@@ -134,6 +136,7 @@ class ControllerNode(BaseNode):
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
+        begin = time.thread_time_ns()
         if not self._matched:
             self._matched = self.subscribers_matched(
                 (self._commands, *self._terms.publishers), self._settings.wait_for)
@@ -148,7 +151,7 @@ class ControllerNode(BaseNode):
             return
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self.statistics.sample(now, end)
+        self.statistics.sample(now, end, time.thread_time_ns() - begin)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
 
@@ -190,7 +193,8 @@ class ControllerNode(BaseNode):
         """Return what the controller does and why."""
         config, loop = self._configs.get(ControllerConfig), self._loop
         level, message = loop.status(
-            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {})
+            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {},
+            self.statistics.too_slow(loop.period))
         if self._description.problem:
             level, message = ERROR, self._description.problem
         return Status(level, message, {
