@@ -108,8 +108,7 @@ class ControlLoop:
         unused = self.last is None or self.watchdog.out
         self.motion.extend(times, points, _MOST_POINTS if unused else None)
 
-    def take_state(self, state: JointSample, now: int, simulated: bool, skipped: int = 0
-                   ) -> None:
+    def take_state(self, state: JointSample, now: int, simulated: bool, skipped: int = 0) -> None:
         """
         Take the next joint state.
 
@@ -163,14 +162,14 @@ class ControlLoop:
     def enable(self, on: bool) -> None:
         """Allow torques, or end them."""
         if self.handle(Event.ENABLE if on else Event.DISABLE):
+            self._log.info(f'{"enabled again" if on else "disabled"} by ~/enable')
             if on:
                 self._restart_law()
-            else:
-                self._log.info('disabled by ~/enable')
 
     def reset(self) -> bool:
         """Go on after a trip; return whether there was one."""
         if tripped := self.handle(Event.RESET):
+            self._log.info('reset by ~/reset')
             self._restart_law()
         return tripped
 
@@ -277,12 +276,8 @@ class ControlLoop:
 
         Parameters
         ----------
-        now : int
-            Time [ns].
-        rejected : mapping
-            Messages rejected so far, by kind.
-        cause : str
-            As `ControllerHealth.report` takes it.
+        now, rejected, cause
+            As `ControllerHealth.report` takes them.
 
         """
         problems = self.health.report(now, rejected, self.simulated, cause)

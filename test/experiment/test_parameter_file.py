@@ -114,7 +114,7 @@ def test_directory(tmp_path: Path) -> None:
     ('controller', 'lambda: "x"', "'x'", 'number'), ('controller', 'lambda: true', 'True', 'numb'),
     ('controller', 'lambda: [1.0]', '[1.0]', 'number'), ('controller', 'lambda:', 'None', 'numb'),
     ('controller', f'lambda: 1{"0" * 400}', '1000', 'number'),
-    ('controller', 'kp: 100.0', '100.0', 'list'), ('controller', 'kp: [1.0]', '[1.0]', 'n = 2'),
+    ('controller', 'kp: x', 'x', 'list'), ('controller', 'kp: [1.0]', '[1.0]', 'n = 2'),
     ('controller', 'kp: [1, 2, 3]', '3.0]', 'n = 2'), ('controller', 'kp: [1, a]', "'a'", 'list'),
     ('controller', 'kp: [1, null]', 'None', 'list'), ('controller', 'kp: [[1], [0]]', '', 'list'),
     ('controller', 'kv: [1, 0.5, 0.4, 1]', '0.4', 'symmetric'),
