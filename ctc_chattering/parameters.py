@@ -102,9 +102,9 @@ class Parameter:
             text = text.replace('number', 'finite number') if not self.infinite else text
             text += f' >= {low:g} and <= {high:g}{", or inf" if self.infinite else ""}'
         if self.shape == 'nn':
-            text += ', one per joint or n*n row by row, symmetric positive definite; or one for all'
+            text += ', one for all, one per joint or n*n row by row, symmetric positive definite'
         elif self.shape == 'n':
-            text += ', one per joint; or one for all'
+            text += ', one for all or one per joint'
         return text
 
     @property

@@ -69,7 +69,7 @@ REFUSED: list[tuple[type[Config], str, Any, str]] = [
     (ControllerConfig, 'effort_limit', [0.0, 1.0], '>= 1e-09'),
     (ControllerConfig, 'effort_limit', [NAN, 1.0], '>= 1e-09'),
     (ControllerConfig, 'effort_limit', [-INF, 1.0], '>= 1e-09'),
-    (ControllerConfig, 'ka', 'much', 'one per joint; or one for all'),
+    (ControllerConfig, 'ka', 'much', 'one for all or one per joint'),
     (ControllerConfig, 'ka', True, 'a list of'), (Sample, 'times', 1.0, 'a list of'),
     (ControllerConfig, 'kp', '12', 'a list of'),
     (ControllerConfig, 'kp', ['1', '2'], 'a list of'),
