@@ -16,6 +16,7 @@ from ctc_chattering.experiment.node_parameters import ControllerSettings, RealTi
 from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring import controller_state
 from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
+from ctc_chattering.monitoring.settings_check import missing_limits
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.description import Description
@@ -71,6 +72,8 @@ class ControllerNode(BaseNode):
         """Make the law for a robot, and begin to listen."""
         config = self._configs.get(ControllerConfig)
         self._loop.law = Controller(config, model_of(config, description))
+        if missing := missing_limits(config, self._loop.law.model.effort_limits):
+            self.get_logger().warning(f'{missing}: set what the drives can give')
         if description:
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
