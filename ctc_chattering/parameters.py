@@ -103,9 +103,9 @@ class Parameter:
             text = text.replace('number', 'finite number') if not self.infinite else text
             text += f' >= {low:g} and <= {high:g}{", or inf" if self.infinite else ""}'
         if self.shape == 'nn':
-            text += (', one per joint or n*n row by row, symmetric positive definite')
+            text += ', one for all, one per joint or n*n row by row, symmetric positive definite'
         elif self.shape == 'n':
-            text += ', one per joint'
+            text += ', one for all or one per joint'
         return text
 
     @property
@@ -129,7 +129,8 @@ class Parameter:
         value : object
             Of any type.
         n : int
-            Number of joints, for the message; 0 if it is not known.
+            Number of joints, each of which one number is for; 0 if it is not known, and a number
+            for all is no value.
 
         Raises
         ------
@@ -142,16 +143,9 @@ class Parameter:
         if isinstance(value, (list, tuple, array)) or (
                 isinstance(value, np.ndarray) and value.ndim == 1):
             return tuple(self._scalar(item, value) for item in value)
-        raise ParameterError(self.name, value, self._allowed_for(value, n))
-
-    def _allowed_for(self, value: object, n: int) -> str:
-        """Return what is allowed in place of `value`, which is no list."""
-        if self.shape not in ('n', 'nn') or not n:
-            return self.allowed
-        text = f'{self.allowed} (n = {n}, got one value, no list'
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            text += f'; for the same on every joint: [{", ".join([repr(value)] * n)}]'
-        return f'{text})'
+        if self.kind == 'float[]' and self.shape in ('n', 'nn') and n:
+            return (self._scalar(value, value),) * n
+        raise ParameterError(self.name, value, self.allowed)
 
     def _scalar(self, item: object, whole: object) -> Any:
         make, accepted = _SCALARS[self.kind.removesuffix('[]')]

@@ -69,11 +69,8 @@ REFUSED: list[tuple[type[Config], str, Any, str]] = [
     (ControllerConfig, 'effort_limit', [0.0, 1.0], '>= 1e-09'),
     (ControllerConfig, 'effort_limit', [NAN, 1.0], '>= 1e-09'),
     (ControllerConfig, 'effort_limit', [-INF, 1.0], '>= 1e-09'),
-    (ControllerConfig, 'kp', 100.0, 'a list of'),
-    (ControllerConfig, 'ka', 12, 'n = 2, got one value, no list; for the same on every joint: '
-     '[12, 12]'),
-    (ControllerConfig, 'ka', 'much', 'n = 2, got one value, no list'),
-    (Sample, 'limit', INF, 'for the same on every joint: [inf, inf, inf]'),
+    (ControllerConfig, 'ka', 'much', 'one for all or one per joint'),
+    (ControllerConfig, 'ka', True, 'a list of'), (Sample, 'times', 1.0, 'a list of'),
     (ControllerConfig, 'kp', '12', 'a list of'),
     (ControllerConfig, 'kp', ['1', '2'], 'a list of'),
     (ControllerConfig, 'kp', [True, True], 'a list of'),
@@ -166,6 +163,16 @@ def test_integers_and_arrays_become_floats() -> None:
     assert ControllerConfig.from_mapping({'effort_limit': [INF, 5]}).effort_limit == (INF, 5.0)
     assert Sample.from_mapping({'share': 1, 'times': []}).as_mapping()['times'] == ()
     assert type(Sample.from_mapping({'count': np.int64(4)}).count) is int
+
+
+@pytest.mark.parametrize('value', [12, 12.0, np.float32(12.0), np.int64(12)])
+def test_one_number_is_for_all_joints(value: object) -> None:
+    """Check vectors and diagonals, new and changed; what is not allowed stays so."""
+    for make in (ControllerConfig.from_mapping, ControllerConfig().changed):
+        made = make({'ka': value, 'kp': value})
+        assert made.ka == made.kp == (12.0, 12.0)
+    assert Sample.from_mapping({'limit': INF}).as_mapping()['limit'] == (INF,) * 3
+    assert _refuse(ControllerConfig, 'ka', -1.0).value == (-1.0, -1.0)
 
 
 def test_full_matrices() -> None:

@@ -32,11 +32,12 @@ class RealTimeSettings(Config):
     title: ClassVar[str] = 'real time'
 
     thread_priority: int = parameter(
-        'thread_priority', 'int', 50,
-        'Real time: priority of SCHED_FIFO to ask for; 0 for none.',
+        'thread_priority', 'int', 0,
+        'Real time: priority of SCHED_FIFO to ask for, given up above half a processor; 0 for '
+        'none.',
         minimum=0, maximum=99, read_only=True)
     lock_memory: bool = parameter(
-        'lock_memory', 'bool', True,
+        'lock_memory', 'bool', False,
         'Real time: whether to ask that memory in use is never moved to the disk.',
         read_only=True)
     cpu_affinity: int = parameter(

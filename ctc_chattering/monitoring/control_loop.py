@@ -108,7 +108,7 @@ class ControlLoop:
         unused = self.last is None or self.watchdog.out
         self.motion.extend(times, points, _MOST_POINTS if unused else None)
 
-    def take_state(self, state: JointSample, now: int, simulated: bool) -> None:
+    def take_state(self, state: JointSample, now: int, simulated: bool, skipped: int = 0) -> None:
         """
         Take the next joint state.
 
@@ -120,6 +120,8 @@ class ControlLoop:
             When it came, on a clock that only goes forward [ns].
         simulated : bool
             Whether time is simulated.
+        skipped : int
+            States skipped so far because newer ones had come.
 
         Raises
         ------
@@ -140,7 +142,7 @@ class ControlLoop:
                 self.restarted = True
                 self.motion.restart()
         self.handle(Event.STATE)
-        self.health.take(state.t)
+        self.health.take(state.t, skipped)
         self.last = self._pending = state
 
     def _reject(self, verdict: str, t: int) -> None:
@@ -160,14 +162,14 @@ class ControlLoop:
     def enable(self, on: bool) -> None:
         """Allow torques, or end them."""
         if self.handle(Event.ENABLE if on else Event.DISABLE):
+            self._log.info(f'{"enabled again" if on else "disabled"} by ~/enable')
             if on:
                 self._restart_law()
-            else:
-                self._log.info('disabled by ~/enable')
 
     def reset(self) -> bool:
         """Go on after a trip; return whether there was one."""
         if tripped := self.handle(Event.RESET):
+            self._log.info('reset by ~/reset')
             self._restart_law()
         return tripped
 
@@ -268,19 +270,17 @@ class ControlLoop:
         if self.health.taken % _FORGET == 0:
             self.motion.pass_over(answer.state.t, driven=True)
 
-    def status(self, now: int, rejected: Mapping[str, int]) -> tuple[int, str]:
+    def status(self, now: int, rejected: Mapping[str, int], cause: str = '') -> tuple[int, str]:
         """
         Return level (0 all is well, 1 warning, 2 error) and text of the present state.
 
         Parameters
         ----------
-        now : int
-            Time [ns].
-        rejected : mapping
-            Messages rejected so far, by kind.
+        now, rejected, cause
+            As `ControllerHealth.report` takes them.
 
         """
-        problems = self.health.report(now, rejected, self.simulated)
+        problems = self.health.report(now, rejected, self.simulated, cause)
         level, text = self._describe(now)
         if level == 0 and problems:
             return (max(problem[0] for problem in problems),

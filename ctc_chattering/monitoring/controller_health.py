@@ -12,8 +12,9 @@ from ctc_chattering.monitoring.watchdog import HealthMonitor
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 
-#: Part of the states rejected that is a warning, and an error.
+#: Part of the states rejected, or skipped, that is a warning, and an error.
 _REJECTED = 0.01, 0.1
+_SKIPPED = 0.2, 0.5
 #: Rejected messages that say nothing about the states of the robot.
 _UNRELATED = 'second_publisher'
 
@@ -31,12 +32,15 @@ class ControllerHealth:
 
     Attributes
     ----------
-    taken, restarts, saturated : int
-        States taken, restarts of the law, samples with a torque at its limit.
+    taken, skipped, restarts, saturated : int
+        States taken, states skipped for newer ones, restarts of the law, samples with a torque at
+        its limit.
     robust : sequence of float, shape (n,)
         Robust term of the last sample [N·m]; empty before the first.
     rates : HealthMonitor
         Of restarts and rejected states.
+    skips : HealthMonitor
+        Of states skipped for newer ones.
     sample_rate : SampleRate
         Of the states' stamps.
 
@@ -44,18 +48,20 @@ class ControllerHealth:
 
     def __init__(self, names: Sequence[str], period: int) -> None:
         self._names, self._period = names, period
-        self.taken = self.restarts = self.saturated = 0
+        self.taken = self.skipped = self.restarts = self.saturated = 0
         self.robust: Vector = ()
         self.rates = HealthMonitor('restarts', 'of the states refused', *_REJECTED, period)
+        self.skips = HealthMonitor('', 'of the states skipped for newer ones', *_SKIPPED, period)
         self.sample_rate = SampleRate(period)
         self._term_saturation = TermSaturation(len(names))
         self._rejected: Mapping[str, int] = {}
         self._config: ControllerConfig | None = None
 
-    def take(self, t: int) -> None:
-        """Count a state of stamp `t` [ns]."""
+    def take(self, t: int, skipped: int = 0) -> None:
+        """Count a state of stamp `t` [ns]; so many have been `skipped` so far."""
         self.taken += 1
-        self.sample_rate.note(t)
+        self.sample_rate.note(t, skipped - self.skipped)
+        self.skipped = skipped
 
     def restart(self) -> None:
         """Count a restart: the next state does not follow the last one."""
@@ -73,8 +79,8 @@ class ControllerHealth:
         if config.takes('ka'):
             self._term_saturation.add(sample.robust, config.ka, config.switching_in_force)
 
-    def report(self, now: int, rejected: Mapping[str, int], simulated: bool
-               ) -> list[tuple[int, str]]:
+    def report(self, now: int, rejected: Mapping[str, int], simulated: bool,
+               cause: str = '') -> list[tuple[int, str]]:
         """
         Return what goes wrong at present: level (1 warning, 2 error) and text.
 
@@ -86,6 +92,8 @@ class ControllerHealth:
             Messages rejected so far, by kind.
         simulated : bool
             Whether time is simulated: then it is no matter how late states come.
+        cause : str
+            What is known to be the cause of late and skipped states; '' where nothing is.
 
         """
         before, self._rejected = self._rejected, {
@@ -93,10 +101,13 @@ class ControllerHealth:
         total = sum(self._rejected.values())
         self.rates.note(now, self.restarts, total, self.taken + total, ', '.join(
             kind for kind, n in self._rejected.items() if n > before.get(kind, 0)))
+        self.skips.note(now, 0, self.skipped, self.taken + self.skipped, '')
         self.sample_rate.rotate()
         found = []
-        if self.rates.level and not simulated:
-            found.append((self.rates.level, str(self.rates)))
+        for monitor in (self.rates, self.skips):
+            monitor.cause = cause
+            if monitor.level and not simulated:
+                found.append((monitor.level, str(monitor)))
         if self.sample_rate.wrong:
             found.append((1, f'states come every {1e3 * self.sample_rate.mean:.3g} ms; '
                           f'control_period is {1e3 * seconds(self._period):g} ms'))

@@ -56,7 +56,7 @@ class Durations:
 
 class LoopStatistics:
     """
-    Counts samples, their periods, their computing times and the times until they are answered.
+    Counts samples, their periods, the time they take, and the times until they are answered.
 
     Attributes
     ----------
@@ -69,20 +69,23 @@ class LoopStatistics:
 
     def __init__(self) -> None:
         self._periods, self._computing, self._answers = Durations(), Durations(), Durations()
+        self._processor = Durations()
         self._durations = {'period': self._periods, 'computing time': self._computing,
-                           'answer time': self._answers}
+                           'processor time': self._processor, 'answer time': self._answers}
         self.samples = self.misses = 0
         self.rate = 0.0
         self._last: int | None = None
         self._seen = (0, 0)
 
-    def sample(self, begin: int, end: int) -> None:
-        """Count a sample computed from `begin` to `end` [ns]."""
+    def sample(self, begin: int, end: int, processor: int | None = None) -> None:
+        """Count a sample computed from `begin` to `end`, of it on a `processor` [ns]."""
         self.samples += 1
         last, self._last = self._last, begin
         if last is not None:
             self._periods.add(_NANO * (begin - last))
         self._computing.add(_NANO * (end - begin))
+        if processor is not None:
+            self._processor.add(_NANO * processor)
 
     def answer(self, asked: int, now: int) -> None:
         """Count an answer that came at `now` to what was sent at `asked` [ns]."""
@@ -100,6 +103,18 @@ class LoopStatistics:
         self._seen = self.samples, now
         for durations in self._durations.values():
             durations.rotate()
+
+    def too_slow(self, period: int) -> str:
+        """
+        Return a line if a sample takes more than the period [ns] on a processor, '' if not.
+
+        Processor time leaves out what other processes took: what exceeds the period is our own.
+        """
+        p99 = float(self._processor.summary().get('p99 [ms]', 0.0))
+        if 1e6 * p99 <= period:
+            return ''
+        return (f'the step takes {p99:.2g} ms (p99) at a period of {1e-6 * period:g} ms: slower '
+                'than the sample rate')
 
     def values(self) -> dict[str, float | str]:
         """Return what there is to say, by name with unit."""

@@ -30,23 +30,27 @@ class SampleRate:
         self._period = period
         #: Stamps of the window [ns].
         self._stamps: list[int] = []
-        self._strange = 0
+        self._skipped = self._strange = 0
         self.mean = 0.0
 
-    def note(self, t: int) -> None:
-        """Count a sample of stamp `t` [ns]."""
+    def note(self, t: int, skipped: int = 0) -> None:
+        """Count a sample of stamp `t` [ns], and those `skipped` between the last one and it."""
+        self._skipped += skipped if self._stamps else 0
         self._stamps.append(t)
 
     def pause(self) -> None:
         """Do not count the time to the next sample; start the window again."""
         self._stamps.clear()
+        self._skipped = 0
 
     def rotate(self) -> None:
         """Evaluate the window and start the next one; without a period it says nothing."""
         if len(self._stamps) < 2:
             return
-        mean = (self._stamps[-1] - self._stamps[0]) / (len(self._stamps) - 1)
+        mean = (self._stamps[-1] - self._stamps[0]) / (
+            len(self._stamps) - 1 + self._skipped)
         del self._stamps[:-1]
+        self._skipped = 0
         self.mean = seconds(round(mean))
         wrong = abs(mean - self._period) > TOLERANCE * self._period
         self._strange = self._strange + 1 if wrong else 0

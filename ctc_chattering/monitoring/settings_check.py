@@ -16,10 +16,12 @@ docs/safety.md has the measurements, and the conditions that settings do not sho
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 
 import numpy as np
 
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.parameters import matrix
 
 #: Largest product of `observer_bandwidth` and the lag of the drives.
@@ -46,3 +48,23 @@ def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
                 config.effort_rate_limit, config.torque_rate_limit)):
         yield ('effort_rate_limit exceeds torque_rate_limit; where drives are slower than the '
                f'torque that is sent, the estimate of {config.law} grows')
+
+
+def missing_limits(config: ControllerConfig, of_model: Vector) -> str:
+    """
+    Return a line that names the joints without a limit, for a warning at the start; '' for none.
+
+    Parameters
+    ----------
+    config : ControllerConfig
+        As at the start.
+    of_model : sequence of float, shape (n,)
+        `Model.effort_limits`.
+
+    """
+    limits = {'effort_limit': config.largest_torque(of_model)}
+    if config.takes('torque_rate_limit'):
+        limits['torque_rate_limit'] = config.torque_rate_limit
+    return '; '.join(
+        f'{name} is infinite for {", ".join(joints)}' for name, values in limits.items()
+        if (joints := [x for x, limit in zip(config.joint_names, values) if limit == inf]))

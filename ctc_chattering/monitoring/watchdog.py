@@ -126,12 +126,18 @@ class HealthMonitor:
     Parameters
     ----------
     events, part : str
-        What the faults are: such that disturb each time, and such of which a part is normal.
+        What the faults are: such that disturb each time, none if '', and such of which a part is
+        normal.
     warning, error : float
         Fraction of `part` that is a warning, and an error, 0 to 1. Of the events any is a
         warning, and one per second an error.
     period : int
         Control period, for the text [ns].
+
+    Attributes
+    ----------
+    cause : str
+        What is known to be the cause; '' where nothing is.
 
     """
 
@@ -139,6 +145,7 @@ class HealthMonitor:
         self._events, self._part = events, part
         self._warning, self._error = warning, error
         self._period = period
+        self.cause = ''
         #: Time [ns], events, faults of the other kind, and what those are a part of.
         self._reports: deque[tuple[int, int, int, int]] = deque(maxlen=WINDOW + 1)
         self._detail = ''
@@ -186,6 +193,7 @@ class HealthMonitor:
     def __str__(self) -> str:
         """Return the rates and the likely cause on one line."""
         detail = f' ({self._detail})' if self._detail else ''
-        return (f'{self.events_per_second:.2g} {self._events} per second, '
-                f'{100.0 * self.fraction:.0f} % {self._part}{detail}: '
-                f'{BUSY}; control_period is {1e3 * seconds(self._period):g} ms')
+        events = f'{self.events_per_second:.2g} {self._events} per second, '
+        cause = self.cause or f'{BUSY}; control_period is {1e3 * seconds(self._period):g} ms'
+        return (f'{events if self._events else ""}{100.0 * self.fraction:.0f} % '
+                f'{self._part}{detail}: {cause}')

@@ -16,6 +16,7 @@ from ctc_chattering.experiment.node_parameters import ControllerSettings, RealTi
 from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring import controller_state
 from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
+from ctc_chattering.monitoring.settings_check import missing_limits
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.description import Description
@@ -71,6 +72,8 @@ class ControllerNode(BaseNode):
         """Make the law for a robot, and begin to listen."""
         config = self._configs.get(ControllerConfig)
         self._loop.law = Controller(config, model_of(config, description))
+        if missing := missing_limits(config, self._loop.law.model.effort_limits):
+            self.get_logger().warning(f'{missing}: set what the drives can give')
         if description:
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
@@ -80,7 +83,8 @@ class ControllerNode(BaseNode):
             qos())
         states = ValidatedSubscription(
             self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
-            lambda state: (state.names, not set(self._names).isdisjoint(state.names)))
+            lambda state: (state.names, not set(self._names).isdisjoint(state.names)),
+            lambda: self.in_real_time)
         self.inputs = [states, reference]
 
     @property
@@ -111,7 +115,8 @@ class ControllerNode(BaseNode):
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep = self._clock_published
-        self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published)
+        self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
+                              self.inputs[0].skipped or 0)
         if self._loop.restarted:
             self._restart(state.t)
         self._answer(now)
@@ -134,6 +139,7 @@ class ControllerNode(BaseNode):
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
+        begin = time.thread_time_ns()
         if not self._matched:
             self._matched = self.subscribers_matched(
                 (self._commands, *self._terms.publishers), self._settings.wait_for)
@@ -148,7 +154,7 @@ class ControllerNode(BaseNode):
             return
         self._publish_terms(answer)
         end = time.monotonic_ns()
-        self.statistics.sample(now, end)
+        self.statistics.sample(now, end, time.thread_time_ns() - begin)
         if self.in_real_time and end - now > self._loop.period:
             self.statistics.misses += 1
 
@@ -190,7 +196,8 @@ class ControllerNode(BaseNode):
         """Return what the controller does and why."""
         config, loop = self._configs.get(ControllerConfig), self._loop
         level, message = loop.status(
-            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {})
+            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {},
+            self.statistics.too_slow(loop.period))
         if self._description.problem:
             level, message = ERROR, self._description.problem
         return Status(level, message, {

@@ -88,7 +88,8 @@ class PlantNode(BaseNode):
         self._limits = limits_of(config, description)
         self.inputs = [ValidatedSubscription(
             self, Float64MultiArray, COMMANDS, EffortReader().read,
-            self._on_command if self.in_real_time else self._on_answer, qos())]
+            self._on_command if self.in_real_time else self._on_answer, qos(),
+            newest=(lambda: True) if self.in_real_time else None)]
         if self.in_real_time:
             self._timer = self.create_timer(seconds(self._period), self._on_tick)
 
@@ -157,6 +158,7 @@ class PlantNode(BaseNode):
     def _real_time_status(self, values: dict[str, object]) -> tuple[int, str]:
         """Return level and text, and add to `values` how well commands keep up."""
         watchdog, health = self._watchdog, self._health
+        health.cause = self.statistics.too_slow(self._period)
         health.note(time.monotonic_ns(), watchdog.outages, watchdog.stale, self._robot.k,
                     f'longest time without one {seconds(watchdog.longest):.3f} s')
         watchdog.longest = 0
@@ -224,8 +226,8 @@ class PlantNode(BaseNode):
         self._robot.braking = False
 
     def _on_tick(self) -> None:
-        begin = time.monotonic_ns()
-        plant = self._robot
+        begin, used = time.monotonic_ns(), time.thread_time_ns()
+        plant, steps = self._robot, 1
         now = self.get_clock().now().nanoseconds
         if not self._begun:
             self._anchor()
@@ -235,6 +237,7 @@ class PlantNode(BaseNode):
                 self._latest, self._sent = (0.0,) * len(self._names), None
             due = self._timer_grid.due(now, plant.k)
             self.statistics.misses += max(0, due - 1)
+            steps = min(max(1, due), _CATCH_UP)
             for _ in range(min(due, _CATCH_UP)):
                 if self._at_end():
                     return
@@ -249,7 +252,7 @@ class PlantNode(BaseNode):
                 return
         self._publish_state()
         end = time.monotonic_ns()
-        self.statistics.sample(begin, end)
+        self.statistics.sample(begin, end, (time.thread_time_ns() - used) // steps)
         if self._sent is None and self._begun and not plant.braking:
             self._sent = end
 

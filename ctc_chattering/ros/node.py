@@ -118,7 +118,10 @@ class BaseNode(Node):
     def schedule(self) -> None:
         """Have the process scheduled for real time while that is needed, and say so."""
         if self.scheduling and (line := self.scheduling.update(self.in_real_time)):
-            self.get_logger().info(line)
+            if self.scheduling.lost:
+                self.get_logger().warning(line)
+            else:
+                self.get_logger().info(line)
 
     def status(self) -> Status:
         """Return what is to be reported beside the loop statistics and what was refused."""
@@ -142,12 +145,16 @@ class BaseNode(Node):
         everything = dict(values)
         if self.scheduling:
             everything['scheduling'] = self.scheduling.outcome
+            if self.scheduling.lost:
+                level, message = max(level, WARN), f'{message}; {self.scheduling.outcome}'
         if self.statistics.samples:
             everything |= self.statistics.values()
         for subscription in self.inputs:
             names, topic = subscription.publishers(), subscription.topic
             everything[f'{topic}: publishers'] = ', '.join(names) or 'none'
             everything[f'{topic}: refused'] = sum(subscription.rejected.values())
+            if subscription.skipped is not None:
+                everything[f'{topic}: skipped for newer ones'] = subscription.skipped
             for kind, count in sorted(subscription.rejected.items()):
                 everything[f'{topic}: refused, {kind}'] = count
             contention = subscription.contention(names)

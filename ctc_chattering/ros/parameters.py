@@ -64,6 +64,7 @@ class NodeParameters:
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
         self._configs = [config.from_mapping(_of(config, node.given)) for config in configs]
+        self._joints = max(len(getattr(config, 'joint_names', ())) for config in self._configs)
         for config in self._configs:
             for name, value in config.as_mapping().items():
                 node.declare_parameter(name, _to_parameter(name, value).value,
@@ -103,7 +104,7 @@ class NodeParameters:
         spec = self._specs.get(parameter.name)
         if spec is not None:
             with suppress(ParameterError):  # `_validate` refuses it, and says why.
-                value = spec.coerce(_numbers(spec, parameter.value))
+                value = spec.coerce(_numbers(spec, parameter.value), self._joints)
                 return _to_parameter(spec.name, value)
         return parameter
 
@@ -129,6 +130,12 @@ class NodeParameters:
     def _apply(self, parameters: list[RosParameter]) -> None:
         new = self._candidates(parameters)
         if new != self._configs:
+            for before, config in zip(self._configs, new):
+                was = before.as_mapping()
+                for name, value in config.as_mapping().items():
+                    if value != was[name]:
+                        self._node.get_logger().info(
+                            f'{name}: {_shown(was[name])} -> {_shown(value)}')
             self._configs = new
             self.changed = True
             self._changed()
@@ -160,6 +167,10 @@ def _numbers(spec: Parameter, value: Any) -> Any:
 def _to_parameter(name: str, value: Any) -> RosParameter:
     """Return a parameter of ROS: an empty list has no type there, and becomes a list of ''."""
     return RosParameter(name, value=list(value) or [''] if isinstance(value, tuple) else value)
+
+
+def _shown(value: object) -> str:
+    return str(list(value) if isinstance(value, tuple) else value)
 
 
 def descriptor(spec: Parameter) -> ParameterDescriptor:

@@ -4,7 +4,8 @@ Real-time scheduling of a node's process: priority, locked memory, processor, ga
 All threads of the process are changed at once, those of the middleware too; what they start later
 inherits it. So the parameters can be read like all others, after the middleware has started, and
 a node asks only while time is real: with the priority, simulated time as fast as the machine can
-would leave nothing of a processor to others.
+would leave nothing of a processor to others. A process that uses more than half a processor loses
+the priority: the kernel's timer of its processor time calls after every half second of it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 import resource
 import signal
 import sys
+import time
 from typing import Any
 
 from ctc_chattering.errors import ParameterError
@@ -25,12 +27,13 @@ from ctc_chattering.experiment.node_parameters import RealTimeSettings
 
 _LINUX = sys.platform.startswith('linux')
 
-#: Of Linux: limits that the module `resource` lacks, flags of mlockall, a capability's bit.
-_RLIMIT_RTPRIO, _RLIMIT_RTTIME = 14, 15
+#: Of Linux: a limit that the module `resource` lacks, flags of mlockall, a capability's bit.
+_RLIMIT_RTPRIO = 14
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _CAP_IPC_LOCK = 14
-#: How long a thread with priority may compute without a pause [us]; then comes SIGXCPU.
-_LONGEST = 500_000
+#: Largest share of one processor that a process with priority may use, all threads together, and
+#: the processor time after which it is looked at [s].
+_SHARE, _SLICE = 0.5, 0.5
 #: Objects more than at the last search for reference cycles that are worth another one.
 _MANY = 2000
 _NORMAL = 'normal scheduling'
@@ -48,6 +51,8 @@ class RealTime:
     ----------
     outcome : str
         What is in force, and what was refused and why.
+    lost : bool
+        Whether the priority was given up for good, because too much time was used with it.
 
     Raises
     ------
@@ -58,33 +63,57 @@ class RealTime:
 
     def __init__(self, settings: RealTimeSettings) -> None:
         self._settings = settings
-        self._asked = self._lost = False
-        self.outcome = _NORMAL
+        self._asked = self.lost = False
+        self.outcome = self._told = _NORMAL
+        #: Time and processor time at the last look [s].
+        self._looked = 0.0, 0.0
         if _LINUX and settings.cpu_affinity >= 0:
             _pin(settings.cpu_affinity)
 
     def update(self, needed: bool) -> str:
         """Ask for it or give it back, by `needed`; return a line to be logged, or nothing."""
-        if not _LINUX:
-            return ''
-        before = self.outcome
-        if self._lost:
-            self.outcome = (f'{_NORMAL} from now on: a processor was used for '
-                            f'{1e-6 * _LONGEST:g} s without a pause')
-        elif needed and not self._asked:
-            self.outcome = '; '.join(filter(None, (
-                _ask_for_priority(self._settings.thread_priority, self._lose),
-                _ask_for_memory() if self._settings.lock_memory else ''))) or _NORMAL
-        elif self._asked and not needed:
-            if os.sched_getscheduler(0) == os.SCHED_FIFO:
-                _schedule(0)
-            self.outcome = _NORMAL
-        self._asked = needed
-        return self.outcome if self.outcome != before else ''
+        if _LINUX and not self.lost:
+            if needed and not self._asked:
+                self.outcome = '; '.join(filter(None, (
+                    _ask_for_priority(self._settings.thread_priority),
+                    _ask_for_memory() if self._settings.lock_memory else ''))) or _NORMAL
+                if _has_priority():
+                    self._watch()
+            elif self._asked and not needed:
+                self._give_up()
+                self.outcome = _NORMAL
+            self._asked = needed
+        line = self.outcome if self.outcome != self._told else ''
+        self._told = self.outcome
+        return line
 
-    def _lose(self) -> None:
-        self._lost = True
-        _schedule(0)
+    def _watch(self) -> None:
+        """Look at the share of a processor after every `_SLICE` of processor time."""
+        self._looked = time.monotonic(), time.process_time()
+        signal.signal(signal.SIGPROF, lambda *_: self._look())
+        signal.siginterrupt(signal.SIGPROF, False)  # It may come to a thread of the middleware.
+        signal.setitimer(signal.ITIMER_PROF, _SLICE, _SLICE)
+
+    def _look(self) -> None:
+        """Give the priority up for good if too much was used since the last look."""
+        now = time.monotonic(), time.process_time()
+        lasted, used = (a - b for a, b in zip(now, self._looked))
+        self._looked = now
+        if used > _SHARE * lasted and _has_priority():
+            self._give_up()
+            self.lost = True
+            self.outcome = (f'{_NORMAL} until the next start: with priority it used '
+                            f'{100.0 * used / lasted:.0f} % of a processor over {lasted:.2g} s, '
+                            f'allowed are {100.0 * _SHARE:g} %')
+
+    def _give_up(self) -> None:
+        if _has_priority():
+            _schedule(0)
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+def _has_priority() -> bool:
+    return os.sched_getscheduler(0) in (os.SCHED_FIFO, os.SCHED_RR)
 
 
 def _for_all_threads(function: Callable[..., None], *arguments: Any) -> None:
@@ -109,14 +138,10 @@ def _pin(processor: int) -> None:
         raise ParameterError('cpu_affinity', processor, f'-1 | {allowed}') from None
 
 
-def _ask_for_priority(priority: int, too_long: Callable[[], None]) -> str:
-    """Return what came of it; `too_long` is called when a thread computes without a pause."""
+def _ask_for_priority(priority: int) -> str:
+    """Return what came of it; nothing if none is wanted."""
     if not priority:
         return ''
-    hard = resource.getrlimit(_RLIMIT_RTTIME)[1]
-    soft = _LONGEST if hard == resource.RLIM_INFINITY else min(_LONGEST, hard)
-    signal.signal(signal.SIGXCPU, lambda *_: too_long())
-    resource.setrlimit(_RLIMIT_RTTIME, (soft, hard))
     try:
         _schedule(priority)
     except OSError as error:

@@ -87,9 +87,11 @@ class RosArguments:
             for executable, values in given.items():
                 found[executable] |= values
         for executable, values in found.items():
-            for name, spec in parameters_of(executable).items():
-                if name in values:
-                    values[name] = spec.coerce(values[name])
+            specs = parameters_of(executable)
+            joints = specs.get('joint_names')
+            n = len(joints.coerce(values.get(joints.name, joints.default))) if joints else 0
+            for name in values.keys() & specs:
+                values[name] = specs[name].coerce(values[name], n)
         return found
 
     def _in_file(self, file: Path, names: Mapping[str, str]) -> dict[str, Values]:

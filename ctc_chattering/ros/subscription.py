@@ -1,9 +1,9 @@
-"""A subscription that decides who is obeyed, and counts and reports what it rejects."""
+"""A subscription that decides who is obeyed, takes the newest, and reports what it rejects."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 import inspect
 import time
 from typing import Any, Generic, TypeVar
@@ -63,9 +63,15 @@ class ValidatedSubscription(Generic[T]):
     part : callable, optional
         For a topic that publishers share: returns what a message speaks of, such as a list of
         joints, and whether that concerns us. Other messages are passed over.
+    newest : callable, optional
+        Returns whether the newest message that waits is used and older ones are skipped: where
+        time is real. Without it every message is used.
 
     Attributes
     ----------
+    skipped : int or None
+        Messages skipped so far, also for the one that `take` is called with; None without
+        `newest`.
     rejected : Counter
         Rejected messages by kind.
     ownership : TopicOwnership
@@ -75,10 +81,13 @@ class ValidatedSubscription(Generic[T]):
 
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
-                 part: Callable[[T], tuple[Hashable, bool]] | None = None) -> None:
+                 part: Callable[[T], tuple[Hashable, bool]] | None = None,
+                 newest: Callable[[], bool] | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._read, self._take, self._part = read, take, part
+        self._read, self._take, self._part, self._newest = read, take, part, newest
+        self._depth = profile.depth
+        self.skipped = None if newest is None else 0
         self.rejected: Counter[str] = Counter()
         self._reported = 0
         self.ownership = TopicOwnership()
@@ -87,32 +96,65 @@ class ValidatedSubscription(Generic[T]):
             node, kind, topic, with_info(self.receive), profile)
 
     def receive(self, data: bytes, info: Mapping[str, Any]) -> None:
-        """Use a serialized message, or count it as rejected."""
+        """Use a serialized message, or a newer one that waits; count what is rejected."""
         if self.subscription.destroyed:
             return  # The executor had taken the message before.
+        messages = [(data, info), *self._waiting()]
         now = time.monotonic_ns()
         publishers = self.subscription.current.get_publisher_count()
         if publishers != self.ownership.publishers:
             self.ownership.update(publishers, time.time_ns())
-        gid = info.get('publisher_gid')  # rclpy of Jazzy does not tell.
-        publisher = None if gid is None else gid['data']
-        try:
+        valid = []
+        for data, info in messages:
+            gid = info.get('publisher_gid')  # rclpy of Jazzy does not tell.
+            publisher = None if gid is None else gid['data']
             try:
-                message = self._read(data)
-            except Exception as error:
-                raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
-                                      f'{" ".join(str(error).split())}') from None
-            if self._part is not None:
-                part, ours = self._part(message)
-                self.ownership.note_part(part, ours, time.time_ns())
-                if not ours:
-                    return
-            if not self.ownership.admits(publisher, info.get('received_timestamp') or 0, now):
-                raise RejectedMessage('second_publisher')
-            self._take(message, now)
-            self.ownership.confirm(publisher, now)
-        except RejectedMessage as rejected:
-            self.reject(rejected, now)
+                message = self._admitted(data, publisher, info, now)
+            except RejectedMessage as rejected:
+                self.reject(rejected, now)
+            else:
+                if message is not None:
+                    valid.append((message, publisher))
+        before = self.skipped
+        while valid:
+            message, publisher = valid.pop()
+            if before is not None:
+                self.skipped = before + len(valid)
+            try:
+                self._take(message, now)
+            except RejectedMessage as rejected:
+                self.reject(rejected, now)
+            else:
+                self.ownership.confirm(publisher, now)
+                break
+
+    def _waiting(self) -> Iterator[tuple[bytes, Mapping[str, Any]]]:
+        """Yield the messages that wait, where only the newest is used; no more than fit."""
+        if self._newest is None or not self._newest():
+            return
+        current = self.subscription.current
+        for _ in range(self._depth):
+            taken = current.handle.take_message(current.msg_type, True)
+            if taken is None:
+                return
+            yield taken
+
+    def _admitted(self, data: bytes, publisher: bytes | None, info: Mapping[str, Any],
+                  now: int) -> T | None:
+        """Return what a message says; None if it is not ours; raise `RejectedMessage`."""
+        try:
+            message = self._read(data)
+        except Exception as error:
+            raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
+                                  f'{" ".join(str(error).split())}') from None
+        if self._part is not None:
+            part, ours = self._part(message)
+            self.ownership.note_part(part, ours, time.time_ns())
+            if not ours:
+                return None
+        if not self.ownership.admits(publisher, info.get('received_timestamp') or 0, now):
+            raise RejectedMessage('second_publisher')
+        return message
 
     def reject(self, rejected: RejectedMessage, now: int) -> None:
         """Count a message that is not used, and say why, if there is a reason, once a second."""

@@ -45,8 +45,14 @@ class Case:
     x: float | None = None
 
     def setup(self) -> Setup:
-        """Return the checked parameters; the switching is still that of the file."""
-        return parameter_file.load(config_directory() / f'{self.file}.yaml', self.overrides)
+        """
+        Return the checked parameters; the switching is still that of the file.
+
+        A controller knows what the drives give only where the case says so, not from the file.
+        """
+        controller = {'effort_limit': math.inf, **self.overrides.get('controller', {})}
+        return parameter_file.load(config_directory() / f'{self.file}.yaml',
+                                   {**self.overrides, 'controller': controller})
 
 
 def _case(group: str, name: str, x: float | None = None, *, h: float = 1e-3, ka: float = KA,

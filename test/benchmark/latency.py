@@ -42,7 +42,8 @@ class Times(NamedTuple):
 
 def measure_nodes(priority: int) -> Times:
     """Return what the plant's diagnostics say after a while in real time."""
-    with real_time_loop('-p', f'thread_priority:={priority}') as (found, spin):
+    with real_time_loop('-p', f'thread_priority:={priority}', '-p',
+                        f'lock_memory:={str(bool(priority)).lower()}') as (found, spin):
         reports: list[dict[str, str]] = []
         while len(reports) < _WINDOW + 2:  # The first ones are of the start.
             spin()
@@ -68,7 +69,8 @@ def measure_bare(priority: int) -> Times:
 
 
 def _request(priority: int) -> str:
-    return RealTime(RealTimeSettings(thread_priority=priority)).update(True)
+    return RealTime(RealTimeSettings(
+        thread_priority=priority, lock_memory=bool(priority))).update(True)
 
 
 def _echo(priority: int, pipe: multiprocessing.connection.Connection) -> None:

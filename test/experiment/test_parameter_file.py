@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import pytest
 from urdfs import two_links
 
+from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.node_parameters import LOOP, NODES
@@ -49,7 +50,7 @@ def test_files_are_the_paper_s(name: str) -> None:
     setup = parameter_file.load(CONFIG / f'{name}.yaml')
     c, p, r = setup.controller, setup.plant, setup.reference
     assert (c.kp, c.kv, c.ka, c.lambda_, c.b) == ((100, 100), (50, 50), (10, 10), 10, 1)
-    assert (c.switching, c.effort_limit) == ('sign', (math.inf, math.inf))
+    assert (c.switching, c.effort_limit) == ('sign', p.torque_saturation)
     assert c.law == ('compensation' if name == 'switch' else 'chattering')
     assert p.coulomb_friction == (9.9, 9.9)
     assert p.disturbance_amplitude == ((1, 1) if name == 'disturbance' else (0, 0))
@@ -67,6 +68,16 @@ def test_every_file_is_tried() -> None:
     assert {x.name for x in CONFIG.glob('*.yaml')} == {
         'friction.yaml', 'disturbance.yaml', 'switch.yaml', 'switching.yaml', 'panda.yaml',
         'ur5.yaml'}
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
+def test_every_file_has_limits_of_the_torque_that_is_sent(path: Path) -> None:
+    """Its own, or those of its URDF; not above what the simulated drives give."""
+    setup = parameter_file.load(path)
+    model = model_of(setup.controller, setup.descriptions.get('controller', ''))
+    largest = setup.controller.largest_torque(model.effort_limits)
+    assert all(0.0 < x <= most for x, most in zip(largest, setup.plant.torque_saturation))
+    assert max(largest) < math.inf
 
 
 def test_the_tour_of_the_switchings_is_the_first_experiment_but_for_the_gain() -> None:
@@ -114,7 +125,7 @@ def test_directory(tmp_path: Path) -> None:
     ('controller', 'lambda: "x"', "'x'", 'number'), ('controller', 'lambda: true', 'True', 'numb'),
     ('controller', 'lambda: [1.0]', '[1.0]', 'number'), ('controller', 'lambda:', 'None', 'numb'),
     ('controller', f'lambda: 1{"0" * 400}', '1000', 'number'),
-    ('controller', 'kp: 100.0', '100.0', 'list'), ('controller', 'kp: [1.0]', '[1.0]', 'n = 2'),
+    ('controller', 'kp: x', 'x', 'list'), ('controller', 'kp: [1.0]', '[1.0]', 'n = 2'),
     ('controller', 'kp: [1, 2, 3]', '3.0]', 'n = 2'), ('controller', 'kp: [1, a]', "'a'", 'list'),
     ('controller', 'kp: [1, null]', 'None', 'list'), ('controller', 'kp: [[1], [0]]', '', 'list'),
     ('controller', 'kv: [1, 0.5, 0.4, 1]', '0.4', 'symmetric'),

@@ -176,6 +176,8 @@ def test_a_position_error_trips_until_reset() -> None:
     assert robot.state(3) == []
     assert robot.loop.reset()
     assert not robot.loop.reset()
+    assert robot.log.lines[-3:] == [
+        'disabled by ~/enable', 'enabled again by ~/enable', 'reset by ~/reset']
     assert robot.state(4) == law((0.1, 0.2), first=4, bumpless=True)
 
 

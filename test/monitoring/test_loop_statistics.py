@@ -156,3 +156,18 @@ def test_answers_and_the_histogram() -> None:
     assert values['answer time, p99 [ms]'] == pytest.approx(0.3)
     assert values['answer time, p99.9 [ms]'] == pytest.approx(3.0)
     assert values['answer time, histogram [ms]'] == '<0.35: 998, <5.7: 2'
+
+
+def test_a_step_that_takes_longer_than_the_period_is_named() -> None:
+    """Check that processor time counts, its p99, and not what other processes took of a sample."""
+    statistics = LoopStatistics()
+    assert statistics.too_slow(MS) == ''
+    for k in range(1000):
+        statistics.sample(k * MS, k * MS + 50 * MS, 5 * MS if k % 200 == 0 else 900_000)
+    assert statistics.too_slow(MS) == ''
+    assert statistics.values()['processor time, p99 [ms]'] == pytest.approx(0.9)
+    for k in range(1000):
+        statistics.sample(k * MS, k * MS, 1_300_000 if k % 20 == 0 else 600_000)
+    assert statistics.too_slow(MS) == (
+        'the step takes 1.3 ms (p99) at a period of 1 ms: slower than the sample rate')
+    assert statistics.too_slow(2 * MS) == ''

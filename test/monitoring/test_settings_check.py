@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 from laws import run, variation
@@ -11,7 +12,7 @@ import pytest
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.monitoring.controller_health import ControllerHealth
-from ctc_chattering.monitoring.settings_check import LAG_RATIO, unsafe_settings
+from ctc_chattering.monitoring.settings_check import LAG_RATIO, missing_limits, unsafe_settings
 
 RATES = [5e3, 1e3]
 SECOND = 1_000_000_000
@@ -70,6 +71,18 @@ def test_drives_that_are_slower_than_a_law_knows(law: str) -> None:
     except CtcError:
         return
     assert np.abs(wild.q_d - wild.q)[-1000:].max() > 1.0
+
+
+def test_joints_without_a_limit_are_named() -> None:
+    """Limits of the description count; that of the rate only under the law that takes it."""
+    config = ControllerConfig()
+    assert missing_limits(config, ()) == 'effort_limit is infinite for joint1, joint2'
+    assert missing_limits(config, (50.0, inf)) == 'effort_limit is infinite for joint2'
+    assert missing_limits(config.changed({'effort_limit': 50.0}), ()) == ''
+    observer = config.changed({'law': 'observer_feedback', 'torque_rate_limit': [1e3, inf]})
+    assert missing_limits(observer, (50.0, 50.0)) == 'torque_rate_limit is infinite for joint2'
+    assert missing_limits(observer, ()) == (
+        'effort_limit is infinite for joint1, joint2; torque_rate_limit is infinite for joint2')
 
 
 def test_the_controller_reports_it() -> None:

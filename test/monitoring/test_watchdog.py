@@ -114,3 +114,14 @@ def test_one_event_in_three_seconds_is_a_warning() -> None:
     for k, events in enumerate((0, 1, 1, 1, 1)):
         health.note(k * SECOND, events, 0, k * 1000, '')
         assert health.level == (0, 2, 1, 1, 0)[k]
+
+
+def test_a_cause_that_is_known_replaces_the_likely_one() -> None:
+    health = HealthMonitor('', 'of the states skipped', 0.2, 0.5, MS)
+    for k in range(2):
+        health.note(k * SECOND, 0, 300 * k, 1000 * k, '')
+    assert health.level == 1
+    assert str(health) == ('30 % of the states skipped: this computer is too busy, or processes '
+                           'are stopped; control_period is 1 ms')
+    health.cause = 'the step takes 2 ms'
+    assert str(health) == '30 % of the states skipped: the step takes 2 ms'

@@ -147,6 +147,29 @@ def test_what_may_not_be_set_is_refused_with_the_reason_and_changes_nothing() ->
             assert it.get('controller', name) == before
         assert it.set('controller', 'ka', [3, 4]).successful
         assert it.get('controller', 'ka') == [3.0, 4.0]
+        assert not any(' -> ' in line and 'ka' not in line for line in it.lines)
+
+
+def test_one_number_is_for_all_joints_and_every_change_is_logged() -> None:
+    """Set vectors at the start and while the node runs, as ros2 param sends numbers and words."""
+    with probe() as it:
+        it.start('controller', '-p', 'ka:=12', '-p', 'kp:=90.5')
+        assert it.get('controller', 'ka') == [12.0, 12.0]
+        assert it.get('controller', 'kp') == [90.5, 90.5]
+        assert [line.split(']: ')[1] for line in it.lines if 'WARN' in line] == [
+            'effort_limit is infinite for joint1, joint2: set what the drives can give']
+        for value, found in ((13.5, 13.5), (14, 14.0), ('1e1', 10.0), (10.0, 10.0)):
+            assert it.set('controller', 'ka', value).successful
+            assert it.get('controller', 'ka') == [found, found]
+        assert 'ka: [-1.0, -1.0] is not allowed' in it.set('controller', 'ka', -1.0).reason
+        assert it.set('controller', 'law', 'integral').successful
+        assert it.set('controller', 'effort_limit', 'inf').successful  # As it is already.
+        assert it.set('controller', 'effort_limit', 50).successful
+        it.until(lambda: any('effort_limit' in line and '->' in line for line in it.lines), 'log')
+        assert [line.split(']: ')[1] for line in it.lines if ' -> ' in line] == [
+            'ka: [12.0, 12.0] -> [13.5, 13.5]', 'ka: [13.5, 13.5] -> [14.0, 14.0]',
+            'ka: [14.0, 14.0] -> [10.0, 10.0]', 'law: chattering -> integral',
+            'effort_limit: [inf, inf] -> [50.0, 50.0]']
 
 
 @pytest.mark.parametrize('name', ['plant', 'controller', 'reference', 'recorder'])

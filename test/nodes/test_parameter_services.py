@@ -8,7 +8,7 @@ from pathlib import Path
 import random
 from typing import Any, NamedTuple
 
-from faults import Diagnostics
+from faults import Diagnostics, JOINTS
 import numpy as np
 from processes import bringup, CONFIG, PATIENCE, Probe, probe
 import pytest
@@ -370,7 +370,10 @@ class Fuzzer:
         for parameter, result in zip(self._sent, results, strict=True):
             if result.successful:
                 self.accepted += 1
-                self.expected[parameter.name] = plain(parameter.value)
+                value, before = plain(parameter.value), self.expected[parameter.name]
+                if isinstance(before, list) and isinstance(value, (int, float)):
+                    value = [float(value)] * len(JOINTS)  # One number is for all joints.
+                self.expected[parameter.name] = value
             else:
                 self.refused += 1
                 assert result.reason

@@ -14,7 +14,7 @@ import time
 from typing import Any, TypeVar
 import weakref
 
-from faults import Diagnostics
+from faults import Diagnostics, WARN
 from processes import interrupt, probe
 import pytest
 from rights import WITH_RIGHTS
@@ -61,7 +61,8 @@ def locked(pid: int) -> int:
 def test_a_controller_has_priority_while_time_is_real() -> None:
     """All threads get it with the first state of real time, and lose it where there is a clock."""
     with probe() as it:
-        child = with_rights(it.start, 'controller')
+        child = with_rights(it.start, 'controller', '-p', 'thread_priority:=50',
+                            '-p', 'lock_memory:=true')
         diagnostics = Diagnostics(it)
         waiting = diagnostics.next('controller')
         assert waiting.values['scheduling'] == 'normal scheduling'
@@ -96,7 +97,7 @@ def test_the_parameters_and_a_refusal() -> None:
     """One plant gets what its parameters ask for; another one says why not, and runs on."""
     arguments = ('-p', 'pacing:=real_time', '-p', 'cpu_affinity:=0', '-p', 'thread_priority:=7')
     with probe() as it:
-        child = with_rights(it.start, 'plant', *arguments, '-p', 'lock_memory:=false')
+        child = with_rights(it.start, 'plant', *arguments)
         report = Diagnostics(it).next('plant')
         assert report.values['scheduling'] == 'SCHED_FIFO 7'
         assert policies(child.process.pid) == {(os.SCHED_FIFO, 7)}
@@ -104,7 +105,7 @@ def test_the_parameters_and_a_refusal() -> None:
         assert not locked(child.process.pid)
         assert interrupt(child, signal.SIGINT) < 5.0
         it.lines.clear()
-        child = it.start('plant', *arguments)
+        child = it.start('plant', *arguments, '-p', 'lock_memory:=true')
         report = Diagnostics(it).next('plant')
         priority, memory = (resource.getrlimit(x)[0] for x in (14, resource.RLIMIT_MEMLOCK))
         assert report.values['scheduling'] == (
@@ -117,32 +118,72 @@ def test_the_parameters_and_a_refusal() -> None:
         assert policies(child.process.pid) == {(os.SCHED_OTHER, 0)}
 
 
+def test_nothing_is_asked_for_by_default() -> None:
+    """Not even by root: a node in real time is scheduled as all others, and locks no memory."""
+    code = """
+import os
+from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.experiment.node_parameters import RealTimeSettings
+it = RealTime(RealTimeSettings())
+assert it.update(True) == '' and it.outcome == 'normal scheduling'
+assert os.sched_getscheduler(0) == os.SCHED_OTHER
+"""
+    assert with_rights(subprocess.run, [sys.executable, '-c', code]).returncode == 0
+
+
 _WORKS = """
-import os, time
+import os, resource, time
 from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.experiment.node_parameters import RealTimeSettings
 
-it = RealTime(RealTimeSettings(lock_memory=False))
-assert it.update(True) == 'SCHED_FIFO 50' and os.sched_getscheduler(0) == os.SCHED_FIFO
-pauses = {pauses}
-end = time.process_time() + {work}
-while time.process_time() < end and os.sched_getscheduler(0) == os.SCHED_FIFO:
-    sum(range(200_000))
-    if pauses:
-        time.sleep(1e-4)
+def has_priority():
+    return os.sched_getscheduler(0) == os.SCHED_FIFO
+
+it = RealTime(RealTimeSettings(thread_priority=50))
+assert it.update(True) == 'SCHED_FIFO 50' and has_priority()
+begin = time.process_time()
+while (used := time.process_time() - begin) < {most} and has_priority():
+    cycle = time.monotonic()
+    while time.monotonic() < cycle + {work}:
+        pass
+    time.sleep({pause})
 line = it.update(True)
-assert pauses and not line or not pauses and 'without a pause' in line, line
-assert os.sched_getscheduler(0) == (os.SCHED_FIFO if pauses else os.SCHED_OTHER)
-assert not it.update(True)
+if {kept}:
+    assert has_priority() and not it.lost and not line, line
+    assert it.update(False) == 'normal scheduling' and not has_priority()
+else:
+    assert not has_priority() and it.lost, used
+    assert line.startswith('normal scheduling until the next start: with priority it used '), line
+    assert line.endswith('allowed are 50 %') and not it.update(True) and not has_priority()
+assert not it.update({kept} is False)
 """
 
 
-@pytest.mark.parametrize(('pauses', 'work'), [(False, 20.0), (True, 1.0)])
-def test_who_never_pauses_loses_the_priority(pauses: bool, work: float) -> None:
-    """The priority goes after half a second of computing, but not if there are pauses."""
-    process = with_rights(
-        subprocess.run, [sys.executable, '-c', _WORKS.format(pauses=pauses, work=work)])
+@pytest.mark.parametrize(('work', 'pause', 'kept'), [
+    (0.1, 0.0, False), (0.4, 0.1, False), (0.004, 0.001, False), (0.002, 0.006, True)])
+def test_who_uses_more_than_half_a_processor_loses_the_priority(
+        work: float, pause: float, kept: bool) -> None:
+    """Without a pause, with a short one each 0.4 s or each 4 ms; a quarter is allowed."""
+    code = _WORKS.format(work=work, pause=pause, kept=kept, most=0.7 if kept else 2.0)
+    process = with_rights(subprocess.run, [sys.executable, '-c', code])
     assert process.returncode == 0
+
+
+@pytest.mark.ros
+def test_a_node_that_is_too_busy_says_that_it_has_lost_the_priority() -> None:
+    """A plant at 20 kHz loses the priority of all threads, says so and goes on."""
+    with probe() as it:
+        child = with_rights(it.start, 'plant', '-p', 'pacing:=real_time', '-p',
+                            'control_period:=0.00005', '-p', 'thread_priority:=3')
+        report = Diagnostics(it).until(
+            'plant', lambda r: 'next start' in r.values['scheduling'], 'the loss')
+        assert report.level == WARN
+        assert report.message.endswith(report.values['scheduling'])
+        assert policies(child.process.pid) == {(os.SCHED_OTHER, 0)}
+        it.until(lambda: any('WARN' in line and 'allowed are 50 %' in line for line in it.lines),
+                 'the line')
+        assert interrupt(child, signal.SIGINT) < 5.0
+        assert child.status == 0
 
 
 def test_a_processor_that_is_not_there() -> None:

@@ -219,8 +219,7 @@ def _limit(key: str, value: object, n: int) -> tuple[float, ...]:
     """Return a limit of each joint; a number is that of every joint."""
     spec = Parameter(key, 'float[]', inf, '', minimum=0.0, exclusive=True, infinite=True,
                      shape='n')
-    single = isinstance(value, (int, float)) and not isinstance(value, bool)
-    limit: tuple[float, ...] = spec.coerce([value] * n if single else value, n)
+    limit: tuple[float, ...] = spec.coerce(value, n)
     spec.check(limit, n)
     return limit
 
