@@ -1,4 +1,8 @@
-"""Records of compiled code: `load` makes one of the fields of a NumPy record."""
+"""
+Records in the memory of NumPy records, from which compiled code takes them.
+
+What is here does the same as plain Python, and compiled.
+"""
 
 from __future__ import annotations
 
@@ -43,18 +47,23 @@ def _write_array(_typing: Any, array: Any, value: Any) -> Any:
 
 
 def load(kind: Any, fields: Any) -> Any:
-    """Return a record of the class `kind`, for compiled code, of the fields that `packed` made."""
-    raise NotImplementedError
+    """Return a record of the class `kind` of the fields that `packed` made."""
+    def made(part: Any, prefix: str) -> Any:
+        return part(*(made(nested, f'{prefix}{name}__') if nested in compilable.RECORDS
+                      else value(fields[prefix + name])
+                      for name, nested in get_type_hints(part).items()))
+    return made(kind, '')
 
 
 def store(fields: Any, value: Any) -> None:
-    """Write a record back into the fields that it was loaded from, in compiled code."""
-    raise NotImplementedError
+    """Write a record back into the fields that it was loaded from."""
+    for name, x in _flat(value, ''):
+        fields[name] = x
 
 
 def value(field: Any) -> Any:
-    """Return the vector or matrix of a field of a NumPy record, in compiled code."""
-    raise NotImplementedError
+    """Return the vector or matrix of a field of a NumPy record."""
+    return field.copy()
 
 
 @overloaded(value)
@@ -65,8 +74,8 @@ def _value(field: Any) -> Any:
 
 
 def write(field: Any, x: Any) -> None:
-    """Write a vector or matrix into a field of a NumPy record, in compiled code."""
-    raise NotImplementedError
+    """Write a vector or matrix into a field of a NumPy record."""
+    field[...] = x
 
 
 @overloaded(write)
@@ -110,18 +119,20 @@ def _store(fields: Any, value: Any) -> Any:
 
 def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    def fields(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-        for name, field in zip(part._fields, part):
-            if type(field) in compilable.RECORDS:
-                yield from fields(field, f'{prefix}{name}__')
-            else:
-                yield prefix + name, np.asarray(field, float)
-
-    found = dict(fields(value, ''))
+    found = {name: np.asarray(x, float) for name, x in _flat(value, '')}
     made = np.zeros(1, np.dtype((np.record, np.dtype(
         [(name, x.dtype, x.shape) for name, x in found.items()], align=True))))
     made[0] = tuple(found.values())
     return made[0]
+
+
+def _flat(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Yield the fields of a record, and of those in it, with their names in a NumPy record."""
+    for name, x in zip(part._fields, part):
+        if type(x) in compilable.RECORDS:
+            yield from _flat(x, f'{prefix}{name}__')
+        else:
+            yield prefix + name, x
 
 
 def register() -> None:
