@@ -12,7 +12,6 @@ from functools import lru_cache
 import numpy as np
 
 from ctc_chattering.batch.arm import arm_of, body_scratch
-from ctc_chattering.batch.box_qp import box_scratch
 from ctc_chattering.batch.compiler import compiling
 from ctc_chattering.batch.control_state import (
     control_scratch,
@@ -21,12 +20,10 @@ from ctc_chattering.batch.control_state import (
     evaluated,
 )
 from ctc_chattering.batch.control_step import Controller
-from ctc_chattering.batch.feasible_reference import feedback_settings
 from ctc_chattering.batch.friction import friction_scratch
 from ctc_chattering.batch.integrator import Plant
 from ctc_chattering.batch.loop import BEYOND, DIVERGED, FINISHED, run, Sources
-from ctc_chattering.batch.observer import observer_scratch, observer_settings
-from ctc_chattering.batch.observer_feedback import feedback_state, ObserverFeedback
+from ctc_chattering.batch.observer_feedback import observer_feedback
 from ctc_chattering.batch.plant_state import plant_scratch, plant_settings, plant_state
 from ctc_chattering.batch.random_numbers import generator
 from ctc_chattering.batch.records import record
@@ -39,6 +36,7 @@ from ctc_chattering.dynamics.registry import kept_model_of, MODELS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.simd.records import register
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -86,6 +84,7 @@ def simulate(setup: Setup, truth: bool = False) -> Run:
         raise CtcError(f'the compiled loop does not have {reason}')
     if setup.plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
+    register()
     with compiling(len(setup.plant.joint_names)):
         return _run(setup, truth)
 
@@ -140,20 +139,17 @@ def _plant(config: PlantConfig, model: Model) -> Plant:
     return Plant(
         record(_arm(model, config.gravity)), record(plant_settings(config)),
         record(plant_state(config)), record(plant_scratch(n)), record(body_scratch(n)),
-        record(friction_scratch(n)), record(box_scratch(n)))
+        record(friction_scratch(n)))
 
 
 def _controller(config: ControllerConfig, model: Model) -> Controller:
     """Return the controller at its start."""
     n = model.n
-    law = ObserverFeedback(
-        record(feedback_settings(config)), record(observer_settings(config)),
-        record(feedback_state(config)), record(observer_scratch(n)), record(box_scratch(n)))
     return Controller(
         record(_arm(model, config.gravity, config.inertia_scale, config.gravity_scale)),
         record(control_settings(config, model)), record(control_state(config)),
         record(evaluated(n)), record(evaluated(n)), record(control_scratch(n)),
-        record(body_scratch(n)), record(box_scratch(n)), np.zeros(n, np.int8), law)
+        record(body_scratch(n)), np.zeros(n, np.int8),        observer_feedback(config))
 
 
 def _sources(config: PlantConfig) -> Sources:

@@ -24,8 +24,8 @@ import numba
 F = TypeVar('F', bound=Callable[..., Any])
 
 _HERE = Path(__file__).parent
-#: Modules outside of this folder whose functions are compiled.
-_ALSO = ('simulation/drive.py',)
+#: Folders and modules outside of this folder whose functions are compiled.
+_ALSO = ('simulation/drive.py', 'numerics', 'control')
 #: Options of every function: no lock of the interpreter, and 1 / 0 is inf.
 _OPTIONS: dict[str, Any] = {'cache': True, 'nogil': True, 'error_model': 'numpy'}
 
@@ -33,8 +33,10 @@ _OPTIONS: dict[str, Any] = {'cache': True, 'nogil': True, 'error_model': 'numpy'
 def source_key() -> str:
     """Return a word that changes with place and source text of what is compiled."""
     text = hashlib.sha256(str(_HERE).encode())
-    for path in (*sorted(_HERE.glob('*.py')), *(_HERE.parent / name for name in _ALSO)):
-        text.update(path.read_bytes())
+    for name in (_HERE.name, *_ALSO):
+        found = _HERE.parent / name
+        for path in sorted(found.rglob('*.py')) if found.is_dir() else (found,):
+            text.update(path.read_bytes())
     return text.hexdigest()[:16]
 
 

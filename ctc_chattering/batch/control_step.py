@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from ctc_chattering.batch import error_filter, laws, observer_feedback
 from ctc_chattering.batch.arm import Arm, BodyScratch
-from ctc_chattering.batch.box_qp import BoxScratch
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.control_state import (
     ControlScratch,
@@ -39,7 +38,6 @@ class Controller(NamedTuple):
     at: Evaluated
     w: ControlScratch
     body: BodyScratch
-    box: BoxScratch
     #: No joint is fixed, shape (n,).
     free: Flags
     law: ObserverFeedback
@@ -167,7 +165,7 @@ def step(p: Controller, k: int, q: Array, dq: Array, table: Array, tau: Array) -
     for i in range(n):
         now.q[i], now.dq[i], now.xi[i] = q[i], dq[i], s.xi[i]
     if c.law == OBSERVER_FEEDBACK:
-        observer_feedback.observe(p.law, now.q, now.dq, s.held)
+        observer_feedback.observe(p.law, now, s.held)
     evaluate(p, now, table[k])
     if c.law == OBSERVER_FEEDBACK:
         observer_feedback.foresee(p.law, p.arm, p.body, now, s.sent, s.steps, c.delay)
@@ -175,10 +173,10 @@ def step(p: Controller, k: int, q: Array, dq: Array, table: Array, tau: Array) -
         for i in range(n):
             w.compensation[i] = w.clipped[i] = 0.0
     else:
-        laws.update(c, s, now, w, p.box)
+        laws.update(c, s, now, w)
         if c.delay:
             predict(p, k, table)
-        laws.terms(c, s, p.at if c.delay else now, w, p.box)
+        laws.terms(c, s, p.at if c.delay else now, w)
     for i in range(n):
         tau[i] = w.nominal[i] - w.compensation[i] - w.robust[i]
     limit(c, s.held, tau, w.nominal)
@@ -186,6 +184,6 @@ def step(p: Controller, k: int, q: Array, dq: Array, table: Array, tau: Array) -
     correction(c, now.M, w.nominal, w.lower, w.compensation)
     error_filter.advance(c, s.xi, now.de, now.u, w.compensation)
     if c.law == OBSERVER_FEEDBACK:
-        observer_feedback.advance(p.law, now, w.robust, w.nominal)
+        observer_feedback.advance(p.law, w.robust, w.nominal)
     else:
         laws.advance(c, s, now, w.robust, w.nominal, w.clipped, w.compensation, w)

@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ctc_chattering.batch.arm import BodyScratch
-from ctc_chattering.batch.box_qp import BoxScratch, nearest
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.dynamics import accelerate, Flags
 from ctc_chattering.batch.linear_algebra import factor, invert, substitute
+from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.simd.records import value, write
 
 #: A load that rounding alone lifts above Kf breaks no joint away.
 _HOLD = 1.0 + 1e-12
@@ -30,8 +31,10 @@ class FrictionScratch:
     load: Array
     acceleration: Array
     free: Flags
-    #: Of the joints at rest: their number in the arm, inertia, torque that holds them, Kf.
+    #: Numbers in the arm of the joints at rest, and their inertia.
     rest: npt.NDArray[np.int64]
+    compact: Array
+    #: Inertia, torque that holds a joint, and Kf; of the others 1, 0 and 0.
     mass: Array
     holding: Array
     bound: Array
@@ -43,7 +46,7 @@ def friction_scratch(n: int) -> FrictionScratch:
     """Return scratch for `n` joints."""
     return FrictionScratch(
         np.zeros(n), np.zeros(n), np.zeros(n, np.int8), np.zeros(n, np.int64), np.zeros((n, n)),
-        np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
+        np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros((n, n)))
 
 
 @inlined
@@ -76,7 +79,7 @@ def excess(load: Array, breakaway: Array, fixed: Flags, a: Array, s: BodyScratch
 
 @compiled
 def decide(dq: Array, u: Array, breakaway: Array, s: BodyScratch, w: FrictionScratch,
-           box: BoxScratch, mode: npt.NDArray[np.int64], fixed: Flags) -> None:
+           mode: npt.NDArray[np.int64], fixed: Flags) -> None:
     """
     Set the mode of every joint, and which of them stick.
 
@@ -88,7 +91,7 @@ def decide(dq: Array, u: Array, breakaway: Array, s: BodyScratch, w: FrictionScr
         Breakaway torque Kf [N·m].
     s : BodyScratch
         With M and C dq + G at the state.
-    w, box : FrictionScratch, BoxScratch
+    w : FrictionScratch
         Scratch.
     mode, fixed : array, shape (n,)
         To be set.
@@ -109,15 +112,16 @@ def decide(dq: Array, u: Array, breakaway: Array, s: BodyScratch, w: FrictionScr
     for i in range(n):
         w.free[i] = 0
     accelerate(w.load, w.free, s, w.acceleration)
-    for i in range(count):
-        w.holding[i], w.bound[i] = 0.0, breakaway[w.rest[i]]
-        for j in range(count):
-            w.holding[i] += w.mass[i, j] * w.acceleration[w.rest[j]]
-    nearest(w.mass, w.holding, w.bound, count, box, w.holding)
-    for i in range(count):
-        if abs(w.holding[i]) >= w.bound[i]:
-            mode[w.rest[i]] = 1 if w.holding[i] > 0.0 else -1
-            fixed[w.rest[i]] = 0
+    for i in range(n):
+        w.holding[i], w.bound[i] = 0.0, breakaway[i] if fixed[i] else 0.0
+        for j in range(n):
+            if fixed[i] and fixed[j]:
+                w.holding[i] += w.mass[i, j] * w.acceleration[j]
+    write(w.holding, nearest(value(w.mass), value(w.holding), value(w.bound)))
+    for i in range(n):
+        if fixed[i] and abs(w.holding[i]) >= w.bound[i]:
+            mode[i] = 1 if w.holding[i] > 0.0 else -1
+            fixed[i] = 0
 
 
 @inlined
@@ -132,4 +136,10 @@ def _inertia_at_rest(s: BodyScratch, w: FrictionScratch, count: int) -> None:
     for i in range(count):
         for j in range(count):
             s.part[i, j] = w.inverse[i, w.rest[j]]
-    invert(s.part, count, w.lower, w.mass)
+    invert(s.part, count, w.lower, w.compact)
+    for i in range(n):
+        for j in range(n):
+            w.mass[i, j] = 1.0 if i == j else 0.0
+    for i in range(count):
+        for j in range(count):
+            w.mass[w.rest[i], w.rest[j]] = w.compact[i, j]

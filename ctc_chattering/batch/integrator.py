@@ -11,7 +11,6 @@ from math import exp, inf, sin
 from typing import NamedTuple
 
 from ctc_chattering.batch.arm import Arm, BodyScratch
-from ctc_chattering.batch.box_qp import BoxScratch
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.drives import middle, response
 from ctc_chattering.batch.dynamics import forward_dynamics, mass_and_bias
@@ -34,7 +33,6 @@ class Plant(NamedTuple):
     w: PlantScratch
     body: BodyScratch
     friction: FrictionScratch
-    box: BoxScratch
 
 
 @inlined
@@ -170,7 +168,7 @@ def set_modes(p: Plant, t: float) -> None:
             s.mode[i] = int(s.dq[i] > 0.0) - int(s.dq[i] < 0.0)
         minus_velocity_friction(p, s.dq, w.start, w.start)
     mass_and_bias(p.arm, s.q, s.dq, p.body)
-    decide(s.dq, w.start, s.breakaway, p.body, p.friction, p.box, s.mode, s.fixed)
+    decide(s.dq, w.start, s.breakaway, p.body, p.friction, s.mode, s.fixed)
     s.sticking = 0
     for i in range(n):
         s.sticking |= s.fixed[i]

@@ -13,7 +13,6 @@ from math import sqrt, tanh
 import numpy as np
 
 from ctc_chattering.batch import switching
-from ctc_chattering.batch.box_qp import BoxScratch
 from ctc_chattering.batch.compiler import inlined
 from ctc_chattering.batch.control_state import (
     ControlScratch,
@@ -33,12 +32,11 @@ from ctc_chattering.numerics.linear_algebra import Array
 
 
 @inlined
-def update(c: ControlSettings, s: ControlState, now: Evaluated, w: ControlScratch,
-           box: BoxScratch) -> None:
+def update(c: ControlSettings, s: ControlState, now: Evaluated, w: ControlScratch) -> None:
     """Improve the estimate by the measured state."""
     n = len(now.q)
     if c.law == CHATTERING and c.switching == switching.IMPLICIT_OBSERVER:
-        switching.observe(c, s, now.v, w, box)
+        switching.observe(c, s, now.v, w)
     elif c.law == MOMENTUM_OBSERVER:
         product(now.M, now.dq, w.x)
         _momentum_rate(now, w.y)
@@ -51,8 +49,7 @@ def update(c: ControlSettings, s: ControlState, now: Evaluated, w: ControlScratc
 
 
 @inlined
-def terms(c: ControlSettings, s: ControlState, at: Evaluated, w: ControlScratch, box: BoxScratch
-          ) -> None:
+def terms(c: ControlSettings, s: ControlState, at: Evaluated, w: ControlScratch) -> None:
     """Set nominal, compensation, robust and clipped in the scratch, each of shape (n,) [N·m]."""
     n = len(at.q)
     for i in range(n):
@@ -61,7 +58,7 @@ def terms(c: ControlSettings, s: ControlState, at: Evaluated, w: ControlScratch,
     if c.law in (COMPENSATION, CHATTERING):
         product(at.C, at.v, w.compensation)
         if c.law == CHATTERING:
-            switching.term(c, s, at, w, box)
+            switching.term(c, s, at, w)
     elif c.law == INTEGRAL:
         product(at.M, s.integral, w.x)
         for i in range(n):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ctc_chattering.batch.box_qp import BoxScratch, nearest
 from ctc_chattering.batch.compiler import inlined
 from ctc_chattering.batch.control_state import (
     ControlScratch,
@@ -19,15 +18,16 @@ from ctc_chattering.batch.control_state import (
 from ctc_chattering.batch.error_filter import nominal_response
 from ctc_chattering.batch.linear_algebra import product
 from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.simd.records import value, write
 
 SIGN, BOUNDARY_LAYER, IMPLICIT, IMPLICIT_OBSERVER = map(SWITCHINGS.index, (
     'sign', 'boundary_layer', 'implicit', 'implicit_observer'))
 
 
 @inlined
-def term(c: ControlSettings, s: ControlState, at: Evaluated, w: ControlScratch, box: BoxScratch
-         ) -> None:
+def term(c: ControlSettings, s: ControlState, at: Evaluated, w: ControlScratch) -> None:
     """Set z in `w.robust` and its clipping error in `w.clipped`, each of shape (n,) [N·m]."""
     n = len(at.v)
     if c.switching == SIGN:
@@ -45,15 +45,14 @@ def term(c: ControlSettings, s: ControlState, at: Evaluated, w: ControlScratch, 
             w.y[i] = w.y[i] / c.scale - w.compensation[i]
             if c.switching == IMPLICIT_OBSERVER:
                 w.y[i] -= s.estimate[i]
-        nearest(at.M, w.y, c.ka, n, box, w.robust)
+        write(w.robust, nearest(value(at.M), value(w.y), value(c.ka)))
         if c.switching == IMPLICIT_OBSERVER:
             for i in range(n):
                 w.clipped[i] = w.y[i] - w.robust[i]
 
 
 @inlined
-def observe(c: ControlSettings, s: ControlState, v: Array, w: ControlScratch, box: BoxScratch
-            ) -> None:
+def observe(c: ControlSettings, s: ControlState, v: Array, w: ControlScratch) -> None:
     """Improve P̂ by what v, shape (n,) [rad/s], has become."""
     if not s.observed:
         return
@@ -63,7 +62,7 @@ def observe(c: ControlSettings, s: ControlState, v: Array, w: ControlScratch, bo
     product(s.mass, w.x, w.y)
     for i in range(n):
         w.y[i] = s.estimate[i] + c.follow * (w.y[i] - s.residual[i] - s.estimate[i])
-    nearest(s.mass, w.y, c.ka, n, box, s.estimate)
+    write(s.estimate, nearest(value(s.mass), value(w.y), value(c.ka)))
 
 
 @inlined

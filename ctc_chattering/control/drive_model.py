@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
 
@@ -26,6 +27,7 @@ from ctc_chattering.parameters import LARGEST
 _NO_LAG = 1e-12
 
 
+@record
 class Response(NamedTuple):
     """Torque of the drives over a period, each of shape (n,) [N·m]."""
 
@@ -37,44 +39,30 @@ class Response(NamedTuple):
     weighted: Array
 
 
-class DriveModel:
-    """
-    Drives with a known lag and rate limit.
+@record
+class DriveModel(NamedTuple):
+    """Drives with a known lag and rate limit, as `drive_model` makes them; arrays (n,)."""
 
-    Parameters
-    ----------
-    lag : array, shape (n,)
-        T [s]; 0 for none.
-    rate : array, shape (n,)
-        R [N·m/s]; inf for none.
-    period : float
-        h [s].
-
-    Attributes
-    ----------
-    reach : array, shape (n,)
-        R (T + h): a command farther than this from the torque moves it no faster [N·m].
-
-    """
-
-    def __init__(self, lag: Array, rate: Array, period: float) -> None:
-        self._period, self._rate = period, rate
-        self._lagging, self._lag = lag > 0.0, np.maximum(lag, _NO_LAG)
-        self._slope = np.where(rate < np.inf, rate, 0.0)
-        self._decay = np.exp(-period / self._lag)
-        self.reach: Array = np.minimum(rate * (lag + period), LARGEST)
+    #: h [s].
+    period: float
+    #: T, at least 1e-12 s; R [N·m/s], inf for none; the same with 0 for none; exp(-h / T).
+    lag: Array
+    rate: Array
+    slope: Array
+    decay: Array
+    #: R (T + h): a command farther than this from the torque moves it no faster [N·m].
+    reach: Array
 
     def response(self, torque: Array, command: Array) -> Response:
         """Return what `torque` does over a period in which `command` is held, both (n,) [N·m]."""
-        h, T, x0 = self._period, self._lag, torque - command
-        r = np.minimum(np.maximum(np.abs(x0) / self._rate - T, 0.0), h)
-        slope, rest = -np.sign(x0) * self._slope, h - r
+        h, T, x0 = self.period, self.lag, torque - command
+        r = np.minimum(np.maximum(np.abs(x0) / self.rate - T, 0.0), h)
+        slope, rest = -np.sign(x0) * self.slope, h - r
         x1 = x0 + slope * r
         decay = np.exp(-rest / T)
-        area = r * (x0 + 0.5 * slope * r) + T * x1 * (1.0 - decay)
-        weighted = (h * r * (x0 + 0.5 * slope * r) - r * r * (0.5 * x0 + slope * r / 3.0)
-                    + x1 * T * (rest - T * (1.0 - decay)))
-        return Response(command + x1 * decay, command + area / h,
+        ramp, tail = r * (x0 + 0.5 * slope * r), T * x1 * (1.0 - decay)
+        weighted = h * ramp - r * r * (0.5 * x0 + slope * r / 3.0) + T * (x1 * rest - tail)
+        return Response(command + x1 * decay, command + (ramp + tail) / h,
                         command + 2.0 / (h * h) * weighted)
 
     def command(self, now: Array, after: Array) -> Array:
@@ -93,5 +81,24 @@ class DriveModel:
             Wanted at the start and at the end of the period [N·m].
 
         """
-        E = self._decay
-        return np.where(self._lagging, (after - E * now) / (1.0 - E), now)
+        E = self.decay
+        return np.where(self.lag > _NO_LAG, (after - E * now) / (1.0 - E), now)
+
+
+def drive_model(lag: Array, rate: Array, period: float) -> DriveModel:
+    """
+    Return drives.
+
+    Parameters
+    ----------
+    lag : array, shape (n,)
+        T [s]; 0 for none.
+    rate : array, shape (n,)
+        R [N·m/s]; inf for none.
+    period : float
+        h [s].
+
+    """
+    floor = np.maximum(lag, _NO_LAG)
+    return DriveModel(period, floor, rate, np.where(rate < np.inf, rate, 0.0),
+                      np.exp(-period / floor), np.minimum(rate * (lag + period), LARGEST))

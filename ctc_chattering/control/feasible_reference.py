@@ -35,6 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ctc_chattering.numerics.compilable import function, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: β of (2); the lead of (1), in T; of (4), the factors of √Kp, 1 / T, R / M_ii and 1 / h.
@@ -46,6 +47,7 @@ _BEHIND = 10e-3
 _LEAST, _TINY = 1e-6, 1e-12
 
 
+@record
 class Desired(NamedTuple):
     """A point of the reference; arrays of shape (n,) [rad, rad/s, rad/s²]."""
 
@@ -54,6 +56,7 @@ class Desired(NamedTuple):
     ddq: Array
 
 
+@record
 class Deviation(NamedTuple):
     """x and dx of the module; arrays of shape (n,) [rad, rad/s]."""
 
@@ -61,36 +64,26 @@ class Deviation(NamedTuple):
     dx: Array
 
 
-class FeasibleReference:
-    """
-    Adds to a reference the deviation that the drives need.
+@record
+class FeasibleReference(NamedTuple):
+    """Adds to a reference the deviation that the drives need; made by `feasible_reference`."""
 
-    Parameters
-    ----------
-    kp, kv : array, shape (n,)
-        Diagonals of Kp [1/s²] and Kv [1/s].
-    rate : array, shape (n,)
-        R [N·m/s]; inf for none.
-    lag : array, shape (n,)
-        T_a [s].
-    period : float
-        h [s].
+    #: h [s].
+    period: float
+    #: R, inf for none [N·m/s]; fastest return [1/s]; Kv_ii + T_a Kp_ii [1/s]. Shape (n,).
+    rate: Array
+    fastest: Array
+    relief: Array
 
-    """
-
-    def __init__(self, kp: Array, kv: Array, rate: Array, lag: Array, period: float) -> None:
-        self._fastest = np.minimum(_RETURN * np.sqrt(kp), _STEP / period)
-        self._relief, self._rate, self._period = kv + lag * kp, rate, period
-
-    def friction(self, at: Desired, level: Array, ahead: float = 0.0) -> Array:
+    def feedforward(self, at: Desired, level: Array, ahead: float = 0.0) -> Array:
         """Return F of (1), shape (n,) [N·m], at `ahead` [s] after the point `at`."""
-        T = np.maximum(level / self._rate, _LEAST)
+        T = np.maximum(level / self.rate, _LEAST)
         dq = at.dq + (_LEAD * T + ahead) * at.ddq
         return level * ramp(dq / np.maximum(np.abs(at.ddq) * T, _TINY))
 
     def shifted(self, at: Desired, by: Deviation, inertia: Array, level: Array) -> Desired:
         """Return `at` with the deviation; the ramp's part of the acceleration is left out."""
-        return Desired(at.q + by.x, at.dq + by.dx, at.ddq + self._return(by, inertia, level))
+        return Desired(at.q + by.x, at.dq + by.dx, at.ddq + self.returning(by, inertia, level))
 
     def following(self, at: Desired, by: Deviation, inertia: Array, level: Array) -> Deviation:
         """
@@ -106,8 +99,8 @@ class FeasibleReference:
             K̂ [N·m].
 
         """
-        h, back = self._period, self._return(by, inertia, level)
-        F = self.friction(at, level, 0.5 * h)
+        h, back = self.period, self.returning(by, inertia, level)
+        F = self.feedforward(at, level, 0.5 * h)
         holding = inertia * ((at.dq + by.dx) / h + at.ddq + back) + F
         f = np.minimum(np.maximum(holding, -level), level)
         ddx = (F - f) / inertia + back
@@ -115,23 +108,45 @@ class FeasibleReference:
 
     def relieved(self, by: Deviation, missing: Array, mass: Array) -> Deviation:
         """Return the deviation after (5), for a torque that falls short by `missing` [N·m]."""
-        slack = _BEHIND * self._rate
+        slack = _BEHIND * self.rate
         rest = missing - np.minimum(np.maximum(missing, -slack), slack)
-        if not rest.any():
+        if not (rest != 0.0).any():
             return by
-        return Deviation(by.x, by.dx - np.linalg.solve(mass, rest) / self._relief)
+        return Deviation(by.x, by.dx - solve(mass, rest) / self.relief)
 
-    def _return(self, by: Deviation, inertia: Array, level: Array) -> Array:
+    def returning(self, by: Deviation, inertia: Array, level: Array) -> Array:
         """Return -2 w dx - w² x of (3), shape (n,) [rad/s²]."""
-        jerk = _PART * self._rate / inertia
-        w = np.minimum.reduce((
-            self._fastest, _RAMP_RETURN * self._rate / np.maximum(level, _TINY),
-            np.cbrt(jerk / np.maximum(np.abs(by.x), _TINY)),
-            np.sqrt(jerk / np.maximum(np.abs(by.dx), _TINY))))
+        jerk = _PART * self.rate / inertia
+        w = np.minimum(
+            np.minimum(self.fastest, _RAMP_RETURN * self.rate / np.maximum(level, _TINY)),
+            np.minimum(np.cbrt(jerk / np.maximum(np.abs(by.x), _TINY)),
+                       np.sqrt(jerk / np.maximum(np.abs(by.dx), _TINY))))
         back: Array = -w * (2.0 * by.dx + w * by.x)
         return back
 
 
+def feasible_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: float
+                       ) -> FeasibleReference:
+    """
+    Return what shifts a reference.
+
+    Parameters
+    ----------
+    kp, kv : array, shape (n,)
+        Diagonals of Kp [1/s²] and Kv [1/s].
+    rate : array, shape (n,)
+        R [N·m/s]; inf for none.
+    lag : array, shape (n,)
+        T_a [s].
+    period : float
+        h [s].
+
+    """
+    fastest = np.minimum(_RETURN * np.sqrt(kp), _STEP / period)
+    return FeasibleReference(period, rate, fastest, kv + lag * kp)
+
+
+@function
 def ramp(s: Array) -> Array:
     """Return φ of (2)."""
     size, top = np.abs(s), 1.0 + OVERSHOOT

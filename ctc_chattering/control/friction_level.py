@@ -14,9 +14,11 @@ joint at rest, or one that does not turn back, teaches nothing.
 from __future__ import annotations
 
 from math import exp
+from typing import NamedTuple
 
 import numpy as np
 
+from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: w₀ [rad/s].
@@ -25,45 +27,52 @@ _SLOW = 60.0
 _MOVING = 2e-3
 
 
-class FrictionLevel:
-    """
-    Learns the level of friction of every joint.
+@record
+class Learned(NamedTuple):
+    """What has been learned of the friction of every joint; arrays of shape (n,)."""
 
-    Parameters
-    ----------
-    level : array, shape (n,)
-        K̂ at the start [N·m].
+    #: K̂ [N·m].
+    level: Array
+    #: Of the sign of the velocity: outputs of the three lags, and the slow part of the last.
+    lag1: Array
+    lag2: Array
+    lag3: Array
+    slow_sign: Array
+    #: Slow part of the estimate [N·m].
+    slow_estimate: Array
 
-    Attributes
-    ----------
-    level : array, shape (n,)
-        K̂ [N·m].
 
-    """
+@record
+class FrictionLevel(NamedTuple):
+    """Learns the level of friction of every joint; made by `friction_level`."""
 
-    def __init__(self, level: Array) -> None:
-        self.reset(level)
+    #: γ h, 1 - exp(-ω h) and 1 - exp(-w₀ h).
+    gain: float
+    follow: float
+    forget: float
+    #: Ka [N·m], shape (n,).
+    bound: Array
 
-    def reset(self, level: Array) -> None:
-        """Begin again at the level K̂, shape (n,) [N·m]."""
-        self.level = level
-        #: Of the sign of the velocity: outputs of the three lags, and slow parts of φ and y.
-        self._lags = np.zeros((3, len(level)))
-        self._slow = np.zeros((2, len(level)))
+    def learn(self, last: Learned, dq: Array, perturbation: Array) -> Learned:
+        """Return K̂ improved by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
+        sign = np.where(np.abs(dq) > _MOVING, np.sign(dq), 0.0)
+        lag1 = last.lag1 + self.follow * (sign - last.lag1)
+        lag2 = last.lag2 + self.follow * (lag1 - last.lag2)
+        lag3 = last.lag3 + self.follow * (lag2 - last.lag3)
+        slow_sign = last.slow_sign + self.forget * (lag3 - last.slow_sign)
+        slow = last.slow_estimate + self.forget * (perturbation - last.slow_estimate)
+        level = last.level + self.gain * (lag3 - slow_sign) * (perturbation - slow)
+        return Learned(np.minimum(np.maximum(level, 0.0), self.bound), lag1, lag2, lag3,
+                       slow_sign, slow)
 
-    def configure(self, gain: float, bandwidth: float, period: float, bound: Array) -> None:
-        """Set γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m]; K̂ is preserved."""
-        self._gain, self._bound = gain * period, bound
-        self._follow, self._forget = 1.0 - exp(-bandwidth * period), 1.0 - exp(-_SLOW * period)
 
-    def learn(self, dq: Array, perturbation: Array) -> None:
-        """Improve K̂ by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
-        x = np.sign(dq) * (np.abs(dq) > _MOVING)
-        for lag in self._lags:
-            lag += self._follow * (x - lag)
-            x = lag
-        signals = np.array((x, perturbation))
-        self._slow += self._forget * (signals - self._slow)
-        fast = signals - self._slow
-        change = self._gain * fast[0] * fast[1]
-        self.level = np.minimum(np.maximum(self.level + change, 0.0), self._bound)
+def friction_level(gain: float, bandwidth: float, period: float, bound: Array) -> FrictionLevel:
+    """Return what learns with γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m]."""
+    return FrictionLevel(gain * period, 1.0 - exp(-bandwidth * period),
+                         1.0 - exp(-_SLOW * period), bound)
+
+
+def untaught(level: Array) -> Learned:
+    """Return the start at the level K̂, shape (n,) [N·m]."""
+    zero = np.zeros_like(level)
+    return Learned(level, zero, zero, zero, zero, zero)

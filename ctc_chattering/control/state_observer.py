@@ -28,9 +28,11 @@ import numpy as np
 
 from ctc_chattering.control.drive_model import DriveModel
 from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 
 
+@record
 class Observed(NamedTuple):
     """A state of robot and drives; arrays of shape (n,)."""
 
@@ -44,31 +46,19 @@ class Observed(NamedTuple):
     slope: Array
 
 
-class StateObserver:
-    """
-    Estimates the state, sample by sample.
+@record
+class StateObserver(NamedTuple):
+    """Estimates the state, sample by sample; made by `state_observer`."""
 
-    Parameters
-    ----------
-    drives : DriveModel
-        Between command and torque.
-    bandwidth : float
-        ω [rad/s].
-    period : float
-        h [s].
-    bound : array, shape (n,)
-        Ka [N·m].
-
-    """
-
-    def __init__(self, drives: DriveModel, bandwidth: float, period: float, bound: Array) -> None:
-        self._drives, self._period, self._bound = drives, period, bound
-        h, pole = period, exp(-bandwidth * period)
-        rest = 1.0 - pole
-        self._position = 1.0 - pole ** 4
-        self._velocity = rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h)
-        self._acceleration = 2.0 * rest ** 3 * (1.0 + pole) / h ** 2
-        self._jerk = rest ** 4 / h ** 3
+    #: Between command and torque.
+    drives: DriveModel
+    #: Ka [N·m], shape (n,).
+    bound: Array
+    #: Gains of (2), those of P̂ and its slope without M.
+    position: float
+    velocity: float
+    acceleration: float
+    jerk: float
 
     def predict(self, at: Observed, mass: Array, bias: Array, level: Array, command: Array
                 ) -> Observed:
@@ -87,22 +77,43 @@ class StateObserver:
             Torque commanded for the period [N·m].
 
         """
-        h, drive = self._period, self._drives.response(at.torque, command)
+        h, drive = self.drives.period, self.drives.response(at.torque, command)
         load = bias + at.perturbation
         mean = drive.mean - (load + 0.5 * h * at.slope)
-        friction = nearest(mass, mass.dot(at.dq) / h + mean, level)
-        weighted = drive.weighted - (load + h / 3.0 * at.slope)
-        a, weighted = np.linalg.solve(
-            mass, np.array((mean - friction, weighted - friction)).T).T
+        friction = nearest(mass, dot(mass, at.dq) / h + mean, level)
+        a = solve(mass, mean - friction)
+        weighted = solve(mass, drive.weighted - (load + h / 3.0 * at.slope) - friction)
         return Observed(at.q + h * at.dq + 0.5 * h * h * weighted, at.dq + h * a, drive.end,
                         at.perturbation + h * at.slope, at.slope)
 
     def correct(self, at: Observed, mass: Array, q: Array) -> Observed:
         """Return the state with what the measured position `q`, shape (n,) [rad], says, by (2)."""
         error = q - at.q
-        force = mass.dot(error)
-        P, slope = (at.perturbation - self._acceleration * force, at.slope - self._jerk * force)
-        bounded = nearest(mass, P, self._bound)
-        leads_out = (np.abs(bounded) >= self._bound) & (slope * bounded > 0.0)
-        return Observed(at.q + self._position * error, at.dq + self._velocity * error, at.torque,
+        force = dot(mass, error)
+        P, slope = at.perturbation - self.acceleration * force, at.slope - self.jerk * force
+        bounded = nearest(mass, P, self.bound)
+        leads_out = (np.abs(bounded) >= self.bound) & (slope * bounded > 0.0)
+        return Observed(at.q + self.position * error, at.dq + self.velocity * error, at.torque,
                         bounded, np.where(leads_out, 0.0, slope))
+
+
+def state_observer(drives: DriveModel, bandwidth: float, bound: Array) -> StateObserver:
+    """
+    Return an observer.
+
+    Parameters
+    ----------
+    drives : DriveModel
+        Between command and torque, with the period h.
+    bandwidth : float
+        ω [rad/s].
+    bound : array, shape (n,)
+        Ka [N·m].
+
+    """
+    h, pole = drives.period, exp(-bandwidth * drives.period)
+    rest = 1.0 - pole
+    return StateObserver(
+        drives, bound, 1.0 - pole ** 4,
+        rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),
+        2.0 * rest ** 3 * (1.0 + pole) / h ** 2, rest ** 4 / h ** 3)

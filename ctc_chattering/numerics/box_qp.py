@@ -19,9 +19,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from ctc_chattering.numerics.compilable import (
+    diagonal,
+    dot,
+    first,
+    function,
+    replaced,
+    solve_where,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 
+#: Changes of the set of active bounds; only rounding can lead beyond.
+_MOST_CHANGES = 200
 
+
+@function
 def nearest(mass: Array, point: Array, bound: Array) -> Array:
     """
     Return the solution z of this module's problem.
@@ -36,23 +48,23 @@ def nearest(mass: Array, point: Array, bound: Array) -> Array:
         Not negative.
 
     """
-    if (np.abs(point) <= bound).all():
+    size = np.abs(point)
+    if (size <= bound).all():
         return point
-    if not np.abs(point).max() < 1e280:  # The elimination below would overflow.
+    if not (size < 1e280).all():  # The elimination below would overflow.
         return np.sign(point) * bound
     #: The bound at which a joint is; 0 for none.
-    side = np.sign(point) * (np.abs(point) > bound)
-    rounding = -1e-13 * (np.abs(point) + bound).max() / mass.diagonal()
-    seen: set[bytes] = set()  # Only rounding can lead back.
-    while True:
-        seen.add(side.tobytes())
-        at = np.flatnonzero(side)
-        z, x = np.where(side, side * bound, point), np.zeros(len(point))
-        x[at] = np.linalg.solve(mass[np.ix_(at, at)], (point - z)[at])
-        z = np.where(side, z, point - mass.dot(x))
-        wrong = np.flatnonzero(np.where(side, side * x < rounding, np.abs(z) > bound))
-        if wrong.size:
-            i = wrong[0]
-            side[i] = 0.0 if side[i] else np.sign(z[i])
-        if not wrong.size or side.tobytes() in seen:
-            return np.minimum(np.maximum(z, -bound), bound)
+    side = np.where(size > bound, np.sign(point), 0.0)
+    rounding = -1e-13 * (size + bound).max() / diagonal(mass)
+    z = point
+    for _ in range(_MOST_CHANGES):
+        active = side != 0.0
+        z = np.where(active, side * bound, point)
+        x = solve_where(active, mass, point - z)
+        z = np.where(active, z, point - dot(mass, x))
+        wrong = np.where(active, side * x < rounding, np.abs(z) > bound)
+        if not wrong.any():
+            break
+        i = first(wrong)
+        side = replaced(side, i, 0.0 if active[i] else np.sign(z[i]))
+    return np.minimum(np.maximum(z, -bound), bound)

@@ -16,12 +16,15 @@ def test_another_source_text_is_another_cache(monkeypatch: pytest.MonkeyPatch, t
     for path in Path(compiler.__file__).parent.glob('*.py'):
         (copy / path.name).write_bytes(path.read_bytes())
     (tmp_path / 'simulation').mkdir()
-    drive = Path(compiler.__file__).parents[1] / 'simulation' / 'drive.py'
-    (tmp_path / 'simulation' / 'drive.py').write_bytes(drive.read_bytes())
+    (tmp_path / 'numerics').mkdir()
+    (tmp_path / 'control' / 'laws').mkdir(parents=True)
+    drive, law = (tmp_path / name for name in ('simulation/drive.py', 'control/laws/law.py'))
+    for path in (drive, law):
+        path.write_text('h = 1')
     monkeypatch.setattr(compiler, '_HERE', copy)
     before = compiler.source_key()
     assert before != compiler.cache_directory().name
-    for path in (copy / 'tree.py', tmp_path / 'simulation' / 'drive.py'):
+    for path in (copy / 'tree.py', drive, law):
         path.write_bytes(path.read_bytes() + b'\n')
         assert compiler.source_key() != before
         before = compiler.source_key()

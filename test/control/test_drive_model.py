@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
-from ctc_chattering.control.drive_model import DriveModel
+from ctc_chattering.control.drive_model import drive_model
 
 H = 1e-3
 
@@ -24,7 +24,7 @@ def test_a_period_against_scipy(lag: float, rate: float, command: float) -> None
         field, (0.0, H), [start, 0.0, 0.0], method='RK45', rtol=1e-10, atol=1e-15,
         max_step=H / 400).y[:, -1]
     with np.errstate(all='ignore'):
-        found = DriveModel(np.array([lag]), np.array([rate]), H).response(
+        found = drive_model(np.array([lag]), np.array([rate]), H).response(
             np.array([start]), np.array([command]))
     assert found.end[0] == pytest.approx(end, rel=1e-6)
     assert found.mean[0] == pytest.approx(velocity / H, rel=1e-5)
@@ -33,7 +33,7 @@ def test_a_period_against_scipy(lag: float, rate: float, command: float) -> None
 
 def test_a_drive_without_lag_and_limit_gives_the_command() -> None:
     with np.errstate(all='ignore'):
-        drives = DriveModel(np.zeros(2), np.full(2, math.inf), H)
+        drives = drive_model(np.zeros(2), np.full(2, math.inf), H)
         found = drives.response(np.array([1.0, -3.0]), np.array([5.0, 2.0]))
     for value in found:
         np.testing.assert_allclose(value, [5.0, 2.0], rtol=1e-8)
@@ -43,14 +43,14 @@ def test_a_drive_without_lag_and_limit_gives_the_command() -> None:
 
 def test_a_drive_without_lag_rises_at_its_rate() -> None:
     """Check a ramp of half a period to 2 N·m: the means are 1.5, and 2 times 7/12."""
-    found = DriveModel(np.zeros(1), np.array([4e3]), H).response(np.zeros(1), np.array([2.0]))
+    found = drive_model(np.zeros(1), np.array([4e3]), H).response(np.zeros(1), np.array([2.0]))
     np.testing.assert_allclose([x[0] for x in found],
                                [2.0, 1.5, 2.0 * 7.0 / 12.0], rtol=1e-7)
 
 
 def test_the_command_gives_the_wanted_torque() -> None:
     """Check that the torque ends at what is wanted, and that an error decays with the lag."""
-    drives = DriveModel(np.array([2e-3, 5e-3]), np.full(2, math.inf), H)
+    drives = drive_model(np.array([2e-3, 5e-3]), np.full(2, math.inf), H)
     now, after, error = np.array([3.0, -2.0]), np.array([3.4, -2.9]), np.array([0.7, -0.2])
     command = drives.command(now, after)
     with np.errstate(all='ignore'):
@@ -61,7 +61,7 @@ def test_the_command_gives_the_wanted_torque() -> None:
 
 
 def test_a_command_beyond_the_reach_is_no_faster() -> None:
-    drives = DriveModel(np.array([2e-3]), np.array([1e3]), H)
+    drives = drive_model(np.array([2e-3]), np.array([1e3]), H)
     assert drives.reach[0] == pytest.approx(3.0)
     torque = np.array([4.0])
     within, at, beyond = (

@@ -9,6 +9,7 @@ import pytest
 from ctc_chattering.control.feasible_reference import (
     Desired,
     Deviation,
+    feasible_reference,
     FeasibleReference,
     OVERSHOOT,
     ramp,
@@ -19,7 +20,7 @@ INERTIA, LEVEL, RATE = np.array([9.0, 0.62]), np.array([9.9, 9.9]), np.array([5e
 
 
 def reference(kp: float = 1e4, rate: Array = RATE) -> FeasibleReference:
-    return FeasibleReference(np.full(2, kp), np.full(2, 2.0 * math.sqrt(kp)), rate, LAG, H)
+    return feasible_reference(np.full(2, kp), np.full(2, 2.0 * math.sqrt(kp)), rate, LAG, H)
 
 
 def sinusoid(t: float, amplitude: float = 0.5, w: float = 2.0 * math.pi) -> Desired:
@@ -43,12 +44,12 @@ def test_the_friction_of_the_reference_is_a_ramp_before_the_reversal() -> None:
     made, T = reference(), LEVEL / RATE
     for i in (0, 1):
         zero = 0.25 - 0.67 * T[i]
-        values = [made.friction(sinusoid(zero + x * T[i]), LEVEL)[i] for x in (-0.5, 0.0, 0.5)]
+        values = [made.feedforward(sinusoid(zero + x * T[i]), LEVEL)[i] for x in (-0.5, 0.0, 0.5)]
         np.testing.assert_allclose(values, [4.95, 0.0, -4.95], atol=0.05)
-    np.testing.assert_array_equal(made.friction(sinusoid(0.1), LEVEL), LEVEL)
-    np.testing.assert_array_equal(made.friction(sinusoid(0.5), LEVEL), -LEVEL)
+    np.testing.assert_array_equal(made.feedforward(sinusoid(0.1), LEVEL), LEVEL)
+    np.testing.assert_array_equal(made.feedforward(sinusoid(0.5), LEVEL), -LEVEL)
     rest = Desired(np.ones(2), np.zeros(2), np.zeros(2))
-    np.testing.assert_array_equal(made.friction(rest, LEVEL), 0.0)
+    np.testing.assert_array_equal(made.feedforward(rest, LEVEL), 0.0)
 
 
 def test_drives_without_a_limit_need_no_deviation() -> None:
@@ -79,7 +80,7 @@ def test_the_torque_of_the_deviation_has_the_rate_of_the_drives() -> None:
     for k in range(100, 500):
         before = by
         by = made.following(sinusoid(k * H), by, INERTIA, LEVEL)
-        load.append(made.friction(sinusoid(k * H), LEVEL))
+        load.append(made.feedforward(sinusoid(k * H), LEVEL))
         assert np.isfinite(before.x).all()
     assert (np.abs(np.diff(load, axis=0)).max(axis=0) / H < 1.1 * RATE).all()
 

@@ -6,7 +6,7 @@ import numpy as np
 from oracles import Array
 import pytest
 
-from ctc_chattering.control.friction_level import FrictionLevel
+from ctc_chattering.control.friction_level import friction_level, untaught
 
 H, BANDWIDTH, BOUND = 1e-3, 100.0, np.array([30.0, 30.0])
 
@@ -14,18 +14,18 @@ H, BANDWIDTH, BOUND = 1e-3, 100.0, np.array([30.0, 30.0])
 def learned(true: Array, start: Array, duration: float = 8.0, viscous: float = 0.0,
             gravity: float = 0.0, motion: float = 0.5, gain: float = 20.0) -> Array:
     """Return K̂ after a sinusoid of 1 Hz with the friction `true`, and disturbances beside it."""
-    made, lags = FrictionLevel(start), [np.zeros(2)] * 3
-    made.configure(gain, BANDWIDTH, H, BOUND)
+    made, memory, lags = (
+        friction_level(gain, BANDWIDTH, H, BOUND), untaught(start), [np.zeros(2)] * 3)
     follow = 1.0 - math.exp(-BANDWIDTH * H)
     for k in range(round(duration / H)):
         angle = 2.0 * math.pi * k * H
         dq = 2.0 * math.pi * motion * math.cos(angle) * np.ones(2)
-        x = (true - made.level) * np.sign(dq) + viscous * dq + gravity * math.sin(angle)
+        x = (true - memory.level) * np.sign(dq) + viscous * dq + gravity * math.sin(angle)
         for i in range(3):
             lags[i] = lags[i] + follow * (x - lags[i])
             x = lags[i]
-        made.learn(dq, x)
-    return made.level
+        memory = made.learn(memory, dq, x)
+    return memory.level
 
 
 @pytest.mark.parametrize('start', [[0.0, 0.0], [14.0, 1.0]])
@@ -46,14 +46,12 @@ def test_without_friction_or_motion_or_gain_nothing_is_learned() -> None:
     np.testing.assert_array_equal(learned(np.array([9.0, 9.0]), np.ones(2), gain=0.0), 1.0)
 
 
-def test_the_level_is_bounded_and_begins_again() -> None:
-    made = FrictionLevel(np.array([1.0, 1.0]))
-    made.configure(20.0, BANDWIDTH, H, np.array([3.0, 3.0]))
+def test_the_level_is_bounded() -> None:
+    made = friction_level(20.0, BANDWIDTH, H, np.array([3.0, 3.0]))
+    memory = untaught(np.array([1.0, 1.0]))
     for k in range(4000):
         sign = 1.0 if k // 500 % 2 else -1.0
-        made.learn(np.full(2, sign), sign * np.array([50.0, -50.0]))
-        assert (made.level >= 0.0).all()
-        assert (made.level <= 3.0).all()
-    np.testing.assert_allclose(made.level, [3.0, 0.0])
-    made.reset(np.array([2.0, 2.0]))
-    np.testing.assert_array_equal(made.level, 2.0)
+        memory = made.learn(memory, np.full(2, sign), sign * np.array([50.0, -50.0]))
+        assert (memory.level >= 0.0).all()
+        assert (memory.level <= 3.0).all()
+    np.testing.assert_allclose(memory.level, [3.0, 0.0])

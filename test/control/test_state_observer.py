@@ -6,8 +6,8 @@ import numpy as np
 from oracles import Array, box_by_enumeration, random_spd
 import pytest
 
-from ctc_chattering.control.drive_model import DriveModel
-from ctc_chattering.control.state_observer import Observed, StateObserver
+from ctc_chattering.control.drive_model import drive_model
+from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
 
 H, BANDWIDTH = 1e-3, 150.0
 WIDE = np.full(2, 1e9)
@@ -17,8 +17,8 @@ NONE = np.zeros(2)
 
 def observer(bound: Array = WIDE, lag: float = 0.0, bandwidth: float = BANDWIDTH
              ) -> StateObserver:
-    return StateObserver(DriveModel(np.full(2, lag), np.full(2, math.inf), H), bandwidth, H,
-                         bound)
+    return state_observer(
+        drive_model(np.full(2, lag), np.full(2, math.inf), H), bandwidth, bound)
 
 
 def at(q: Array = NONE, dq: Array = NONE, P: Array = NONE, slope: Array = NONE,

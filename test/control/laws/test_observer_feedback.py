@@ -12,8 +12,8 @@ import pytest
 
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.drive_model import DriveModel
-from ctc_chattering.control.state_observer import Observed, StateObserver
+from ctc_chattering.control.drive_model import drive_model
+from ctc_chattering.control.state_observer import Observed, state_observer
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.simulation.closed_loop import Run, simulate
@@ -198,8 +198,8 @@ def test_a_copy_by_hand(level: float) -> None:
 
 def poles(scale: float) -> Array:
     """Return the poles of one joint without friction, for M̂ = scale M, by unit vectors."""
-    drives = DriveModel(np.zeros(1), np.full(1, math.inf), H)
-    observer = StateObserver(drives, W, H, np.full(1, 1e12))
+    drives = drive_model(np.zeros(1), np.full(1, math.inf), H)
+    observer = state_observer(drives, W, np.full(1, 1e12))
     mass, none = np.full((1, 1), scale), np.zeros(1)
     columns = []
     for q, dq, q_o, dq_o, P, slope in np.eye(6):

@@ -1,0 +1,77 @@
+"""
+What an equation is written with so that one text runs as plain Python and compiled.
+
+`function` marks a function, `record` a NamedTuple with methods. Both are ordinary Python: their
+vectors are arrays of shape (n,), their matrices arrays of shape (n, n). Compiled (`simd`), a
+vector is one value of the processor, and the same text runs without an array being made.
+
+Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.all()``, ``.any()``,
+`numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `tanh`, `minimum`, `maximum` and `where`, and the
+functions of this module. It changes nothing in place: memory goes in and comes out as a record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ctc_chattering.numerics.linear_algebra import Array
+
+Truths = npt.NDArray[np.bool_]
+F = TypeVar('F', bound=Callable[..., Any])
+T = TypeVar('T')
+
+#: What has been marked.
+FUNCTIONS: list[Callable[..., Any]] = []
+RECORDS: list[type] = []
+
+
+def function(marked: F) -> F:
+    """Mark a function that may be compiled; return it as it is."""
+    FUNCTIONS.append(marked)
+    return marked
+
+
+def record(marked: type[T]) -> type[T]:
+    """Mark a NamedTuple whose methods may be compiled; return it as it is."""
+    RECORDS.append(marked)
+    return marked
+
+
+def dot(matrix: Array, x: Array) -> Array:
+    """Return the product, shape (n,)."""
+    product: Array = matrix.dot(x)
+    return product
+
+
+def diagonal(matrix: Array) -> Array:
+    """Return the diagonal, shape (n,)."""
+    return matrix.diagonal()
+
+
+def solve(matrix: Array, x: Array) -> Array:
+    """Return M⁻¹ x, shape (n,), for M symmetric positive definite."""
+    return np.asarray(np.linalg.solve(matrix, x), float)
+
+
+def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
+    """Return y, shape (n,), with M y = x in the rows and columns `chosen`, and 0 elsewhere."""
+    y = np.zeros(len(x))
+    at = np.flatnonzero(chosen)
+    y[at] = np.linalg.solve(matrix[np.ix_(at, at)], x[at])
+    return y
+
+
+def first(condition: Truths) -> int:
+    """Return the index of the first element that is true; of none, 0."""
+    return int(condition.argmax())
+
+
+def replaced(x: Array, i: int, value: float) -> Array:
+    """Return x with another element i, shape (n,)."""
+    y: Array = x.copy()
+    y[i] = value
+    return y

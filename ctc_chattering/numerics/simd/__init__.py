@@ -1,0 +1,1 @@
+"""What `compilable` marks, compiled by numba, with vectors of the processor."""
