@@ -56,7 +56,10 @@ setup(
         'test': ['dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco', 'numba',
                  'optuna>=5', 'pin', 'playwright', 'pyarrow', 'pytest', 'pytest-xdist',
                  'scipy>=1.15', 'viser>=1.1'],
-        'lint': ['flake8', 'mypy', 'pydocstyle', 'ruff', 'types-PyYAML'],
+        # The plugins that ament_flake8 of jazzy has.
+        'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',
+                 'flake8-import-order', 'flake8-quotes', 'mypy', 'pydocstyle', 'ruff',
+                 'types-PyYAML'],
     },
     zip_safe=True,
     maintainer='ctc_chattering maintainers',

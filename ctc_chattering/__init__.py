@@ -34,6 +34,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
+# flake8: noqa: F401
 if TYPE_CHECKING:
     from ctc_chattering.analysis.metrics import metrics as metrics
     from ctc_chattering.analysis.result import Result as Result

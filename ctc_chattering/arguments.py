@@ -13,10 +13,9 @@ from math import isfinite
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
+from ctc_chattering.errors import CtcError, ParameterError
 import numpy as np
 import numpy.typing as npt
-
-from ctc_chattering.errors import CtcError, ParameterError
 
 F = TypeVar('F', bound=Callable[..., Any])
 _WORDS = {Real: 'a finite number', type(None): 'None', Sequence: 'a sequence'}

@@ -15,11 +15,10 @@ import dataclasses
 import math
 from typing import Any, ClassVar, TypeVar
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.arguments import check_type
 from ctc_chattering.errors import near, ParameterError
+import numpy as np
+import numpy.typing as npt
 
 C = TypeVar('C', bound='Config')
 
@@ -89,12 +88,12 @@ class Parameter:
 
     @property
     def meaning(self) -> str:
-        """The description, and the laws that take it."""
+        """Return the description, and the laws that take it."""
         return self.description + (f' Law {", ".join(self.laws)}.' if self.laws else '')
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words."""
+        """Return what is allowed, in words."""
         if self.choices:
             return ' | '.join(self.choices)
         text = _TYPE_NAMES[self.kind]

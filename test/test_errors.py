@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from ctc_chattering.errors import given_by_user, near, ParameterError, UsageError
+import pytest
 
 
 @pytest.mark.parametrize(('value', 'said'), [

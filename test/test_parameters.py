@@ -4,16 +4,15 @@ import dataclasses
 import math
 from typing import Any, ClassVar
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-import numpy as np
-import pytest
-
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, matrix, parameter
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 NAN, INF = math.nan, math.inf
 CONFIGS: list[type[Config]] = [PlantConfig, ControllerConfig, ReferenceConfig]

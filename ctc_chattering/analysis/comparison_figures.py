@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from matplotlib.figure import Figure
-import numpy as np
-
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colours, names
 from ctc_chattering.simulation.closed_loop import Array
+from matplotlib.figure import Figure
+import numpy as np
 
 
 def error_sums(result: Result) -> list[tuple[str, str, Array]]:

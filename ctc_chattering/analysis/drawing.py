@@ -9,6 +9,9 @@ from pathlib import Path
 import re
 from typing import Any
 
+from ctc_chattering.analysis.output import file_stem, writing
+from ctc_chattering.numerics.gaps import missing
+from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -16,10 +19,6 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, NullFormatter
 import numpy as np
-
-from ctc_chattering.analysis.output import file_stem, writing
-from ctc_chattering.numerics.gaps import missing
-from ctc_chattering.simulation.closed_loop import Array
 
 #: Colour of the reference and of marks.
 REFERENCE = '#222222'

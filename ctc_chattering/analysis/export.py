@@ -5,10 +5,9 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import numpy as np
-
 from ctc_chattering.analysis.output import writing
 from ctc_chattering.analysis.result import Result
+import numpy as np
 
 #: Arrays per joint with the suffix of the joint's position unit; None for the torque unit.
 _ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}

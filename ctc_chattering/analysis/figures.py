@@ -6,11 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
-import numpy as np
-
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.comparison_figures import (
     error_comparison,
@@ -23,6 +18,10 @@ from ctc_chattering.analysis.run_names import colour, name, names
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Array
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+import numpy as np
 
 #: Figures of the paper by experiment and law: (tracking, torques).
 PAPER_FIGURES = {

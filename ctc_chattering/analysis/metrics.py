@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from numbers import Real
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.arguments import checked
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array, Run
+import numpy as np
+import numpy.typing as npt
 
 #: Part of a run over which errors and torques are evaluated [s].
 WINDOW = (5.0, 10.0)

@@ -10,9 +10,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.terms import Terms, terms
@@ -26,6 +23,8 @@ from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.registry import make_plant
+import numpy as np
+import numpy.typing as npt
 
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5
@@ -77,18 +76,18 @@ class Result:
 
     @cached_property
     def terms(self) -> Terms:
-        """The parts of the torque, v and V; a simulation lacks samples that were not sent."""
+        """Return the parts of the torque, v and V; a simulation lacks what was not sent."""
         return self.computed or terms(
             self.run, self.configs, model_of(self.config, self.description), unsent=True)
 
     @property
     def config(self) -> ControllerConfig:
-        """The configuration at the end; model, joints and sample period are so from the start."""
+        """Return the configuration at the end; model, joints and period are always the same."""
         return self.configs[-1][1]
 
     @property
     def law(self) -> str:
-        """The law at the end."""
+        """Return the law at the end."""
         return self.config.law
 
     @property
@@ -98,13 +97,13 @@ class Result:
 
     @property
     def changes(self) -> list[tuple[float, str]]:
-        """Times [s] at which the law changed during the run, with the new law."""
+        """Return the times [s] at which the law changed during the run, with the new law."""
         return [(t, new.law) for (_, old), (t, new) in pairwise(self.configs)
                 if new.law != old.law]
 
     @property
     def marks(self) -> list[tuple[float, str]]:
-        """Times [s] at which law or switching changed during the run, with the new one."""
+        """Return the times [s] at which law or switching changed, with the new one."""
         return [(t, new.law if new.law != old.law else new.switching)
                 for (_, old), (t, new) in pairwise(self.configs)
                 if (new.law, new.switching) != (old.law, old.switching)]
@@ -122,7 +121,7 @@ class Result:
 
     @cached_property
     def position_units(self) -> tuple[str, ...]:
-        """Unit of each joint's position: rad, or m for a prismatic joint."""
+        """Return the unit of each joint's position: rad, or m for a prismatic joint."""
         kinds = {name: joint.kind for name, joint in Tree(self.description).joints.items()
                  } if self.description else {}
         return tuple('m' if kinds.get(name) == 'prismatic' else 'rad'
@@ -130,12 +129,12 @@ class Result:
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """Unit of each joint's torque: N·m, or N for the force of a prismatic joint."""
+        """Return the unit of each joint's torque: N·m, or N for the force of a prismatic joint."""
         return tuple('N' if unit == 'm' else 'N·m' for unit in self.position_units)
 
     @property
     def gains(self) -> dict[str, Any]:
-        """The gains of the law at the end, by parameter name."""
+        """Return the gains of the law at the end, by parameter name."""
         config = self.config
         values = config.as_mapping()
         names = ['kp', 'kv', *(
@@ -146,7 +145,7 @@ class Result:
 
     @cached_property
     def missing(self) -> npt.NDArray[np.int64]:
-        """Number of samples missing after each sample but the last, shape (N - 1,)."""
+        """Return the number of samples missing after each sample but the last, shape (N - 1,)."""
         return missing(self.run.t, self.config.control_period)
 
     @cached_property

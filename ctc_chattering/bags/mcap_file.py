@@ -20,11 +20,10 @@ import struct
 from typing import Any, NamedTuple
 import zlib
 
-from mcap.records import Channel, Schema
-from mcap.stream_reader import get_chunk_data_stream, StreamReader
-
 from ctc_chattering.bags.qos import named_policies
 from ctc_chattering.bags.writer import LIBRARY, TopicType
+from mcap.records import Channel, Schema
+from mcap.stream_reader import get_chunk_data_stream, StreamReader
 
 MAGIC = b'\x89MCAP0\r\n'
 _HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _DATA_END = 1, 3, 4, 5, 6, 11, 15
@@ -109,7 +108,7 @@ class McapFile:
 
     @property
     def counts(self) -> dict[str, int] | None:
-        """Number of messages by topic, as the index has it; None if that is not there."""
+        """Return the number of messages by topic, as the index has it; None without it."""
         if self._counts is None:
             return None
         counts = Counter[str]()

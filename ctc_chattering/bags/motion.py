@@ -13,8 +13,6 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.bags.reader import FIELDS, nanoseconds
 from ctc_chattering.bags.repair import BagReader, open_bag
 from ctc_chattering.control.controller import ControllerConfig
@@ -24,6 +22,7 @@ from ctc_chattering.identification.recording import Recording
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, PARAMETERS, ROBOT_DESCRIPTION
+import numpy as np
 
 #: Commands for each state from which on there must be two publishers.
 _TOO_MANY = 1.5

@@ -11,8 +11,6 @@ from pathlib import Path
 import sys
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.arguments import checked
@@ -35,6 +33,7 @@ from ctc_chattering.ros.topics import (
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Trajectory
+import numpy as np
 
 #: Longest step between two states that is accepted at once [periods], and the number of states
 #: that must follow a longer one.

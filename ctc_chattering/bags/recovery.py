@@ -7,12 +7,11 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ctc_chattering.bags.mcap_file import McapFile
 from ctc_chattering.bags.writer import Recording, Span
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import seconds
+import yaml
 
 
 @dataclasses.dataclass

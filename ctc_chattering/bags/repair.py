@@ -11,13 +11,12 @@ import tempfile
 from typing import Any
 import weakref
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import get_typestore, Stores
-
 from ctc_chattering.bags.index_checksum import check_index
 from ctc_chattering.bags.recovery import recover, Recovery
 from ctc_chattering.errors import CtcError
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_typestore, Stores
 
 
 def is_damaged(bag: Path) -> bool:

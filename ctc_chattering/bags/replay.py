@@ -7,13 +7,6 @@ import sys
 import time
 from typing import Any
 
-import rclpy
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
-from rclpy.signals import SignalHandlerOptions
-from rosbags.interfaces import Connection, QosDurability, QosReliability
-from rosgraph_msgs.msg import Clock
-
 from ctc_chattering.bags.repair import BagReader
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -22,6 +15,12 @@ from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.messages import message_type, stamp
 from ctc_chattering.ros.run import wait_for_all_acked
 from ctc_chattering.ros.topics import CLOCK
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from rosbags.interfaces import Connection, QosDurability, QosReliability
+from rosgraph_msgs.msg import Clock
 
 #: Period of ``/clock`` where the bag holds none [ns].
 _CLOCK_PERIOD = 10_000_000

@@ -11,11 +11,10 @@ from pathlib import Path
 import time
 from typing import Any, BinaryIO, NamedTuple
 
+from ctc_chattering.errors import CtcError
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import get_typestore, Stores
 import yaml
-
-from ctc_chattering.errors import CtcError
 
 #: Size at which a chunk is written [bytes]: compressing takes some times as much memory.
 _CHUNK = 1 << 18
@@ -124,7 +123,7 @@ class Recording:
 
     @property
     def span(self) -> Span:
-        """Number of all messages, and the first and last log time."""
+        """Return the number of all messages, and the first and last log time."""
         spans = self._spans.values()
         return Span(sum(x.count for x in spans), min(x.begin for x in spans),
                     max(x.end for x in spans))

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
 
 
 @dataclasses.dataclass

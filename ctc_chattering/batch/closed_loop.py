@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import numpy as np
-
 from ctc_chattering.batch.arm import arm_of, body_scratch
 from ctc_chattering.batch.compiler import compiling
 from ctc_chattering.batch.control_state import (
@@ -40,6 +38,7 @@ from ctc_chattering.numerics.simd.records import register
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
 
 #: Arms that are kept.
 _KEPT = 64

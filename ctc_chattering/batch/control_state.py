@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from math import exp, expm1, inf
 
-import numpy as np
-
 from ctc_chattering.batch.plant_state import LONGEST_DELAY
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -15,6 +13,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
+import numpy as np
 
 
 @dataclasses.dataclass
@@ -83,7 +82,7 @@ class ControlState:
     third: Array
     #: Integral x, or w of super-twisting and w of the next sample.
     integral: Array
-    next: Array
+    next: Array  # noqa: A003
     #: Level of friction of `slotine_li`.
     level: Array
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.batch import tree, two_link
 from ctc_chattering.batch.arm import Arm, BodyScratch
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.linear_algebra import factor, substitute
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
 
 #: 1 for true.
 Flags = npt.NDArray[np.int8]

@@ -9,9 +9,6 @@ from __future__ import annotations
 import dataclasses
 from math import inf
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.batch.arm import BodyScratch
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.dynamics import accelerate, Flags
@@ -19,6 +16,8 @@ from ctc_chattering.batch.linear_algebra import factor, invert, substitute
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.simd.records import value, write
+import numpy as np
+import numpy.typing as npt
 
 #: A load that rounding alone lifts above Kf breaks no joint away.
 _HOLD = 1.0 + 1e-12

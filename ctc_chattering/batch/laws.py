@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from math import sqrt, tanh
 
-import numpy as np
-
 from ctc_chattering.batch import switching
 from ctc_chattering.batch.compiler import inlined
 from ctc_chattering.batch.control_state import (
@@ -24,6 +22,7 @@ from ctc_chattering.batch.error_filter import nominal_response
 from ctc_chattering.batch.linear_algebra import invert, product, solve
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 (COMPENSATION, CHATTERING, INTEGRAL, MOMENTUM_OBSERVER, SUPER_TWISTING, SLOTINE_LI,
  FRICTION_FEEDFORWARD, PD_GRAVITY) = map(LAWS.index, (

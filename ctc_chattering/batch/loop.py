@@ -5,14 +5,13 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.batch import control_step, plant
 from ctc_chattering.batch.compiler import compiled
 from ctc_chattering.batch.control_step import Controller
 from ctc_chattering.batch.integrator import Plant
 from ctc_chattering.batch.sensors import measure, SensorSettings, SensorState
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error
 #: beyond its limit (and its joint), with a state that is not finite.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ctc_chattering.batch.arm import Arm, BodyScratch
 from ctc_chattering.batch.compiler import compiled
 from ctc_chattering.batch.control_state import Evaluated
@@ -23,6 +21,7 @@ from ctc_chattering.numerics.compilable import dot, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.simd.records import load, packed, store, value, write
 from ctc_chattering.numerics.time_grid import period_ns, seconds
+import numpy as np
 
 
 @record

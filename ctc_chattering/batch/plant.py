@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from math import isfinite
 
-import numpy as np
-
 from ctc_chattering.batch import drives
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.integrator import integrate, Plant, set_modes
 from ctc_chattering.batch.sensors import quantised
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Most samples in a row that are lost.
 _MOST_LOST = 2

@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 from math import ceil, inf
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.batch.dynamics import Flags
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
+import numpy.typing as npt
 
 #: Torques in transit that there is room for: `input_delay` is at most 100.
 LONGEST_DELAY = 100

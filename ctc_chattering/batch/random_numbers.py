@@ -9,10 +9,9 @@ from __future__ import annotations
 from math import cos, log, pi, sin, sqrt
 from random import Random
 
-import numpy as np
-
 from ctc_chattering.batch.compiler import inlined
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 def generator(seed: int | str) -> np.random.Generator:

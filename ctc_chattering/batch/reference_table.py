@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-import numpy as np
-
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 from ctc_chattering.trajectory.smooth_start import mean, Motion, Transition
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
+import numpy as np
 
 #: Motions whose samples are kept.
 _KEPT = 16

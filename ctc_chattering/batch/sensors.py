@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.random_numbers import gauss
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
 
 
 @dataclasses.dataclass

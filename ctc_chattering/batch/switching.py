@@ -6,8 +6,6 @@ The observer of the perturbation is that of `control/perturbation_observer.py`.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.batch.compiler import inlined
 from ctc_chattering.batch.control_state import (
     ControlScratch,
@@ -21,6 +19,7 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.simd.records import value, write
+import numpy as np
 
 SIGN, BOUNDARY_LAYER, IMPLICIT, IMPLICIT_OBSERVER = map(SWITCHINGS.index, (
     'sign', 'boundary_layer', 'implicit', 'implicit_observer'))

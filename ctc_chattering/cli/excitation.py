@@ -6,8 +6,6 @@ import argparse
 from math import inf
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.options import check, find_file
 from ctc_chattering.cli.table import print_columns
@@ -25,6 +23,7 @@ from ctc_chattering.identification.excitation_run import (
 )
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import Parameter
+import numpy as np
 
 #: Options that are parameters of the motion.
 _SCALARS = ('duration', 'poses', 'velocity_scale')

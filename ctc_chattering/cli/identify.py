@@ -7,8 +7,6 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.analysis.output import prepare, write_text, writing
 from ctc_chattering.bags.motion import Motion, read_motion
 from ctc_chattering.cli.presentation import print_page
@@ -25,6 +23,7 @@ from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.recommendation import recommend
 from ctc_chattering.identification.report import Report, write_json, write_page
 from ctc_chattering.identification.validation import validate
+import numpy as np
 
 #: Names in the output directory.
 _PAGE, _JSON, _VALUES, _ROBOT, _FIGURES = (

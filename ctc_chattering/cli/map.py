@@ -8,8 +8,6 @@ from functools import partial
 import sys
 import time
 
-import pyarrow
-
 from ctc_chattering.analysis.engine import available, compile_loop
 from ctc_chattering.cli.explanation import explain
 from ctc_chattering.cli.options import number_of_jobs
@@ -25,6 +23,7 @@ from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory, file_digest, TABLE
 from ctc_chattering.robustness.spec import read_spec
 from ctc_chattering.simulation.registry import make_plant
+import pyarrow
 
 #: Folder of the package's own specs, below `config`.
 _FOLDER = 'maps'

@@ -7,14 +7,13 @@ of one by `@` where there are so few numbers.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.handover import Handover
 from ctc_chattering.control.laws.base import Law, State, Torque
 from ctc_chattering.control.limiter import Limiter
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class ControlStep:

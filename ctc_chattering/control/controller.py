@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.arguments import checked, vector
 from ctc_chattering.control.control_step import ControlStep
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
@@ -23,6 +21,7 @@ from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 from ctc_chattering.trajectory.buffer import Point
+import numpy as np
 
 __all__ = ['LAWS', 'Controller', 'ControllerConfig', 'Sample']
 

@@ -156,7 +156,7 @@ class ControllerConfig(RobotConfig):
 
     @property
     def switching_in_force(self) -> str:
-        """The switching; empty under a law without one."""
+        """Return the switching; empty under a law without one."""
         return self.switching if self.takes('switching') else ''
 
     @property

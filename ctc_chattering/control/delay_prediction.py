@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-import numpy as np
-
 from ctc_chattering.control.control_step import ControlStep
 from ctc_chattering.control.feasible_reference import Desired
 from ctc_chattering.control.laws.base import State, Terms, Torque
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.trajectory.buffer import Point
+import numpy as np
 
 
 class DelayPrediction:

@@ -17,11 +17,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
+import numpy as np
 
 #: In the place of a lag of 0 [s]: shorter than any period.
 _NO_LAG = 1e-12

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 from math import exp, expm1
 
-import numpy as np
-
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class ErrorFilter:

@@ -33,10 +33,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.numerics.compilable import function, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: β of (2); the lead of (1), in T; of (4), the factors of √Kp, 1 / T, R / M_ii and 1 / h.
 OVERSHOOT, _LEAD = 0.35, 0.67

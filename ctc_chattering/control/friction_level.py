@@ -16,10 +16,9 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: w₀ [rad/s].
 _SLOW = 60.0

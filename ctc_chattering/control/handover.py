@@ -10,10 +10,9 @@ paper the chattering term comes and goes at once instead.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.laws.base import Law, State
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Time over which the difference of two laws fades [s].
 FADE = 0.2

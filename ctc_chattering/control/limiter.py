@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from math import inf
 
-import numpy as np
-
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class Limiter:

@@ -24,10 +24,9 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class _Prediction(NamedTuple):

@@ -24,12 +24,11 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.control.drive_model import DriveModel
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 @record

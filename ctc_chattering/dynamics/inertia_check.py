@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import xml.etree.ElementTree as ET
 
-import numpy as np
-
 from ctc_chattering.dynamics.urdf_parser import Tree
+import numpy as np
 
 #: By how much a moment of inertia may exceed the sum of the others: digits of the file.
 _ROUNDING = 1e-3

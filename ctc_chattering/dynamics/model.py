@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-import numpy as np
-
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
+import numpy as np
 
 
 class Model(ABC):

@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array, Vector
+import numpy as np
 
 #: Step of the differences [rad].
 _STEP = 1e-5

@@ -12,15 +12,14 @@ import importlib
 from numbers import Real
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.parameters import check_joint_names
+import numpy as np
+import numpy.typing as npt
 
 #: Least eigenvalue of M, scaled to a diagonal of ones, that counts as more than rounding.
 _SINGULAR = 1e-10

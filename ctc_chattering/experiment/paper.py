@@ -34,7 +34,7 @@ class Experiment:
 
     @property
     def path(self) -> Path:
-        """The parameter file."""
+        """Return the parameter file."""
         return config_directory() / f'{self.file}.yaml'
 
     @property

@@ -8,8 +8,6 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
 from ctc_chattering.experiment.events import parse_events
@@ -25,6 +23,7 @@ from ctc_chattering.simulation.registry import check_start
 from ctc_chattering.trajectory.joint_limits import Limits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
+import yaml
 
 Values = dict[str, Any]
 #: Values by node and parameter that override those of a file; node ``/**`` for all nodes.

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.experiment.yaml_file import Dumper, mapping, read_yaml
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.trajectory.waypoints import Route
+import yaml
 
 #: Times of messages are 32-bit seconds.
 _LATEST = 2 ** 31

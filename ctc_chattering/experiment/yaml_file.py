@@ -7,9 +7,8 @@ from pathlib import Path
 import re
 from typing import Any
 
-import yaml
-
 from ctc_chattering.errors import CtcError, near, ParameterError
+import yaml
 
 
 class Loader(yaml.SafeLoader):

@@ -11,9 +11,6 @@ from collections.abc import Sequence
 import dataclasses
 from math import nan
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.identification.intervals import correlation_length
 from ctc_chattering.identification.recording import Stretch
 from ctc_chattering.identification.regression import (
@@ -28,6 +25,8 @@ from ctc_chattering.identification.rows import Rows, STRIBECK
 from ctc_chattering.identification.torque import COMMAND, EFFORT, has, weak_torque
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
 
 Flags = npt.NDArray[np.bool_]
 #: Longest delay that is looked for [samples], and [s].

@@ -11,8 +11,6 @@ from __future__ import annotations
 import dataclasses
 from math import ceil, pi, sqrt
 
-import numpy as np
-
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.identification.excitation_limits import Bounds, ExcitationConfig
 from ctc_chattering.identification.fourier_series import FourierSeries, random_series
@@ -20,6 +18,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.waypoints import Route
+import numpy as np
 
 #: What a scaled motion keeps of its limits, so that rounding and the polynomials between two
 #: waypoints do not exceed them.

@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-import numpy as np
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.identification.excitation import Excitation, random_excitation
@@ -20,6 +18,7 @@ from ctc_chattering.identification.excitation_limits import Bounds, ExcitationCo
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
+import numpy as np
 
 #: Step in which a motion is evaluated while one is chosen, and for what is reported [s].
 _COARSE, _FINE = 0.05, 0.01

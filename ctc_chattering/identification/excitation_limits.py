@@ -7,12 +7,11 @@ import dataclasses
 from math import inf, isfinite
 from typing import ClassVar
 
-import numpy as np
-
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.joint_limits import JointLimits
+import numpy as np
 
 #: Part of a joint's range that is left free at each end.
 _MARGIN = 0.05

@@ -7,8 +7,6 @@ import dataclasses
 from math import inf
 from pathlib import Path
 
-import numpy as np
-
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.experiment import parameter_file
@@ -28,6 +26,7 @@ from ctc_chattering.identification.excitation_limits import Bounds, bounds_of, E
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 from ctc_chattering.trajectory.joint_limits import JointLimits, Limits
+import numpy as np
 
 #: Files that `write` makes.
 MOTION, RUN = 'motion.yaml', 'run.yaml'

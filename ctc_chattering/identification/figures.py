@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-import numpy as np
-
 from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import Perturbation
@@ -21,6 +17,9 @@ from ctc_chattering.identification.regression import (
 )
 from ctc_chattering.identification.validation import Validation
 from ctc_chattering.numerics.linear_algebra import Array
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
 
 _MEASURED, _FIT, _BAND = '#8aa6c1', '#b34a00', '#f3c9a8'
 #: Points of a fitted curve.

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class FourierSeries(NamedTuple):

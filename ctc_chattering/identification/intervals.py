@@ -12,10 +12,9 @@ from __future__ import annotations
 import dataclasses
 from math import sqrt
 
-import numpy as np
-
 from ctc_chattering.identification.regression import Fit, normal_equations, solved
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Resamples, and their seed.
 _COUNT, _SEED = 400, 1
@@ -47,7 +46,7 @@ class Spread:
 
     @property
     def error(self) -> Array:
-        """Standard errors, shape (p,)."""
+        """Return the standard errors, shape (p,)."""
         found: Array = np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
         return found
 

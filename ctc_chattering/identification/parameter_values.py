@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.recommendation import GAINS, Recommendation
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
 
 #: Part of the range and of the speed of the recorded motion that the new one takes.
 _PART = 0.5

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.regression import (
     BACKWARDS,
@@ -20,6 +17,8 @@ from ctc_chattering.identification.regression import (
     VISCOUS,
 )
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
 
 #: Part of the friction that an unexplained torque may have on a run not used for the fit.
 _GOOD = 0.05

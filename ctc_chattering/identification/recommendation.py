@@ -11,8 +11,6 @@ from __future__ import annotations
 import dataclasses
 from math import floor, isfinite, log10
 
-import numpy as np
-
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
@@ -25,6 +23,7 @@ from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.perturbation import Perturbation
 from ctc_chattering.identification.weak_form import position_noise
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: ka over the largest |P|.
 _MARGIN = 1.2

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 import dataclasses
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
 
 Indices = npt.NDArray[np.intp]
 
@@ -137,7 +136,7 @@ class Stretch:
 
     @property
     def t(self) -> Array:
-        """Times of the samples, shape (N,) [s]."""
+        """Return the times of the samples, shape (N,) [s]."""
         return np.asarray(self.t0 + self.period * np.arange(len(self.q)), float)
 
 

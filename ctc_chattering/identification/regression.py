@@ -11,10 +11,9 @@ from collections.abc import Sequence
 import dataclasses
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.identification.rows import Rows, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 FORWARDS, BACKWARDS, VISCOUS, STRIBECK_TERM, STRIBECK_SLOPE, LOAD, LAG_SLOPE, MODEL = (
     'forwards', 'backwards', 'viscous', 'stribeck', 'stribeck slope', 'load', 'lag slope', 'model')

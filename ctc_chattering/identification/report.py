@@ -9,8 +9,6 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import columns, Table, write_text
 from ctc_chattering.analysis.report import write_sections
@@ -22,6 +20,7 @@ from ctc_chattering.identification.perturbation import Perturbation
 from ctc_chattering.identification.recommendation import Recommendation
 from ctc_chattering.identification.validation import Validation
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Friction in the order of the table: field and heading.
 _FRICTION = (('coulomb', 'Coulomb'), ('forwards', 'forwards'), ('backwards', 'backwards'),

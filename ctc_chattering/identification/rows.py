@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.recording import Indices, Stretch
 from ctc_chattering.identification.weak_form import (
@@ -19,6 +16,8 @@ from ctc_chattering.identification.weak_form import (
     velocity_deviation,
 )
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
 STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))

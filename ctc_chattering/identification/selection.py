@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import dataclasses
 
-import numpy as np
-
 from ctc_chattering.identification.intervals import correlation_length, Spread, spread
 from ctc_chattering.identification.numbers import NONE
 from ctc_chattering.identification.regression import (
@@ -31,6 +29,7 @@ from ctc_chattering.identification.regression import (
     VISCOUS,
 )
 from ctc_chattering.identification.rows import STRIBECK
+import numpy as np
 
 #: Fewest windows in a direction, and the ratio of speeds that viscous friction needs.
 _WINDOWS, _RATIO = 20, 2.0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-
 from ctc_chattering.identification.numbers import NONE, Number
 from ctc_chattering.identification.recording import BRIDGED, Recording
 from ctc_chattering.identification.weak_form import (
@@ -14,6 +12,7 @@ from ctc_chattering.identification.weak_form import (
     velocity_deviation,
 )
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Part of the steps that must be a multiple of an encoder's.
 _MULTIPLES = 0.98

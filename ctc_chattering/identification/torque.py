@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.identification.recording import Indices, Stretch
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Sources of the torque.
 COMMAND, EFFORT = 'command', 'effort'

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-import numpy as np
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.delay_and_lag import Profile
@@ -18,6 +16,7 @@ from ctc_chattering.identification.rows import Rows
 from ctc_chattering.identification.torque import has
 from ctc_chattering.identification.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 @dataclasses.dataclass(frozen=True)

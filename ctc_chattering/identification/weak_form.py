@@ -17,12 +17,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.recording import Indices
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 #: Half the length of φ [s], and the fewest samples in it.
 HALF, FEWEST = 0.05, 12

@@ -8,6 +8,13 @@ from itertools import zip_longest
 import time
 from typing import Any
 
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.ros.messages import read_stamp
+from ctc_chattering.ros.node import BaseNode, Executor, qos
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import CLOCK, PARAMETERS
+from ctc_chattering.simulation.closed_loop import Event
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -16,14 +23,6 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
-
-from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.ros.messages import read_stamp
-from ctc_chattering.ros.node import BaseNode, Executor, qos
-from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import CLOCK, PARAMETERS
-from ctc_chattering.simulation.closed_loop import Event
 
 #: Time after which a request without an answer is sent again [s]: the middleware drops an answer
 #: to a client that the server has not met yet, and to set a value twice does no harm.

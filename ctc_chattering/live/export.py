@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.analysis.markup import page
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.recorded import check_comparable, RecordedRun
 from ctc_chattering.live.skeleton import as_json, hanging, places, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Most samples of a run in the file; of more, every so many-th is taken.
 _MOST = 20_000

@@ -9,9 +9,6 @@ from queue import Empty, SimpleQueue
 import time
 from typing import Any
 
-import rclpy
-from rclpy.signals import SignalHandlerOptions
-
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
@@ -29,6 +26,8 @@ from ctc_chattering.ros.exit_deadline import end_after
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import Executor
 from ctc_chattering.ros.security import check_security
+import rclpy
+from rclpy.signals import SignalHandlerOptions
 
 #: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
 _FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.3

@@ -9,14 +9,6 @@ import os
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-import numpy as np
-from rcl_interfaces.msg import ParameterEvent
-from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
-from std_msgs.msg import String
-
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import Report
@@ -41,6 +33,13 @@ from ctc_chattering.ros.topics import (
     TORQUES,
     TRACKING,
 )
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
 
 #: Messages of a signal that are kept between two looks; older ones are lost, which is no harm.
 _KEPT = 8
@@ -189,7 +188,7 @@ class GraphReader(BaseNode):
 
     @property
     def position(self) -> Any:
-        """The last position that was heard, shape (n,); None before."""
+        """Return the last position that was heard, shape (n,); None before."""
         return None if self._state is None else self._state[1]
 
     def samples(self) -> Samples:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class History:
@@ -57,7 +56,7 @@ class History:
 
     @property
     def last(self) -> tuple[float, Array] | None:
-        """The last time and row; None without one."""
+        """Return the last time and row; None without one."""
         if self._end == self._begin:
             return None
         return float(self._t[self._end - 1]), self._rows[self._end - 1]

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-import numpy as np
-import trimesh
-
 from ctc_chattering.experiment.robot_description import find_file
 from ctc_chattering.live.skeleton import LONGEST, Shape, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import trimesh
 
 #: Files of more triangles than this are drawn by the other shapes of their link.
 _MOST = 200_000

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.live.history import envelope
 from ctc_chattering.live.samples import COLOURS, PARTS, Samples
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: The dashes distinguish lines without colour.
 DASHES = ((), (9, 4), (2, 3), (9, 3, 2, 3), (5, 5), (14, 4), (1, 5))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.samples import Instant, Samples
 from ctc_chattering.live.skeleton import Skeleton, skeleton_of
+import numpy as np
 
 
 class RecordedRun:

@@ -7,15 +7,14 @@ import dataclasses
 import time
 from typing import Any
 
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.live.controls import shown
+from ctc_chattering.ros.node import BaseNode
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
-
-from ctc_chattering.errors import CtcError, refused_as
-from ctc_chattering.live.controls import shown
-from ctc_chattering.ros.node import BaseNode
 
 #: Time to wait for a service and its answer, and after which a request is sent again [s]: the
 #: middleware drops an answer to a client that the server has not met yet.
@@ -53,7 +52,7 @@ class Requests:
         self._clients_by_name: dict[str, Any] = {}
         self._pending: list[_Pending] = []
 
-    def set(self, node: str, *values: Mapping[str, Any]) -> None:
+    def set(self, node: str, *values: Mapping[str, Any]) -> None:  # noqa: A003
         """Set parameters of a node; of several mappings one after the other."""
         items = [item for mapping in values for item in mapping.items()]
         request = SetParameters.Request(parameters=[

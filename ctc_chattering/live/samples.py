@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-import numpy as np
-
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Part of a torque as the controller publishes it: nominal + compensation + robust.
 PARTS = ('nominal', 'compensation', 'robust')

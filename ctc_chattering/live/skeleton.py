@@ -8,8 +8,6 @@ from math import cos, hypot, sin
 from typing import Any
 import xml.etree.ElementTree as ET
 
-import numpy as np
-
 from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.dynamics.two_link_urdf import two_link_urdf
@@ -17,6 +15,7 @@ from ctc_chattering.dynamics.urdf_elements import numbers, Origin, origin
 from ctc_chattering.dynamics.urdf_parser import parse_description, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Radius of a capsule as a part of the arm's reach, and the least length of one that is drawn.
 _RADIUS, _SHORTEST = 0.03, 1e-3

@@ -18,11 +18,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import inf
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.parameters import matrix
+import numpy as np
 
 #: Largest product of `observer_bandwidth` and the lag of the drives.
 LAG_RATIO = 0.3

@@ -46,7 +46,7 @@ class Saturation:
 
     @property
     def cause(self) -> str:
-        """The reason that the numbers give; empty where the term is rarely at its bound."""
+        """Return the reason that the numbers give; empty where the term is rarely at its bound."""
         if self.fraction <= WORTH_A_WORD:
             return ''
         return ('ka too small' if self.stretch >= LONG_STRETCH

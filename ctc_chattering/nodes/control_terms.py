@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
-
 from ctc_chattering.control.controller import Sample
 from ctc_chattering.ros.node import qos
 from ctc_chattering.ros.serialization import StateWriter
 from ctc_chattering.ros.topics import FILTER, TORQUES, TRACKING
 from ctc_chattering.trajectory.buffer import Point
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
 
 
 class ControlTerms:

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import time
 
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, String
-from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import JointTrajectory
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
@@ -34,6 +29,10 @@ from ctc_chattering.ros.serialization import (
 )
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE, ROBOT_DESCRIPTION
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, String
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 
 class ControllerNode(BaseNode):

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import time
 
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
-
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.experiment.node_parameters import PlantSettings, RealTimeSettings
 from ctc_chattering.experiment.parameter_file import Values
@@ -28,6 +24,9 @@ from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import limits_of, make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 #: Periods that one tick of the real-time clock makes good at the most.
 _CATCH_UP = 100

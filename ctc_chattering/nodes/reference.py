@@ -8,10 +8,6 @@ from pathlib import Path
 import time
 from typing import Any
 
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.experiment.node_parameters import RealTimeSettings, ReferenceSettings
 from ctc_chattering.experiment.parameter_file import Values
@@ -36,6 +32,9 @@ from ctc_chattering.trajectory.joint_limits import Limits
 from ctc_chattering.trajectory.motion_plan import MotionPlan
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 #: Time between two attempts to begin, where the start is refused [ns].
 _RETRY = 5 * NANOSECONDS

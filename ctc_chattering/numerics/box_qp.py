@@ -17,8 +17,6 @@ Programming*, 1988; with upper bounds, Júdice & Pires, 1994).
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.numerics.compilable import (
     diagonal,
     dot,
@@ -28,6 +26,7 @@ from ctc_chattering.numerics.compilable import (
     solve_where,
 )
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: Changes of the set of active bounds; only rounding can lead beyond.
 _MOST_CHANGES = 200

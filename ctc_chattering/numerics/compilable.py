@@ -15,10 +15,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
-
-from ctc_chattering.numerics.linear_algebra import Array
 
 Truths = npt.NDArray[np.bool_]
 F = TypeVar('F', bound=Callable[..., Any])

@@ -13,8 +13,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import pyarrow
-
 import ctc_chattering
 from ctc_chattering.analysis.engine import available, BATCH, engine_of, REFERENCE
 from ctc_chattering.analysis.result import finite
@@ -25,6 +23,7 @@ from ctc_chattering.robustness.evaluation import evaluate, refused
 from ctc_chattering.robustness.quantity import applied
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.spec import MapSpec
+import pyarrow
 
 #: Control steps of a chunk times the square of the number of joints, about a second of work; and
 #: how many steps of the compiled loop cost what one of the reference does.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.analysis.engine import engine_of, simulated_by
 from ctc_chattering.analysis.metrics import metrics, within
 from ctc_chattering.dynamics.registry import kept_model_of
@@ -15,6 +13,7 @@ from ctc_chattering.robustness.columns import of_results, OVERALL, PER_JOINT
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.registry import make_plant
+import numpy as np
 
 #: Part of a limit from which a torque is at it.
 _AT_LIMIT = 1.0 - 1e-9

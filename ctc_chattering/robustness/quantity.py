@@ -7,13 +7,12 @@ import dataclasses
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.experiment.node_parameters import LOOP, NODES
 from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.experiment.yaml_file import mapping
 from ctc_chattering.parameters import LARGEST, Parameter
+import numpy as np
 
 #: Most runs of a map, and values of an axis.
 MOST = 10_000_000
@@ -46,7 +45,7 @@ class Quantity:
 
     @property
     def unit(self) -> str:
-        """Unit of the number; empty for a factor, and where there is none."""
+        """Return the unit of the number; empty for a factor, and where there is none."""
         return '' if self.factor else self.targets[0][1].unit
 
     @property

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.robustness.quantity import applied, Quantity
 from ctc_chattering.robustness.sampling import draws
 from ctc_chattering.robustness.spec import MapSpec
 from ctc_chattering.studies.recommended import recommended_setup
+import numpy as np
 
 
 class Place(NamedTuple):

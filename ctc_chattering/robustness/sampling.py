@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import ceil, log2
 
-import numpy as np
-
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.quantity import Uncertain
 from ctc_chattering.robustness.spec import Repeats
+import numpy as np
 
 #: Distance from 0 and 1 that a draw keeps: there a normal distribution is infinite.
 _OPEN = 2.0 ** -53

@@ -10,11 +10,10 @@ from multiprocessing import resource_tracker
 import signal
 from typing import Any, TypeVar
 
+from ctc_chattering.errors import CtcError
 import dask
 from distributed import as_completed, Client, Future, KilledWorker, LocalCluster
 from distributed.comm.addressing import parse_address, parse_host_port
-
-from ctc_chattering.errors import CtcError
 
 T = TypeVar('T')
 _LOST = 'the scheduler is lost'

@@ -15,12 +15,11 @@ import os
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.output import prepare, write_text, writing
+from ctc_chattering.errors import CtcError, refused_as
 import numpy as np
 import pyarrow
 from pyarrow import parquet
-
-from ctc_chattering.analysis.output import prepare, write_text, writing
-from ctc_chattering.errors import CtcError, refused_as
 
 #: Names in the directory.
 SHARDS, TABLE, JSON, FIGURES, PAGE = 'shards', 'map.parquet', 'map.json', 'figures', 'index.html'

@@ -127,12 +127,12 @@ class MapSpec:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of values of each axis."""
+        """Return the number of values of each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
     @property
     def runs(self) -> int:
-        """Number of runs."""
+        """Return the number of runs."""
         return prod(self.shape) * len(self.variants) * self.repeats.repeats
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rclpy.node import Node
-from std_msgs.msg import String
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.ros.matching import MatchingSubscription
 from ctc_chattering.ros.node import qos
 from ctc_chattering.ros.topics import ROBOT_DESCRIPTION
+from rclpy.node import Node
+from std_msgs.msg import String
 
 
 class Description:

@@ -7,7 +7,6 @@ import struct
 from typing import Any
 
 from builtin_interfaces.msg import Time
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.cdr import byte_order, TIME

@@ -6,13 +6,6 @@ from collections.abc import Mapping, Sequence
 import time
 from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
-from rclpy.publisher import Publisher
-from rclpy.task import Future
-
 from ctc_chattering.experiment.parameter_file import OF_ROS, Values
 from ctc_chattering.monitoring.loop_statistics import LoopStatistics
 from ctc_chattering.numerics.time_grid import NANOSECONDS
@@ -21,6 +14,12 @@ from ctc_chattering.ros.parameter_service import TolerantParameterService
 from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import DIAGNOSTICS, TOPICS
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.publisher import Publisher
+from rclpy.task import Future
 
 try:
     from rclpy.experimental.events_executor import EventsExecutor as Executor

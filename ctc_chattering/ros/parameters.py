@@ -7,6 +7,11 @@ from contextlib import suppress
 import re
 from typing import Any, TypeVar
 
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.parameters import Config, Parameter
+from ctc_chattering.ros.messages import stamp
+from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.topics import PARAMETERS
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -16,12 +21,6 @@ from rcl_interfaces.msg import (
 )
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.parameter import Parameter as RosParameter
-
-from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.parameters import Config, Parameter
-from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.node import BaseNode, qos
-from ctc_chattering.ros.topics import PARAMETERS
 
 C = TypeVar('C', bound=Config)
 

@@ -64,7 +64,7 @@ class RosArguments:
 
     @property
     def assigned(self) -> set[str]:
-        """The parameters that ``-p`` gives."""
+        """Return the parameters that ``-p`` gives."""
         return {source.name for source in self.sources if isinstance(source, _Assignment)}
 
     def values(self, executables: Sequence[str]) -> dict[str, Values]:

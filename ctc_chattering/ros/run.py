@@ -6,12 +6,6 @@ from collections.abc import Callable, Sequence
 import sys
 import time
 
-import numpy as np
-import rclpy
-from rclpy.duration import Duration
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.ros import signals
 from ctc_chattering.ros.exit_deadline import end_after
@@ -19,6 +13,11 @@ from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import BaseNode, Executor
 from ctc_chattering.ros.real_time import garbage_off_the_loop
 from ctc_chattering.ros.security import check_security
+import numpy as np
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 #: What `run` waits at the end for the last messages to arrive, all together [s]: after a signal,
 #: and without one; and between two looks for signals.

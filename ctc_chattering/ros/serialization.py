@@ -22,13 +22,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.cdr import DOUBLES, STRING, Template, TIME
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.cdr import DOUBLES, STRING, Template, TIME
 
 #: Position, velocity and acceleration.
 Point = tuple[Sequence[float], Sequence[float], Sequence[float]]

@@ -9,9 +9,6 @@ import dataclasses
 from numbers import Real
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.error_monitor import joint_beyond
@@ -25,6 +22,8 @@ from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
+import numpy as np
+import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array, Vector
+import numpy as np
 
 Modes = tuple[int, ...]
 #: A load that rounding alone lifts above Kf breaks no joint away.

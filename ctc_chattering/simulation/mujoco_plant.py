@@ -11,13 +11,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-import numpy as np
-
 from ctc_chattering.dynamics.urdf_parser import parse_description
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot
+import numpy as np
 
 #: The largest impedance of a constraint that MuJoCo accepts.
 _IMPEDANCE = 0.9999

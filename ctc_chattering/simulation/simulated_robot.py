@@ -90,7 +90,7 @@ class Robot(ABC):
 
     @property
     def steps(self) -> int:
-        """Number of steps of the integrator in the whole run."""
+        """Return the number of steps of the integrator in the whole run."""
         return self._last * self._substeps
 
     def _seen(self) -> tuple[Vector, Vector]:

@@ -41,7 +41,7 @@ class Variant(NamedTuple):
 
     @property
     def values(self) -> dict[str, Any]:
-        """What names the law, as parameters of the controller."""
+        """Return what names the law, as parameters of the controller."""
         return {'law': self.law, **({'switching': self.switching} if self.switching else {})}
 
 

@@ -7,15 +7,14 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-import numpy as np
-
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.studies.comparison import Outcome, RECOMMENDED, Variant
 from ctc_chattering.studies.comparison_tables import groups, heading
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+import numpy as np
 
 #: Panels of a figure beside each other.
 _COLUMNS = 3

@@ -8,14 +8,13 @@ from pathlib import Path
 import tempfile
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.parameter_file import Overrides
+import numpy as np
 
 #: Metrics of each joint, in the order of `Measurement`.
 _PER_JOINT = ('rms_error_rad', 'torque_variation_nm_per_s', 'max_torque_step_nm',

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
@@ -17,6 +15,7 @@ from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.settings_check import UNBOUNDED
 from ctc_chattering.studies.tuning import KNOW_FRICTION
 from ctc_chattering.trajectory.reference import make_motion
+import numpy as np
 
 #: Part of the model's torque that may be wrong, and instants at which it is evaluated.
 _MODEL_ERROR, _INSTANTS = 0.2, 500

@@ -8,12 +8,6 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
-import numpy as np
-
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import within
@@ -22,6 +16,11 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.studies import study
 from ctc_chattering.studies.cases import BASIC, Case, GAIN, NOISE, PERIOD, SHORT_NOISE
 from ctc_chattering.studies.study import Outcome
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+import numpy as np
 
 _DASHED, _BROKEN, _DOTTED = (0, (5, 1.5)), (0, (2.5, 1.2)), (0, (1, 1))
 #: Colour, marker and dashes of each switching (after Okabe and Ito) and of each law, distinct

@@ -5,10 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from commands import python
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.engine import (
     available,
     BATCH,
@@ -24,6 +20,9 @@ from ctc_chattering.batch import compiler
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.experiment.parameter_file import Setup
+from ctc_commands import python
+import numpy as np
+import pytest
 
 ELASTIC = {'joint_stiffness': [1e4, 1e4], 'joint_damping': [10.0, 10.0],
            'motor_inertia': [1.0, 0.1]}

@@ -5,15 +5,14 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.export import write_csv, write_npz
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import Run
+import numpy as np
+import pytest
 
 GANTRY = """<robot name="gantry"><link name="base"/><link name="beam"/><link name="arm"/>
 <joint name="rail, long" type="prismatic"><parent link="base"/><child link="beam"/></joint>

@@ -7,11 +7,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis import comparison_figures, figures
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import LAW_COLOURS
@@ -21,6 +16,10 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+import pytest
 
 pytestmark = pytest.mark.filterwarnings('error')
 LAWS = {law: ControllerConfig(law=law) for law in ('compensation', 'chattering')}

@@ -11,13 +11,6 @@ from pathlib import Path
 import re
 from xml.etree import ElementTree
 
-from identified_bags import short
-from jinja2 import UndefinedError
-from map_tables import table_of
-import numpy as np
-import pytest
-from tunings import one_process, short_spec
-
 from ctc_chattering.analysis.drawing import FigureFile, save
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.analysis.figures import tracking
@@ -43,6 +36,12 @@ from ctc_chattering.studies.comparison_files import write_page as write_comparis
 from ctc_chattering.studies.comparison_tables import to_markdown
 from ctc_chattering.studies.measurement import Measurement
 from ctc_chattering.trajectory.reference import ReferenceConfig
+from identified_bags import short
+from jinja2 import UndefinedError
+from map_tables import table_of
+import numpy as np
+import pytest
+from tunings import one_process, short_spec
 
 #: What runs, closes, or breaks something, wherever it is not text.
 HOSTILE = ('<script>alert(1)</script>"><iframe srcdoc="<script>alert(1)</script>"></iframe>'

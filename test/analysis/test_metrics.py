@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.metrics import BAND, metrics, reaching_time, rms, WINDOW
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+import pytest
 
 
 def _run(t: Sequence[float], e: Sequence[Sequence[float]], tau: Sequence[Sequence[float]],

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.errors import CtcError
+import pytest
 
 NAMES = ('metrics.json', 'figures')
 

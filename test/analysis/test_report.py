@@ -8,9 +8,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote
 
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.report import write_page
 from ctc_chattering.analysis.result import Result, write_metrics
@@ -19,6 +16,8 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+import pytest
 
 VOID = {'meta', 'img', 'br'}
 LAWS = {law: ControllerConfig(law=law) for law in ('compensation', 'chattering')}

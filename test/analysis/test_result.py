@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.result import finite, Result, simulated
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import simulate
+import numpy as np
+import pytest
 
 #: As in metrics.json, by contract.
 KEYS = ['experiment', 'law', 'switching', 'control_period_s', 'window_s', 'rms_error_rad',

@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run
+import numpy as np
 
 
 def run(source: str = '', **values: Any) -> Result:

@@ -3,15 +3,14 @@
 import dataclasses
 from typing import Any
 
-import numpy as np
-from oracles import paper_c, paper_g, paper_m
-import pytest
-
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+from oracles import paper_c, paper_g, paper_m
+import pytest
 
 CONTROLLER = ControllerConfig(
     kp=(90.0, 20.0, 20.0, 130.0), kv=(40.0, 5.0, 5.0, 60.0), effort_limit=(300.0, 300.0))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ctc_chattering.bags.index_checksum import check_index
 from mcap.reader import make_reader
 from mcap.records import Footer
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 import pytest
-
-from ctc_chattering.bags.index_checksum import check_index
 
 
 @pytest.fixture

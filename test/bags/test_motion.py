@@ -5,15 +5,14 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.errors import CtcError
 from identified_bags import recorded_bag
 from identified_robots import record, Recorded
 from motion_bags import joint_state, messages_of, write
 import numpy as np
 import pytest
 import urdfs
-
-from ctc_chattering.bags.motion import read_motion
-from ctc_chattering.errors import CtcError
 
 
 @cache

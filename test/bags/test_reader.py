@@ -20,17 +20,16 @@ from bags import (
     stamped,
     write_bag,
 )
-from faults import KINDS, malformed
-import numpy as np
-import pytest
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
+from faults import KINDS, malformed
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 SETUP = parameter_file.load(None, {
     'plant': {'duration': 0.2, 'experiment': 'trial', 'initial_position': [0.3, -0.2]},

@@ -12,6 +12,10 @@ import struct
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from ctc_chattering.bags.recovery import recover, Recovery
+from ctc_chattering.bags.repair import open_bag, repair
+from ctc_chattering.bags.writer import Recording
+from ctc_chattering.errors import CtcError
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
@@ -20,11 +24,6 @@ from mcap.writer import Writer as McapWriter
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-
-from ctc_chattering.bags.recovery import recover, Recovery
-from ctc_chattering.bags.repair import open_bag, repair
-from ctc_chattering.bags.writer import Recording
-from ctc_chattering.errors import CtcError
 
 #: Topic, log time [ns] and data.
 Row = tuple[str, int, bytes]

@@ -18,6 +18,15 @@ import time
 from typing import Any
 
 from bags import entries, write_bag
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.qos import offered_qos
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.recovery import recover
+from ctc_chattering.bags.repair import is_whole, open_bag, repair
+from ctc_chattering.bags.writer import Recording
+from ctc_chattering.cli.ctc import main
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
 from faults import nodes_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -31,16 +40,6 @@ import pytest
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
 import yaml
-
-from ctc_chattering.analysis.result import simulated
-from ctc_chattering.bags.qos import offered_qos
-from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.recovery import recover
-from ctc_chattering.bags.repair import is_whole, open_bag, repair
-from ctc_chattering.bags.writer import Recording
-from ctc_chattering.cli.ctc import main
-from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:

@@ -8,6 +8,9 @@ import subprocess
 import sys
 from typing import Any
 
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.subscription import with_info
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
 from rclpy.serialization import deserialize_message
@@ -16,10 +19,6 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-
-from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.subscription import with_info
 
 pytestmark = pytest.mark.ros
 

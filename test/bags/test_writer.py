@@ -18,12 +18,6 @@ from typing import Any
 from unittest.mock import Mock
 
 from bags import entries, Entry, serialized, write_bag
-from mcap.reader import make_reader
-from mcap.records import Chunk
-from mcap.stream_reader import breakup_chunk, StreamReader
-import pytest
-from recorded_runs import metadata
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.recovery import recover
@@ -32,6 +26,11 @@ from ctc_chattering.bags.writer import Recording
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.ros.topics import TOPICS
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import breakup_chunk, StreamReader
+import pytest
+from recorded_runs import metadata
 
 SETUP = parameter_file.load(None, {'plant': {'duration': 0.2}, 'bringup': {
     'events': ['0.1 controller law compensation']}})

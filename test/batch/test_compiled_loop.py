@@ -7,9 +7,6 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.batch.closed_loop import simulate, unsupported
 from ctc_chattering.control.controller import LAWS
@@ -21,6 +18,8 @@ from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.trajectory.waypoints import Route
+import numpy as np
+import pytest
 
 #: Largest relative difference of RMS errors: where the motion is regular, and where it rattles.
 REGULAR, RATTLING = 5e-3, 0.1

@@ -3,9 +3,8 @@
 from pathlib import Path
 from threading import Thread
 
-import pytest
-
 from ctc_chattering.batch import compiler
+import pytest
 
 
 def test_another_source_text_is_another_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-from urdfs import joint, link, PANDA, panda, urdf
-
 from ctc_chattering.batch.arm import arm_of, body_scratch
 from ctc_chattering.batch.dynamics import evaluate, forward_dynamics
 from ctc_chattering.batch.records import record
@@ -14,6 +10,9 @@ from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError
+import numpy as np
+import pytest
+from urdfs import joint, link, PANDA, panda, urdf
 
 
 def branching() -> str:

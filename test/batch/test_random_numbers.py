@@ -2,10 +2,9 @@
 
 from random import Random
 
+from ctc_chattering.batch.random_numbers import gauss, generator
 import numpy as np
 import pytest
-
-from ctc_chattering.batch.random_numbers import gauss, generator
 
 
 @pytest.mark.parametrize('seed', [0, 7, 2 ** 61, '3 loss'])

@@ -1,10 +1,9 @@
 """The reference of compiled runs: one layout, for which the loop is compiled once."""
 
-import numpy as np
-import pytest
-
 from ctc_chattering.batch.reference_table import reference_table
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+import numpy as np
+import pytest
 
 MS = 1_000_000
 

@@ -19,10 +19,6 @@ import sys
 import time
 from typing import Any, NamedTuple
 
-from fixed_case import by_jax, by_numba, Floats, FRICTION, PERIOD
-import numpy as np
-from other_simulators import DrakeLoop, Rollout
-
 from ctc_chattering.analysis.metrics import rms, within
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.batch.closed_loop import simulate
@@ -32,6 +28,9 @@ from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.evaluation import evaluate
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
+from fixed_case import by_jax, by_numba, Floats, FRICTION, PERIOD
+import numpy as np
+from other_simulators import DrakeLoop, Rollout
 
 #: Length of a run and evaluated interval [s].
 DURATION, WINDOW = 5.0, (2.5, 5.0)

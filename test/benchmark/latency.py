@@ -19,11 +19,10 @@ import sys
 import time
 from typing import NamedTuple
 
-from real_time_loop import real_time_loop
-
 from ctc_chattering.experiment.node_parameters import RealTimeSettings
 from ctc_chattering.monitoring.loop_statistics import Durations
 from ctc_chattering.ros.real_time import RealTime
+from real_time_loop import real_time_loop
 
 _COLUMNS = ('p50', 'p99', 'p99.9', 'max')
 #: Length of a measurement [s]: diagnostics look back so far.

@@ -7,12 +7,11 @@ from math import pi
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ElementTree
 
-import numpy as np
-
 from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.mujoco_plant import MujocoPlant
+import numpy as np
 
 #: Step [s].
 _PERIOD = 1e-3

@@ -7,13 +7,12 @@ import os
 import sys
 import time
 
+from ctc_chattering.ros.node import Executor, qos
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-
-from ctc_chattering.ros.node import Executor, qos
 
 
 def ping(trips: int) -> float:

@@ -6,15 +6,14 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-import rclpy
-
 from ctc_chattering.experiment.node_parameters import LOOP
 from ctc_chattering.experiment.paper import EXPERIMENTS
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros.domain import own_domain
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.topics import DIAGNOSTICS
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import rclpy
 
 Reports = dict[str, list[DiagnosticStatus]]
 

@@ -12,11 +12,6 @@ import sys
 from typing import Any
 
 from bags import entries, write_bag
-from commands import ctc, ctc_process, python, refused
-import numpy as np
-import pytest
-from urdfs import two_links
-
 from ctc_chattering import __version__
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
@@ -25,6 +20,10 @@ from ctc_chattering.cli.options import guarded
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_commands import ctc, ctc_process, python, refused
+import numpy as np
+import pytest
+from urdfs import two_links
 
 ROOT = Path(__file__).parents[2]
 FRICTION = ROOT / 'config' / 'friction.yaml'

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from commands import ctc, refused
-from map_specs import SMALL, written
-import numpy as np
-
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory
 from ctc_chattering.robustness.spec import read_spec
+from ctc_commands import ctc, refused
+from map_specs import SMALL, written
+import numpy as np
 
 POINT = 'friction=6,rate=2e-3,law=chattering implicit,repeat=1'
 RUN = 15

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from ctc_chattering.cli.ctc import main
+from ctc_chattering.experiment import parameter_file
 from identified_bags import recorded_bag, short
 import numpy as np
 import pytest
-
-from ctc_chattering.cli.ctc import main
-from ctc_chattering.experiment import parameter_file
 
 
 def test_a_bag_becomes_numbers_gains_figures_and_a_page(

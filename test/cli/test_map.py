@@ -13,19 +13,18 @@ import subprocess
 import sys
 from typing import Any
 
-from commands import ctc, refused, ROOT
-from map_specs import BRIEF, SMALL, written
-import psutil  # type: ignore[import-untyped]
-from pyarrow import parquet
-import pytest
-from stopwatch import PATIENCE
-
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.lock import locked
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory
 from ctc_chattering.robustness.spec import read_spec
+from ctc_commands import ctc, refused, ROOT
+from map_specs import BRIEF, SMALL, written
+import psutil  # type: ignore[import-untyped]
+from pyarrow import parquet
+import pytest
+from stopwatch import PATIENCE
 
 REFERENCE_ONLY = ('--engine', 'reference')
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 import tempfile
 
-from commands import ctc, refused, ROOT
-import pytest
-
 from ctc_chattering.cli.options import guarded
+from ctc_commands import ctc, refused, ROOT
+import pytest
 
 #: Command lines that mean nothing, and words of the answer.
 WRONG = {

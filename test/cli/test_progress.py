@@ -10,9 +10,8 @@ import subprocess
 import sys
 import termios
 
-import pytest
-
 from ctc_chattering.cli.progress import Progress, progress_bar
+import pytest
 
 SCRIPT = """
 from ctc_chattering.cli.progress import progress_bar

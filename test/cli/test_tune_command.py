@@ -6,11 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness.tuning.files import NAMES
+import pytest
 
 SPEC = """
 params_file: robot.yaml

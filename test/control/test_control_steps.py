@@ -16,15 +16,14 @@ from pathlib import Path
 import random
 from typing import Any
 
-import numpy as np
-from oracles import Array
-import pytest
-from urdfs import PANDA, panda, two_links, UR5, ur5
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+import numpy as np
+from oracles import Array
+import pytest
+from urdfs import PANDA, panda, two_links, UR5, ur5
 
 STEPS = 30
 JOINTS = {'two_link': ('joint1', 'joint2'), 'swapped': ('b', 'a'), 'panda': PANDA, 'ur5': UR5}

@@ -4,6 +4,10 @@ import dataclasses
 import math
 from typing import Any
 
+from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.errors import ParameterError
 import numpy as np
 from oracles import (
     Array,
@@ -16,11 +20,6 @@ from oracles import (
     paper_m,
 )
 import pytest
-
-from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.errors import ParameterError
 
 PAPER = ('compensation', 'chattering')
 Inputs = tuple[list[float], list[float], list[float], list[float], list[float]]

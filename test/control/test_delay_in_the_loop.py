@@ -4,14 +4,13 @@ from functools import cache
 import math
 from typing import Any
 
-import numpy as np
-from oracles import Array, Masses, observer_of
-import pytest
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+from oracles import Array, Masses, observer_of
+import pytest
 
 H = 1e-3
 MASS = np.array([[2.0, 0.7], [0.7, 0.5]])

@@ -1,12 +1,11 @@
 """The state after a known delay, against scipy."""
 
+from ctc_chattering.control.delay_prediction import predict
+from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
 from oracles import Array, Masses, paper_field, states
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
-from ctc_chattering.control.delay_prediction import predict
-from ctc_chattering.dynamics.two_link import TwoLink
 
 TORQUES = ([0.0, 0.0], [150.0, -20.0], [-60.0, 35.0])
 

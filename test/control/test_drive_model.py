@@ -2,11 +2,10 @@
 
 import math
 
+from ctc_chattering.control.drive_model import drive_model
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
-from ctc_chattering.control.drive_model import drive_model
 
 H = 1e-3
 

@@ -1,11 +1,10 @@
 """The filter (3): exact for its pole, without acceleration, bumpless."""
 
+from ctc_chattering.control.error_filter import ErrorFilter
 import numpy as np
 from oracles import Array, random_spd
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
-from ctc_chattering.control.error_filter import ErrorFilter
 
 
 def _output(made: ErrorFilter, de: Array | list[float]) -> list[float]:

@@ -2,12 +2,11 @@
 
 import math
 
+from ctc_chattering.control.error_monitor import joint_beyond
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
-from ctc_chattering.control.error_monitor import joint_beyond
 
 ERROR = st.floats(-10.0, 10.0)
 PAIRS = st.lists(st.tuples(ERROR, st.floats(1e-3, 10.0)), min_size=1, max_size=7)

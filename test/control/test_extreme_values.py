@@ -9,11 +9,6 @@ import math
 import random
 from typing import Any, TypeVar
 
-from hypothesis import given, HealthCheck, settings
-from hypothesis import strategies as st
-import pytest
-from urdfs import two_links
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -24,6 +19,10 @@ from ctc_chattering.parameters import Config, LARGEST, LEAST, Parameter
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import pytest
+from urdfs import two_links
 
 # numpy warns of what overflows; the law then has no sample.
 pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')

@@ -2,10 +2,6 @@
 
 import math
 
-import numpy as np
-from oracles import Array
-import pytest
-
 from ctc_chattering.control.feasible_reference import (
     Desired,
     Deviation,
@@ -14,6 +10,9 @@ from ctc_chattering.control.feasible_reference import (
     OVERSHOOT,
     ramp,
 )
+import numpy as np
+from oracles import Array
+import pytest
 
 H, LAG = 1e-3, np.array([2e-3, 0.0])
 INERTIA, LEVEL, RATE = np.array([9.0, 0.62]), np.array([9.9, 9.9]), np.array([5e3, 1e3])

@@ -2,11 +2,10 @@
 
 import math
 
+from ctc_chattering.control.friction_level import friction_level, untaught
 import numpy as np
 from oracles import Array
 import pytest
-
-from ctc_chattering.control.friction_level import friction_level, untaught
 
 H, BANDWIDTH, BOUND = 1e-3, 100.0, np.array([30.0, 30.0])
 

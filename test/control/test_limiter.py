@@ -1,10 +1,9 @@
 """The limits of the torque, against numpy's clip, and the anti-windup correction."""
 
+from ctc_chattering.control.limiter import Limiter
 import numpy as np
 from oracles import random_spd
 import pytest
-
-from ctc_chattering.control.limiter import Limiter
 
 UNLIMITED = np.full(3, np.inf)
 

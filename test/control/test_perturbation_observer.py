@@ -2,12 +2,11 @@
 
 import math
 
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.perturbation_observer import PerturbationObserver
 import numpy as np
 from oracles import Array, box_by_enumeration, Masses, observer_of, random_spd
 import pytest
-
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.control.perturbation_observer import PerturbationObserver
 
 H, B = 2e-3, 1.3
 REST = [0.0, 0.0, 0.0]

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
     lateness,
     POLE,
 )
+import numpy as np
+import pytest
 
 
 def damping(roots: np.ndarray) -> float:

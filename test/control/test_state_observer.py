@@ -2,12 +2,11 @@
 
 import math
 
+from ctc_chattering.control.drive_model import drive_model
+from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
 import numpy as np
 from oracles import Array, box_by_enumeration, random_spd
 import pytest
-
-from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
 
 H, BANDWIDTH = 1e-3, 150.0
 WIDE = np.full(2, 1e9)

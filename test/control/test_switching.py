@@ -1,12 +1,5 @@
 """The ways to evaluate the chattering term."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-import numpy as np
-from oracles import Array, inclusion_by_enumeration, random_spd
-import pytest
-from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
-
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.perturbation_observer import PerturbationObserver
 from ctc_chattering.control.switching import (
@@ -17,6 +10,12 @@ from ctc_chattering.control.switching import (
     Sign,
     SWITCHINGS,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from oracles import Array, inclusion_by_enumeration, random_spd
+import pytest
+from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
 
 #: Arguments of a term that depends on v alone.
 NONE = np.zeros(0), np.zeros((0, 0)), np.zeros(0)

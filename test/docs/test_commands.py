@@ -12,15 +12,14 @@ import subprocess
 import sys
 from typing import Any, NamedTuple
 
-from processes import PATIENCE
-import pytest
-
 from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.ctc import make_parser as ctc_parser
 from ctc_chattering.cli.node import _make_parser as node_parser
 from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.ros.domain import own_domain
+from processes import PATIENCE
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md')))

@@ -7,9 +7,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.handover import FADE
@@ -20,6 +17,8 @@ from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.studies.conditions import condition
 from ctc_chattering.studies.recommended import integral_pole, recommended_setup
+import numpy as np
+import pytest
 
 PAGE = (Path(__file__).resolve().parents[2] / 'docs' / 'laws.md').read_text(encoding='utf-8')
 

@@ -7,8 +7,6 @@ import dataclasses
 import itertools
 from pathlib import Path
 
-import pytest
-
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
@@ -23,6 +21,7 @@ from ctc_chattering.studies.study import evaluate, Outcome, run_setup, to_csv
 from ctc_chattering.studies.study_files import LAWS as LAW_KIND
 from ctc_chattering.studies.study_files import SWITCHINGS as SWITCHING_KIND
 from ctc_chattering.studies.study_files import to_markdown
+import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
 README = (DOCS.parent / 'README.md').read_text(encoding='utf-8')

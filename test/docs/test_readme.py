@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 import re
 
-import pytest
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.ctc import make_parser as ctc_parser
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.node_parameters import parameter_table
 from ctc_chattering.ros.topics import TOPICS
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from commands import ctc
+from ctc_chattering.dynamics.inertia_check import inertia_faults
+from ctc_commands import ctc
 import numpy as np
 import pytest
 from urdfs import joint, link, PANDA, panda, two_links, UR5, ur5, urdf
-
-from ctc_chattering.dynamics.inertia_check import inertia_faults
 
 LOWER = '<inertia ixx="0.05" iyy="0.05" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
 

@@ -1,5 +1,7 @@
 """The base class of models."""
 
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
 from oracles import (
     Array,
@@ -13,9 +15,6 @@ from oracles import (
     states,
 )
 import pytest
-
-from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.two_link import TwoLink
 
 
 @pytest.mark.parametrize('fixed_joints', range(8))

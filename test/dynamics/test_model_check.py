@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
-from oracles import Array, Generic, Masses
-import pytest
-from urdfs import PANDA, panda, two_links
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.model_check import check_dynamics, Finding
 from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
+import numpy as np
+from oracles import Array, Generic, Masses
+import pytest
+from urdfs import PANDA, panda, two_links
 
 SHAPES = 'values are finite and have their shapes'
 SYMMETRIC, DEFINITE = 'M is symmetric', 'M is positive definite (condition number)'

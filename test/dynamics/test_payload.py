@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from math import cos, pi, sin
 
-import numpy as np
-import pytest
-
 from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
+import numpy as np
+import pytest
 
 G = 9.81
 #: A pendulum of 2 kg whose tool is a metre from the axis, over two fixed joints.

@@ -5,11 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 import textwrap
 
-import numpy as np
-from oracles import paper_g
-import pytest
-from urdfs import two_links
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.registry import check_model, make_model, MODELS
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -17,6 +12,10 @@ from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
+from oracles import paper_g
+import pytest
+from urdfs import two_links
 
 OWN = textwrap.dedent('''
     from ctc_chattering.dynamics.model import Model

@@ -2,14 +2,13 @@
 
 from typing import Any
 
-import numpy as np
-from oracles import Generic, paper_c, paper_g, paper_m, states
-import pytest
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
+import numpy as np
+from oracles import Generic, paper_c, paper_g, paper_m, states
+import pytest
 
 FACTORS = [(0.9, 0.9), (1.3, 0.7), (0.5, 0.0), (1.0, 1.2), (1.1, 1.0)]
 

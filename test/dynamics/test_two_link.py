@@ -1,10 +1,9 @@
 """The paper's arm: its matrices, their structure, and the closed forms of the products."""
 
+from ctc_chattering.dynamics.two_link import TwoLink
 import numpy as np
 from oracles import Generic, paper_c, paper_g, paper_m, states
 import pytest
-
-from ctc_chattering.dynamics.two_link import TwoLink
 
 ARM = TwoLink()
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
-import pytest
-
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.two_link_urdf import two_link_urdf
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+import numpy as np
+import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 

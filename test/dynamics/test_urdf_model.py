@@ -9,6 +9,13 @@ import types
 from typing import Any
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.dynamics.model_check import check_dynamics
+from ctc_chattering.dynamics.scaled_model import Scaled
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.registry import make_plant
 import mujoco
 import numpy as np
 from oracles import Array, states
@@ -34,14 +41,6 @@ from urdfs import (
     ur5,
     urdf,
 )
-
-from ctc_chattering.dynamics.model_check import check_dynamics
-from ctc_chattering.dynamics.scaled_model import Scaled
-from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
 
 G = 9.81
 K = M2 * L1 * R2

@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import inf
 import xml.etree.ElementTree as ET
 
-import pytest
-from urdfs import grip, joint, link, PANDA, panda, two_links, UR5, ur5, urdf
-
 from ctc_chattering.dynamics.urdf_parser import Mimic, Tree
 from ctc_chattering.errors import CtcError, ParameterError
+import pytest
+from urdfs import grip, joint, link, PANDA, panda, two_links, UR5, ur5, urdf
 
 
 def test_real_robots() -> None:

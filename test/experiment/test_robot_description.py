@@ -6,12 +6,11 @@ import os
 from pathlib import Path
 import sys
 
-import pytest
-from urdfs import panda, two_links, ur5
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.robot_description import read_description
+import pytest
+from urdfs import panda, two_links, ur5
 
 ROBOTS = 'package://example-robot-data/robots'
 

@@ -6,15 +6,14 @@ from pathlib import Path
 import runpy
 from typing import Any
 
-import numpy as np
-import pytest
-import yaml
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.trajectory.waypoints import Waypoints
+import numpy as np
+import pytest
+import yaml
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / 'config' / 'trajectories' / 'waypoints.yaml'

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.experiment.yaml_file import parse_value, read_yaml
 from ctc_chattering.robustness.spec import read_spec
 from ctc_chattering.ros.ros_arguments import parse
+import pytest
 
 PACKAGE = Path(__file__).parents[2] / 'ctc_chattering'
 

@@ -10,10 +10,6 @@ from pathlib import Path
 import time
 from typing import Any
 
-from identified_robots import arm, record, Recorded
-from identified_robots import motion as motion_of
-import numpy as np
-
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.identification.identify import Identification, identify
 from ctc_chattering.identification.model_errors import candidates, heavier_links, with_payload
@@ -21,6 +17,9 @@ from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.recommendation import recommend, Recommendation
 from ctc_chattering.identification.validation import validate
 from ctc_chattering.trajectory.waypoints import Route
+from identified_robots import arm, record, Recorded
+from identified_robots import motion as motion_of
+import numpy as np
 
 #: Robots and plants of the study.
 ROBOTS = (('two_link', 'builtin'), ('two_link_urdf', 'mujoco'), ('panda', 'builtin'),

@@ -9,12 +9,6 @@ import re
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
-from commands import ctc, refused
-import numpy as np
-import numpy.typing as npt
-import pytest
-from urdfs import joint, link, PANDA, panda, UR5, ur5, urdf
-
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
@@ -31,6 +25,11 @@ from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.joint_limits import Limits
 from ctc_chattering.trajectory.reference import make_motion
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
+from ctc_commands import ctc, refused
+import numpy as np
+import numpy.typing as npt
+import pytest
+from urdfs import joint, link, PANDA, panda, UR5, ur5, urdf
 
 Array = npt.NDArray[np.float64]
 ROOT = Path(__file__).parents[2]

@@ -6,10 +6,6 @@ import dataclasses
 from functools import cache
 from typing import Any
 
-from identified_robots import arm, motion, record, Recorded
-import numpy as np
-import pytest
-
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.identify import Identification, identify
@@ -18,6 +14,9 @@ from ctc_chattering.identification.numbers import NONE, Number
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
 from ctc_chattering.trajectory.waypoints import Route
+from identified_robots import arm, motion, record, Recorded
+import numpy as np
+import pytest
 
 #: Duration of the runs [s].
 SHORT = 20.0

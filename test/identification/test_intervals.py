@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-from scipy.stats import t as student  # type: ignore[import-untyped]
-
 from ctc_chattering.identification.intervals import correlation_length, spread, t_quantile
 from ctc_chattering.identification.regression import Data, FORWARDS, solve, Term, VISCOUS
 from ctc_chattering.identification.rows import STRIBECK
+import numpy as np
+import pytest
+from scipy.stats import t as student  # type: ignore[import-untyped]
 
 #: Windows, and runs.
 COUNT, RUNS = 1000, 60

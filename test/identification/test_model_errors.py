@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-import urdfs
-
 from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
@@ -15,6 +11,9 @@ from ctc_chattering.identification.model_errors import (
     tip_of,
     with_payload,
 )
+import numpy as np
+import pytest
+import urdfs
 
 Q, DQ, DDQ = (0.3, -0.8), (1.1, 0.4), (-0.5, 2.0)
 

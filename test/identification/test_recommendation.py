@@ -5,10 +5,6 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from identified_robots import record
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.experiment import parameter_file
@@ -18,6 +14,9 @@ from ctc_chattering.identification.parameter_values import parameter_values
 from ctc_chattering.identification.perturbation import Perturbation, perturbation
 from ctc_chattering.identification.recommendation import recommend, Recommendation
 from ctc_chattering.identification.validation import validate
+from identified_robots import record
+import numpy as np
+import pytest
 
 MADE = record('two_link', 7, 16.0, plant={'velocity_noise': [1e-5] * 2})
 FOUND = identify([MADE.recording.checked()], MADE.model, candidates(MADE.model))

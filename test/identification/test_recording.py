@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.recording import cubic, Recording, stretches
+import numpy as np
+import pytest
 
 H = 1e-3
 T = H * np.arange(3000)

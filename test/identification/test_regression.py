@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
 from ctc_chattering.identification.regression import (
     BACKWARDS,
     Data,
@@ -21,6 +18,8 @@ from ctc_chattering.identification.regression import (
     VISCOUS,
 )
 from ctc_chattering.identification.rows import STRIBECK
+import numpy as np
+import pytest
 
 RNG = np.random.default_rng(0)
 COUNT = 400

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
 from ctc_chattering.identification.recording import Recording
 from ctc_chattering.identification.sensor_noise import clock, encoder_step, velocity_noise
+import numpy as np
+import pytest
 
 H = 1e-3
 T = np.asarray(H * np.arange(10_000), float)

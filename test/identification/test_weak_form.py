@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-from scipy.integrate import quad, solve_ivp  # type: ignore[import-untyped]
-from scipy.signal import savgol_filter  # type: ignore[import-untyped]
-
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification.torque import lagged, weak_torque
 from ctc_chattering.identification.weak_form import (
@@ -18,6 +13,10 @@ from ctc_chattering.identification.weak_form import (
     velocity_deviation,
 )
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp  # type: ignore[import-untyped]
+from scipy.signal import savgol_filter  # type: ignore[import-untyped]
 
 H = 1e-3
 PHI = TestFunction(H)

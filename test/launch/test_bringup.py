@@ -9,6 +9,9 @@ import signal
 import subprocess
 import time
 
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.launch.parameter_events import graph_monitor
+from ctc_chattering.simulation.closed_loop import Event
 from processes import alive, bringup, CONFIG, descendants, PATIENCE, probe, run_bringup, wait_for
 import pytest
 from rcl_interfaces.msg import SetParametersResult
@@ -16,10 +19,6 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
-
-from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.launch.parameter_events import graph_monitor
-from ctc_chattering.simulation.closed_loop import Event
 
 pytestmark = pytest.mark.ros
 ENDLESS = ('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0')

@@ -13,10 +13,9 @@ import sys
 from threading import Event
 from time import monotonic
 
+from ctc_chattering.launch.child_process import Child, stop
 import pytest
 from stopwatch import Stopwatch
-
-from ctc_chattering.launch.child_process import Child, stop
 
 FOREVER = 'import time\nprint("ready")\nwhile True: time.sleep(60)'
 IGNORE = 'import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n'

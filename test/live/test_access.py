@@ -12,16 +12,15 @@ import threading
 from typing import Any
 
 from browser import browser_page, ctc_live
-import pytest
-from websockets import Headers
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.access import Access, HEADERS
 from ctc_chattering.live.page import free_port, require_viser
 from ctc_chattering.live.server import serve, stop
 from ctc_chattering.ros.domain import own_domain
+import pytest
+from websockets import Headers
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 HOST = '127.0.0.1:8080'
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.live.arm_view import ArmView
 from ctc_chattering.live.page import free_port, require_viser
 from ctc_chattering.live.server import serve, stop
 from ctc_chattering.live.skeleton import quaternion, skeleton_of
+import numpy as np
 
 
 def test_arm_and_ghost_are_hidden_until_their_positions_are_known() -> None:

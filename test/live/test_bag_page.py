@@ -12,12 +12,6 @@ from typing import Any
 
 from bags import entries, write_bag
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
-from commands import ctc, refused
-from markupsafe import escape
-import numpy as np
-from processes import CONFIG, PATIENCE
-import pytest
-
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.analysis.terms import Terms
 from ctc_chattering.bags.reader import read_bag
@@ -26,6 +20,11 @@ from ctc_chattering.live.export import write_export
 from ctc_chattering.live.recorded import RecordedRun
 from ctc_chattering.live.samples import table
 from ctc_chattering.simulation.closed_loop import Run
+from ctc_commands import ctc, refused
+from markupsafe import escape
+import numpy as np
+from processes import CONFIG, PATIENCE
+import pytest
 
 LAWS = ('chattering', 'compensation')
 

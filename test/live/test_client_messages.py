@@ -7,13 +7,12 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-import msgspec
-import pytest
-from websockets.sync.client import connect
-
 from ctc_chattering.live.client_messages import fits, is_allowed
 from ctc_chattering.live.page import free_port, require_viser
 from ctc_chattering.live.server import serve, stop
+import msgspec
+import pytest
+from websockets.sync.client import connect
 
 STEPS = SimpleNamespace(value=1, min=1, max=100_000, disabled=False)
 TORQUE = SimpleNamespace(value=50.0, min=None, max=None, disabled=False)

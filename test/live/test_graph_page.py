@@ -11,6 +11,7 @@ import signal
 from typing import Any
 
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
+from ctc_chattering.ros.node import qos
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from faults import nodes_of
 from processes import bringup, CONFIG, descendants, PATIENCE, Probe, probe, wait_for
@@ -20,8 +21,6 @@ from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-
-from ctc_chattering.ros.node import qos
 
 pytestmark = [pytest.mark.ros, pytest.mark.browser]
 #: 100 Hz, and patient: the browser draws with the processors that the loop needs. At 100 Hz a ka

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import pytest
-
 from ctc_chattering.live.health import (
     COLOURS,
     counted,
@@ -18,6 +16,7 @@ from ctc_chattering.live.health import (
     UNKNOWN,
     WARN,
 )
+import pytest
 
 REPORTS = {node: Report(OK, 'running', 0.4) for node in SIGNALS}
 HEARD = dict.fromkeys(SIGNALS.values(), 0.05)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from ctc_chattering.live.history import envelope, History
+from ctc_chattering.live.samples import rms, Samples, since_now
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
-from ctc_chattering.live.history import envelope, History
-from ctc_chattering.live.samples import rms, Samples, since_now
 
 
 def test_keeps_the_window() -> None:

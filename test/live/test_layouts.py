@@ -9,11 +9,10 @@ import re
 from typing import Any
 import xml.etree.ElementTree as ET
 
-import pytest
-
 from ctc_chattering.live.layouts import foxglove, plotjuggler
 from ctc_chattering.ros.messages import message_type
 from ctc_chattering.ros.topics import TOPICS
+import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 PAPER, THREE = ('joint1', 'joint2'), ('a', 'b', 'c')

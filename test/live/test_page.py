@@ -5,13 +5,12 @@ from __future__ import annotations
 import socket
 import sys
 
-from commands import ctc, refused
-import pytest
-
 from ctc_chattering.cli.bringup import main as bringup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.controls import numbers
 from ctc_chattering.live.page import free_port, PORT, warning_of
+from ctc_commands import ctc, refused
+import pytest
 
 
 def test_takes_the_first_free_port_or_the_one_asked_for() -> None:

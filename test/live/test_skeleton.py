@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
-import pinocchio as pin
-import pytest
-
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.two_link_urdf import LENGTH, two_link_urdf
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.live.meshes import drawn
 from ctc_chattering.live.skeleton import quaternion, skeleton_of, urdf_skeleton
+import numpy as np
+import pinocchio as pin
+import pytest
 
 ROBOTS = 'package://example-robot-data/robots/'
 PANDA = f'{ROBOTS}panda_description/urdf/panda.urdf'

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import pytest
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.monitoring.control_loop import ControlLoop, JointSample
 from ctc_chattering.monitoring.controller_state import State
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+import pytest
 
 MS = 1_000_000
 ZERO = [0.0, 0.0]

@@ -1,8 +1,7 @@
 """What a controller's report says of states that are skipped, late or come at another rate."""
 
-import pytest
-
 from ctc_chattering.monitoring.controller_health import ControllerHealth
+import pytest
 
 SECOND, MS = 10 ** 9, 10 ** 6
 SLOW = 'the step takes 2 ms (p99) at a period of 1 ms: slower than the sample rate'

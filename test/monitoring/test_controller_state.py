@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from ctc_chattering.monitoring.controller_state import Event, State, TRANSITIONS
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
-from ctc_chattering.monitoring.controller_state import Event, State, TRANSITIONS
 
 #: By hand, a line for each state: what leads where. All else changes nothing.
 ARMED = ('follow: running, lead back: restarting, hold: holding, error limit: tripped, '

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from ctc_chattering.monitoring.lockstep import LockstepExchange
 from hypothesis import given
 from hypothesis import strategies as st
-
-from ctc_chattering.monitoring.lockstep import LockstepExchange
 
 MS = 1_000_000
 

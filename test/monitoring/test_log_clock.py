@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from ctc_chattering.monitoring.log_clock import LogTime
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
+from hypothesis import given
+from hypothesis import strategies as st
 
 MS = S // 1000
 

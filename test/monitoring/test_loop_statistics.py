@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 import re
 
+from ctc_chattering.monitoring.loop_statistics import Durations, LoopStatistics
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
-from ctc_chattering.monitoring.loop_statistics import Durations, LoopStatistics
 
 MS = 1_000_000
 #: From a nanosecond to a day, or 0 [s].

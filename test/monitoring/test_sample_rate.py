@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ctc_chattering.monitoring.sample_rate import SampleRate
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
-from ctc_chattering.monitoring.sample_rate import SampleRate
 
 MS = 1_000_000
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from laws import run, variation
-import numpy as np
-import pytest
-
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.monitoring.controller_health import ControllerHealth
 from ctc_chattering.monitoring.settings_check import LAG_RATIO, missing_limits, unsafe_settings
+from laws import run, variation
+import numpy as np
+import pytest
 
 RATES = [5e3, 1e3]
 SECOND = 1_000_000_000

@@ -3,11 +3,6 @@
 from collections.abc import Sequence
 import dataclasses
 
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
-import numpy as np
-import pytest
-
 from ctc_chattering.monitoring.stamps import (
     BACKWARD,
     GAP,
@@ -19,6 +14,10 @@ from ctc_chattering.monitoring.stamps import (
     Stamps,
     TAKEN,
 )
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
 
 MS = 1_000_000
 LIMIT = 20 * MS

@@ -5,14 +5,13 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-import pytest
-
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import pytest
 
 KA = (2.0, 3.0)
 

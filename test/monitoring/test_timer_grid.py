@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import random
 
+from ctc_chattering.monitoring.timer_grid import TimerGrid
 from hypothesis import given
 from hypothesis import strategies as st
-
-from ctc_chattering.monitoring.timer_grid import TimerGrid
 
 P = 1_000_000
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 import dataclasses
 import itertools
 
+from ctc_chattering.monitoring.topic_ownership import LEASE_DURATION, TopicOwnership
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
-from ctc_chattering.monitoring.topic_ownership import LEASE_DURATION, TopicOwnership
 
 MS = 1_000_000
 SECOND = 1000 * MS

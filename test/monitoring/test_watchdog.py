@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog, WINDOW
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
-from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog, WINDOW
 
 SECOND, MS = 10 ** 9, 10 ** 6
 

@@ -14,13 +14,12 @@ import signal
 import threading
 import time
 
+from ctc_chattering.launch import child_process
+from ctc_chattering.ros.topics import JOINT_STATES
 from faults import KINDS, load, nodes_of
 from processes import alive, bringup, CONFIG, PATIENCE, Probe, probe, Stopwatch, wait_for
 import pytest
 from sensor_msgs.msg import JointState
-
-from ctc_chattering.launch import child_process
-from ctc_chattering.ros.topics import JOINT_STATES
 
 pytestmark = pytest.mark.ros
 NODES = ('recorder', 'plant', 'controller', 'reference')

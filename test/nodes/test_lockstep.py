@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.experiment import parameter_file
 import numpy as np
 from processes import CONFIG
 import pytest
 from recorded_runs import assert_equal, counts, record
-
-from ctc_chattering.analysis.result import simulated
-from ctc_chattering.experiment import parameter_file
 
 pytestmark = pytest.mark.ros
 

@@ -10,19 +10,18 @@ import time
 from typing import Any
 
 from bags import chunk, efforts, state
-from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed
-import numpy as np
-from processes import bringup, CONFIG, PATIENCE, Probe, probe
-import pytest
-from recorded_runs import FIELDS
-from sensor_msgs.msg import JointState
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.serialization import EffortReader, StateReader, TrajectoryReader
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE
+from faults import clock, Diagnostics, JOINTS, Kind, KINDS, malformed
+import numpy as np
+from processes import bringup, CONFIG, PATIENCE, Probe, probe
+import pytest
+from recorded_runs import FIELDS
+from sensor_msgs.msg import JointState
 
 pytestmark = pytest.mark.ros
 COUNT = 1000

@@ -8,6 +8,11 @@ from pathlib import Path
 import signal
 
 from controller_process import ControllerUnderTest
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.experiment.node_parameters import parameters_of
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from processes import interrupt, probe
 import pytest
 from rcl_interfaces.msg import ParameterEvent
@@ -18,12 +23,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.experiment.node_parameters import parameters_of
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 
 pytestmark = pytest.mark.ros
 

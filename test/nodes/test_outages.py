@@ -10,6 +10,13 @@ import time
 from typing import Any
 
 from controller_process import after_an_outage
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.ros.topics import DIAGNOSTICS
 from faults import Diagnostics, ERROR, nodes_of, OK, WARN
 from processes import bringup, CONFIG, PATIENCE, Probe, probe, wait_for
 import pytest
@@ -18,14 +25,6 @@ from ros_messages import COMMANDS, MS, ns, reference, state
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
-
-from ctc_chattering.analysis.result import simulated
-from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.ros.topics import DIAGNOSTICS
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]

@@ -8,6 +8,13 @@ from pathlib import Path
 import random
 from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.experiment.node_parameters import NODES, parameters_of
+from ctc_chattering.monitoring import stamps
+from ctc_chattering.parameters import LARGEST, LEAST
+from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from faults import Diagnostics, JOINTS
 import numpy as np
 from processes import bringup, CONFIG, PATIENCE, Probe, probe
@@ -21,14 +28,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 import yaml
-
-from ctc_chattering.analysis.result import simulated
-from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.node_parameters import NODES, parameters_of
-from ctc_chattering.monitoring import stamps
-from ctc_chattering.parameters import LARGEST, LEAST
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 
 pytestmark = pytest.mark.ros
 #: Calls of the fuzzer by node; each sets up to six parameters.

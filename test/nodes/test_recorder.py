@@ -16,6 +16,16 @@ import time
 from typing import Any, NamedTuple
 
 from bags import joint_state
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.repair import is_damaged, open_bag, repair
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.launch import child_process
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros.serialization import State, StateReader
+from ctc_chattering.ros.subscription import with_info
+from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from faults import Diagnostics, ERROR, OK
 from mcap.reader import make_reader
 import numpy as np
@@ -30,17 +40,6 @@ from recorded_runs import assert_equal, counts, metadata
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
-
-from ctc_chattering.analysis.result import simulated
-from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.repair import is_damaged, open_bag, repair
-from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.launch import child_process
-from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.serialization import State, StateReader
-from ctc_chattering.ros.subscription import with_info
-from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 
 pytestmark = pytest.mark.ros
 STATES, TORQUES = f'/{JOINT_STATES}', f'/{COMMANDS}'
@@ -145,9 +144,9 @@ def kill_at_random(it: Probe, folder: Path, dice: random.Random, kills: int) -> 
 def test_recorders_killed_at_random_moments_lose_a_second_at_most(
         pacing: str, tmp_path: Path) -> None:
     """
-    Nothing is missing before, unless a recorder that could not keep up said so; the loop goes on,
-    with at most the pause of docs/safety.md; others can read the mended bag.
+    Check that nothing is missing before, unless a recorder that could not keep up said so.
 
+    The loop goes on, with at most the pause of docs/safety.md; others can read the mended bag.
     What was published, and when, says a witness; in lockstep every state in every bag equals the
     simulation, to the last bit, and none is missing between two.
     """

@@ -13,6 +13,16 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from controller_process import PATIENT
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.experiment import parameter_file
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.trajectory.buffer import Trajectory
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from faults import Diagnostics, ERROR, OK, Report, WARN
 import numpy as np
 from processes import CONFIG, Probe, probe
@@ -24,17 +34,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from urdfs import BOMBS, link, mutated, PANDA, panda, two_links, UR5, ur5
-
-from ctc_chattering.analysis.result import simulated
-from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.registry import make_plant
-from ctc_chattering.trajectory.buffer import Trajectory
-from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

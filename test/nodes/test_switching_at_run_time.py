@@ -6,10 +6,6 @@ import dataclasses
 import itertools
 from pathlib import Path
 
-import numpy as np
-from processes import run_bringup
-import pytest
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.reader import read_bag
@@ -17,6 +13,9 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import simulate
+import numpy as np
+from processes import run_bringup
+import pytest
 
 pytestmark = pytest.mark.ros
 FIELDS = ('t', 'q', 'dq', 'q_d', 'dq_d', 'tau', 'v')

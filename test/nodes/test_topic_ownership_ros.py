@@ -8,6 +8,10 @@ import signal
 import time
 
 from controller_process import ControllerUnderTest
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.ros.node import qos
+from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.topics import JOINT_STATES
 from faults import Diagnostics, ERROR, JOINTS, Report, WARN
 from processes import PATIENCE, Probe, probe
 import pytest
@@ -16,11 +20,6 @@ from rclpy.node import Node
 from ros_messages import COMMANDS, MS, ns, reference, state, torques
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
-
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.ros.node import qos
-from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import JOINT_STATES
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]

@@ -8,6 +8,9 @@ import re
 import signal
 
 from controller_process import after_an_outage
+from ctc_chattering.launch import child_process
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 from faults import Diagnostics, ERROR, OK, WARN
 from processes import PATIENCE, Probe, probe
 import pytest
@@ -16,10 +19,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
-
-from ctc_chattering.launch import child_process
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
 
 pytestmark = pytest.mark.ros
 ZERO = [0.0, 0.0]

@@ -1,13 +1,12 @@
 """The nearest point of a box against enumeration, scipy, and its optimality conditions."""
 
+from ctc_chattering.numerics.box_qp import nearest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from oracles import Array, box_by_enumeration, inclusion_by_enumeration, random_spd
 import pytest
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
-
-from ctc_chattering.numerics.box_qp import nearest
 
 
 def _check_conditions(mass: Array, point: Array, bound: Array, z: Array) -> None:

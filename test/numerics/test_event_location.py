@@ -3,10 +3,9 @@
 from collections.abc import Callable
 import math
 
+from ctc_chattering.numerics.event_location import first_negative
 import pytest
 from scipy.optimize import brentq  # type: ignore[import-untyped]
-
-from ctc_chattering.numerics.event_location import first_negative
 
 CASES: list[tuple[Callable[[float], float], float]] = [
     (lambda s: 0.3 - s, 0.3),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ctc_chattering.numerics.polynomials import cubic, linear, quintic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.interpolate import BPoly  # type: ignore[import-untyped]
-
-from ctc_chattering.numerics.polynomials import cubic, linear, quintic
 
 KINDS: dict[int, Callable[..., tuple[float, float, float]]] = {1: linear, 2: cubic, 3: quintic}
 

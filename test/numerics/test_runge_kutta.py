@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.runge_kutta import step
+import pytest
 
 
 def swing(q: Vector, _dq: Vector, u: Vector, _locked: int) -> Vector:

@@ -3,10 +3,9 @@
 from fractions import Fraction
 import math
 
-import pytest
-
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+import pytest
 
 
 @pytest.mark.parametrize(('period', 'ns'), [

@@ -11,9 +11,8 @@ import re
 import subprocess
 import sys
 
-import pytest
-
 import ctc_chattering
+import pytest
 
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.

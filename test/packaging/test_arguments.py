@@ -9,9 +9,6 @@ import random
 from typing import Any
 from unittest.mock import Mock
 
-import numpy as np
-import pytest
-
 import ctc_chattering
 from ctc_chattering import (
     Controller,
@@ -33,6 +30,8 @@ from ctc_chattering import (
 )
 from ctc_chattering.arguments import checked
 from ctc_chattering.errors import ParameterError
+import numpy as np
+import pytest
 
 REST = [0.0, 0.0]
 POINT = (REST, REST, REST)

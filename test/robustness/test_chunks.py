@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from map_specs import runs, SMALL
-import pytest
-
 from ctc_chattering.analysis.engine import BATCH, REFERENCE
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.evaluation import evaluate
 from ctc_chattering.robustness.runs import Runs
+from map_specs import runs, SMALL
+import pytest
 
 
 def sizes(made: Runs, engine: str) -> list[int]:

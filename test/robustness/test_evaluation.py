@@ -7,10 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from broken_arm import Broken
-from map_specs import ON_TRACK
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.engine import BATCH, ENGINES, REFERENCE
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.experiment import parameter_file
@@ -20,6 +16,9 @@ from ctc_chattering.robustness.evaluation import evaluate, limits, refused
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.robustness.tuning.runs import measured
 from ctc_chattering.simulation.closed_loop import simulate
+from map_specs import ON_TRACK
+import numpy as np
+import pytest
 
 CONFIG = Path(__file__).parents[2] / 'config'
 WINDOW = (0.1, 0.2)

@@ -6,11 +6,10 @@ import os
 from pathlib import Path
 import socket
 
-from commands import python
-import pytest
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness.lock import locked
+from ctc_commands import python
+import pytest
 
 TAKE = ('from pathlib import Path; from ctc_chattering.robustness.lock import locked; import os\n'
         'with locked(Path({0!r})): os.kill(os.getpid(), {1})')

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from map_specs import runs
-import pytest
-
 from ctc_chattering.errors import UsageError
 from ctc_chattering.robustness.point import find_run
+from map_specs import runs
+import pytest
 
 RUNS = runs()
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-import pytest
-
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness.quantity import applied, check, read_axis, read_uncertain
+import numpy as np
+import pytest
 
 SETUP = parameter_file.load(None, {'plant': {'duration': 1.0}})
 FRICTION = 'plant.coulomb_friction'

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-import pytest
-from scipy import stats  # type: ignore[import-untyped]
-
 from ctc_chattering.robustness.quantity import read_uncertain, Uncertain
 from ctc_chattering.robustness.sampling import draws, unit_draws
 from ctc_chattering.robustness.spec import Repeats
+import numpy as np
+import pytest
+from scipy import stats  # type: ignore[import-untyped]
 
 
 def uncertain(**distribution: Any) -> Uncertain:

@@ -10,14 +10,13 @@ import threading
 import time
 from typing import Any
 
-from distributed import LocalCluster
-import pytest
-from scheduler_tasks import add, die, die_once, fail, until_there
-
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.robustness import scheduler
 from ctc_chattering.robustness.chunks import version
 from ctc_chattering.robustness.scheduler import check_versions, computed, threads, workers
+from distributed import LocalCluster
+import pytest
+from scheduler_tasks import add, die, die_once, fail, until_there
 
 
 @pytest.fixture(scope='module')

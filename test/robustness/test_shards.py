@@ -7,12 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from map_specs import runs
-import numpy as np
-import pyarrow
-from pyarrow import parquet
-import pytest
-
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness import chunks, shards
@@ -23,6 +17,11 @@ from ctc_chattering.robustness.shards import (
     file_digest,
     read_about,
 )
+from map_specs import runs
+import numpy as np
+import pyarrow
+from pyarrow import parquet
+import pytest
 
 SCHEMA = pyarrow.schema([('run', 'int64'), ('error', 'float64')])
 ABOUT = {'key': 'one', 'spec': {'a': 1}}

@@ -7,8 +7,6 @@ import subprocess
 import sys
 from typing import Any
 
-import pytest
-
 from ctc_chattering import __version__
 from ctc_chattering.cli import bringup, node
 from ctc_chattering.cli.options import guarded
@@ -17,6 +15,7 @@ from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS, parameters_of
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.ros.ros_arguments import bringup_values, parse
+import pytest
 
 ROOT = Path(__file__).parents[2]
 FRICTION = ROOT / 'config' / 'friction.yaml'

@@ -8,10 +8,9 @@ import subprocess
 import sys
 import tempfile
 
-import pytest
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.domain import DOMAINS, own_domain
+import pytest
 
 NAMES = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 HOLD = ('import os\nfrom ctc_chattering.ros.domain import own_domain\n'

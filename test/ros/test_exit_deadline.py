@@ -7,10 +7,9 @@ import subprocess
 import sys
 import textwrap
 
+from ctc_chattering.ros.domain import own_domain
 import pytest
 from stopwatch import PATIENCE, Stopwatch
-
-from ctc_chattering.ros.domain import own_domain
 
 #: Waits for ever and lets no thread of Python run.
 HANG = 'ctypes.PyDLL(None).pause()'

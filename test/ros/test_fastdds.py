@@ -7,11 +7,10 @@ import os
 from pathlib import Path
 import socket
 
+from ctc_chattering.ros.fastdds import enlarge_receive_buffers, use_profile, VARIABLES
 from processes import CONFIG, has_port, probe, use_plain_profile
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-
-from ctc_chattering.ros.fastdds import enlarge_receive_buffers, use_profile, VARIABLES
 
 
 def test_it_is_used_unless_there_is_another_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 
+from ctc_chattering.errors import RejectedMessage
+from ctc_chattering.ros.joint_order import select
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-
-from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.ros.joint_order import select
 
 names_of = st.lists(st.text('abc', min_size=1, max_size=2), unique=True, max_size=6)
 

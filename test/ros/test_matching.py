@@ -7,6 +7,9 @@ from pathlib import Path
 import signal
 import time
 
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.ros.matching import compatible, weakened
+from ctc_chattering.ros.subscription import ValidatedSubscription
 from processes import interrupt, probe
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -16,10 +19,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 from urdfs import two_links
-
-from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.ros.matching import compatible, weakened
-from ctc_chattering.ros.subscription import ValidatedSubscription
 
 pytestmark = pytest.mark.ros
 #: As `rclcpp::ClockQoS` and `rclcpp::SensorDataQoS` offer it.

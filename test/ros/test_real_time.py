@@ -14,17 +14,16 @@ import time
 from typing import Any, TypeVar
 import weakref
 
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.experiment.node_parameters import RealTimeSettings
+from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
+from ctc_chattering.ros.topics import CLOCK, JOINT_STATES
 from faults import Diagnostics, WARN
 from processes import interrupt, probe
 import pytest
 from rights import WITH_RIGHTS
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-
-from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment.node_parameters import RealTimeSettings
-from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
-from ctc_chattering.ros.topics import CLOCK, JOINT_STATES
 
 T = TypeVar('T')
 

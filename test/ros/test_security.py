@@ -7,14 +7,13 @@ from pathlib import Path
 import subprocess
 import sys
 
+from ctc_chattering.errors import CtcError
+from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.security import check_security
 from faults import nodes_of
 from processes import alive, CONFIG, descriptors, has_port, PATIENCE, wait_for
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-
-from ctc_chattering.errors import CtcError
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.security import check_security
 
 pytestmark = pytest.mark.ros
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'

@@ -17,16 +17,6 @@ from typing import Any
 
 from bags import Cdr, chunk, efforts, state
 from builtin_interfaces.msg import Time
-from faults import KINDS, mutated
-from hypothesis import given, settings
-from hypothesis import strategies as st
-import pytest
-from rclpy.serialization import deserialize_message, serialize_message
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.messages import message_type, read_stamp, stamp
 from ctc_chattering.ros.serialization import (
@@ -38,6 +28,15 @@ from ctc_chattering.ros.serialization import (
     TrajectoryReader,
     TrajectoryWriter,
 )
+from faults import KINDS, mutated
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 Answer = tuple[Any, ...]
 #: By the number of joints; every remainder of the length of all names by 8 comes up.

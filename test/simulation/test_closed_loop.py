@@ -2,11 +2,6 @@
 
 from typing import Any
 
-import numpy as np
-from oracles import Array, Counting, paper_c, paper_field, paper_g, paper_m
-import pytest
-from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
 from ctc_chattering.analysis.metrics import metrics, reaching_time
 from ctc_chattering.analysis.terms import Terms, terms
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -16,6 +11,10 @@ from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from ctc_chattering.trajectory.waypoints import Route
+import numpy as np
+from oracles import Array, Counting, paper_c, paper_field, paper_g, paper_m
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 
 def _run(h: float = 1e-3, duration: float = 10.0, law: str = 'chattering',

@@ -2,12 +2,11 @@
 
 from math import inf
 
-import numpy as np
-import pytest
-
 from ctc_chattering.simulation.disturbance import disturbance
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
+import pytest
 
 
 def test_is_the_paper_s() -> None:

@@ -6,17 +6,16 @@ from itertools import pairwise
 from math import exp, inf, log
 from typing import Any
 
-import numpy as np
-from oracles import Array, Masses
-import pytest
-from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.simulation.drive import response
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import BACKENDS, PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
+import numpy as np
+from oracles import Array, Masses
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 H = 1e-3
 MASSES = np.array([2.0, 0.5])

@@ -5,11 +5,6 @@ from __future__ import annotations
 from math import inf, pi, sin, sqrt
 from typing import Any
 
-import numpy as np
-from oracles import Array, kinetic_energy, Masses, paper_c, paper_g, paper_m, states
-import pytest
-from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.model_check import check_dynamics
@@ -17,6 +12,10 @@ from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
+from oracles import Array, kinetic_energy, Masses, paper_c, paper_g, paper_m, states
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 SLIDERS = [[2.0, 0.0], [0.0, 0.5]]
 K, J, M = np.array([800.0, 300.0]), np.array([0.4, 0.1]), np.array([2.0, 0.5])

@@ -1,13 +1,12 @@
 """Which joints stick and which slide, against enumeration of Coulomb's law."""
 
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.simulation.friction import bit_mask, excess, modes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from oracles import friction_by_enumeration, Masses, paper_c, paper_g, paper_m, random_spd
 import pytest
-
-from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.simulation.friction import bit_mask, excess, modes
 
 ARM = TwoLink()
 REST = [0.0, 0.0]

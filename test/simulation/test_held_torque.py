@@ -3,14 +3,13 @@
 from pathlib import Path
 import random
 
-import numpy as np
-import pytest
-
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.reference import make_motion
+import numpy as np
+import pytest
 
 FILE = Path(__file__).resolve().parents[2] / 'config' / 'friction.yaml'
 UNLIMITED = {'plant': {'torque_saturation': [float('inf')] * 2}}

@@ -3,14 +3,13 @@
 from collections.abc import Callable
 from typing import Any
 
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
 from oracles import Array, kinetic_energy, Masses, paper_field, paper_m
 import pytest
 from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
-from ctc_chattering.errors import ParameterError
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
 
 SLIDERS = [[2.0, 0.0], [0.0, 0.5]]  # two joints that know nothing of each other
 COUPLED = [[2.0, 1.0], [1.0, 2.0]]

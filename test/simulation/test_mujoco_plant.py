@@ -9,12 +9,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import numpy as np
-from oracles import Array
-import pytest
-from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-from scipy.special import ellipk  # type: ignore[import-untyped]
-
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
@@ -27,6 +21,11 @@ from ctc_chattering.simulation.plant_config import BACKENDS, PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+from oracles import Array
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+from scipy.special import ellipk  # type: ignore[import-untyped]
 
 mujoco = pytest.importorskip('mujoco')
 

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from oracles import Masses
-import pytest
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.experiment import parameter_file
@@ -15,6 +11,9 @@ from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+import numpy as np
+from oracles import Masses
+import pytest
 
 LAW = ControllerConfig(ka=(12.0, 12.0), switching='implicit_observer')
 

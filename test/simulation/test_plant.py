@@ -2,15 +2,14 @@
 
 from typing import Any
 
-import numpy as np
-from oracles import Array, Counting, kinetic_energy, Masses, paper_field
-import pytest
-from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
-
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
+from oracles import Array, Counting, kinetic_energy, Masses, paper_field
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
 
 SLIDERS = [[2.0, 0.0], [0.0, 0.5]]  # two joints that know nothing of each other
 

@@ -1,13 +1,12 @@
 """What the sensors make of a state: resolution, statistics, seeds."""
 
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.sensor import Sensor
 import numpy as np
 from oracles import Array, Masses
 import pytest
 from scipy.signal import lfilter  # type: ignore[import-untyped]
-
-from ctc_chattering.simulation.plant import Plant
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.sensor import Sensor
 
 ZERO = (0.0, 0.0)
 

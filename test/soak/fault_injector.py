@@ -10,15 +10,14 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from bags import chunk, efforts, state
+from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from faults import JOINTS, Kind, KINDS, malformed
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import JointTrajectory
-
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES
 from soak import plan
 from soak.plan import Fault
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 if TYPE_CHECKING:
     from soak.run import Graph

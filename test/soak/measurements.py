@@ -9,13 +9,12 @@ import itertools
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from faults import Report
-import numpy as np
-
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.topics import JOINT_STATES
+from faults import Report
+import numpy as np
 from soak.plan import PROCESSES
 
 #: Part of the sample rate that controller and recorder must reach again.

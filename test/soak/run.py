@@ -11,20 +11,19 @@ import tempfile
 import time
 from typing import Any, TextIO
 
-from faults import Diagnostics, Report
-from processes import Probe, probe
-from stopwatch import Stopwatch
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.launch import child_process
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.fastdds import use_profile
+from faults import Diagnostics, Report
+from processes import Probe, probe
 from soak import measurements, plan
 from soak.fault_injector import FaultInjector
 from soak.measurements import Outage
 from soak.plan import Fault, PROCESSES
+from stopwatch import Stopwatch
 
 #: The run: the paper's first experiment in real time, with limits on the torque.
 OVERRIDES: dict[str, dict[str, Any]] = {

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from bags import state
-import pytest
-
 from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.writer import Recording
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
+import pytest
 from soak.measurements import examine, Outage
 
 NAMES = ('joint1', 'joint2')

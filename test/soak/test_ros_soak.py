@@ -11,10 +11,9 @@ import sys
 import time
 from typing import Any
 
+from ctc_chattering.bags.repair import open_bag
 from processes import descendants, PATIENCE, wait_for
 import pytest
-
-from ctc_chattering.bags.repair import open_bag
 from soak import plan
 
 pytestmark = pytest.mark.ros

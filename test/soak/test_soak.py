@@ -8,13 +8,12 @@ import json
 import random
 from typing import Any
 
-from faults import Report
-import numpy as np
-import pytest
-
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment.node_parameters import NODES, parameters_of
+from faults import Report
+import numpy as np
+import pytest
 from soak import plan, report
 from soak.measurements import Gap, gaps, memory, Outage, totals, unhealthy, WARM_UP
 from soak.plan import Fault

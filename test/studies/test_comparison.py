@@ -7,12 +7,6 @@ import dataclasses
 from pathlib import Path
 import re
 
-from commands import ctc, ctc_process, refused
-import numpy as np
-from processes import CONFIG
-import pytest
-from urdfs import PANDA, UR5
-
 from ctc_chattering.analysis.engine import ENGINES, simulated_by
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.control.controller import LAWS
@@ -38,6 +32,11 @@ from ctc_chattering.studies.conditions import CONDITIONS
 from ctc_chattering.studies.measurement import Measurement, over_simulation, Simulation
 from ctc_chattering.studies.recommended import recommended
 from ctc_chattering.studies.tuning import Budget, cost, Weights
+from ctc_commands import ctc, ctc_process, refused
+import numpy as np
+from processes import CONFIG
+import pytest
+from urdfs import PANDA, UR5
 
 #: Effort limits of the URDFs [N·m].
 LIMITS = {'panda': (87.0,) * 4 + (12.0,) * 3, 'ur5': (150.0,) * 3 + (28.0,) * 3}

@@ -6,10 +6,9 @@ import csv
 import re
 
 from comparison_page import DOCS, filled, PAGE
-import pytest
-
 from ctc_chattering.studies.conditions import ALL, CONDITIONS
 from ctc_chattering.studies.tuning import DIVERGED, Weights
+import pytest
 
 TEXT = PAGE.read_text(encoding='utf-8')
 

@@ -6,10 +6,6 @@ from math import exp, inf
 from pathlib import Path
 from typing import Any
 
-from processes import CONFIG
-import pytest
-import yaml
-
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
 from ctc_chattering.experiment import parameter_file
@@ -18,6 +14,9 @@ from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.studies.comparison import tasks
 from ctc_chattering.studies.conditions import condition, CONDITIONS, torque_rates
+from processes import CONFIG
+import pytest
+import yaml
 
 FRICTION = CONFIG / 'friction.yaml'
 #: What a condition may set, and what it is when nothing is set.

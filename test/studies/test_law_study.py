@@ -5,8 +5,6 @@ import io
 import math
 from pathlib import Path
 
-import pytest
-
 from ctc_chattering.analysis.engine import ENGINES
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
@@ -19,6 +17,7 @@ from ctc_chattering.studies.recommended import recommended_setup
 from ctc_chattering.studies.study import Outcome
 from ctc_chattering.studies.study_files import LAWS as LAW_KIND
 from ctc_chattering.studies.study_files import to_markdown
+import pytest
 
 LAG = Case('2 ms', 'Drive lag', {
     'plant': {'duration': 1.0, 'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3]},

@@ -5,8 +5,6 @@ import io
 import math
 from pathlib import Path
 
-import pytest
-
 from ctc_chattering.analysis.engine import BATCH, ENGINES
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
@@ -17,6 +15,7 @@ from ctc_chattering.studies.cases import Case
 from ctc_chattering.studies.study import evaluate, Outcome, run_cases, to_csv
 from ctc_chattering.studies.study_files import SWITCHINGS as KIND
 from ctc_chattering.studies.study_files import to_markdown
+import pytest
 
 SHORT = tuple(
     Case(name, cases.BASIC, {

@@ -6,10 +6,6 @@ from math import e, log, pi
 import random
 import sys
 
-import numpy as np
-from processes import CONFIG
-import pytest
-
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
@@ -19,6 +15,9 @@ from ctc_chattering.studies.comparison import Variant, variants
 from ctc_chattering.studies.measurement import Measurement, worst
 from ctc_chattering.studies.recommended import recommended
 from ctc_chattering.studies.tuning import Budget, cost, DIVERGED, gains, Range, space, Weights
+import numpy as np
+from processes import CONFIG
+import pytest
 
 RANGES = {'x': Range(0.1, 1e3), 'y': Range(1e-3, 10.0)}
 FRICTION = (9.9, 4.0)

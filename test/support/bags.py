@@ -10,6 +10,11 @@ from pathlib import Path
 import struct
 from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.bags.qos import offered_qos
+from ctc_chattering.bags.writer import Recording
+from ctc_chattering.parameters import Config
+from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
 import numpy.typing as npt
 from rcl_interfaces.msg import ParameterEvent
@@ -18,12 +23,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-from ctc_chattering.analysis.result import Result
-from ctc_chattering.bags.qos import offered_qos
-from ctc_chattering.bags.writer import Recording
-from ctc_chattering.parameters import Config
-from ctc_chattering.simulation.closed_loop import Run
 
 Rows = Sequence[Sequence[float]]
 Row = npt.NDArray[np.float64]

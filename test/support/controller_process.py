@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.trajectory.buffer import Point
 from processes import Probe
 from ros_messages import COMMANDS
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
-
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.trajectory.buffer import Point
 
 #: A law that a machine does not upset which is late by many samples.
 PATIENT = ['-p', 'law:=compensation', '-p', 'kp:=[25.0,25.0]', '-p', 'kv:=[10.0,10.0]']

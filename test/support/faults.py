@@ -12,14 +12,13 @@ import sys
 from typing import Any, NamedTuple
 
 from bags import Cdr, chunk, efforts, state
+from ctc_chattering.ros.topics import CLOCK, COMMANDS, DIAGNOSTICS, JOINT_STATES, REFERENCE
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from processes import descendants, Probe
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
-
-from ctc_chattering.ros.topics import CLOCK, COMMANDS, DIAGNOSTICS, JOINT_STATES, REFERENCE
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 JOINTS = ('joint1', 'joint2')
@@ -67,7 +66,7 @@ class Diagnostics:
                           f'{what} of {node}')
         return self.latest[node]
 
-    def next(self, node: str) -> Report:
+    def next(self, node: str) -> Report:  # noqa: A003
         """Wait for the next report of a node."""
         return self.until(node, lambda _: True, 'a report')
 
@@ -76,7 +75,7 @@ class Kind(NamedTuple):
     """A topic with its type, a valid message, and a maker of messages that may be wrong."""
 
     topic: str
-    type: Any
+    type: Any  # noqa: A003
     valid: bytes
     make: Callable[[random.Random], bytes]
 

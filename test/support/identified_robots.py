@@ -7,9 +7,6 @@ import dataclasses
 from functools import cache
 from typing import Any, NamedTuple
 
-import numpy as np
-import urdfs
-
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
@@ -22,6 +19,8 @@ from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
+import numpy as np
+import urdfs
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 import math
 from typing import Any
 
-import numpy as np
-from oracles import Array, paper_c, paper_g, paper_m
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+from oracles import Array, paper_c, paper_g, paper_m
 
 Inputs = tuple[list[float], list[float], list[float], list[float], list[float]]
 #: Gains with coupling, and values of their own wherever 1 or the default would hide a mistake.

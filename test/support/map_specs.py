@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.spec import MapSpec, parse
+import yaml
 
 #: On the reference at the start, so that short runs have small errors.
 ON_TRACK = {'initial_position': [3.141592653589793, 1.5707963267948966],

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-
-from ctc_chattering.numerics.linear_algebra import Array
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _TYPES = {name: _STORE.types[name] for name in (

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import itertools
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.laws.chattering import Chattering
 from ctc_chattering.control.perturbation_observer import PerturbationObserver
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
+import numpy as np
+import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 

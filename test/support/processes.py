@@ -12,6 +12,9 @@ import sys
 import time
 from typing import Any
 
+from ctc_chattering.launch import child_process
+from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.fastdds import VARIABLES
 import pytest
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -21,10 +24,6 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
 from stopwatch import PATIENCE as PATIENCE
 from stopwatch import Stopwatch as Stopwatch
-
-from ctc_chattering.launch import child_process
-from ctc_chattering.ros.domain import own_domain
-from ctc_chattering.ros.fastdds import VARIABLES
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 #: More than a process that was killed stays in the graph, by `config/fastdds.xml` [s].
@@ -102,7 +101,7 @@ class Probe:
         self.until(answered, f'answer of {name}')
         return next(future.result() for future in futures if future.done())
 
-    def set(self, node: str, name: str, value: Any) -> SetParametersResult:
+    def set(self, node: str, name: str, value: Any) -> SetParametersResult:  # noqa: A003
         """Set a parameter as `ros2 param set` does."""
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()])

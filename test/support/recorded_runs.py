@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.bags.reader import read_bag
 from mcap.reader import make_reader
 import numpy as np
 from processes import run_bringup
 import yaml
-
-from ctc_chattering.analysis.result import Result
-from ctc_chattering.bags.reader import read_bag
 
 FIELDS = ('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v')
 

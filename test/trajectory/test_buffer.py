@@ -1,11 +1,10 @@
 """A desired motion in chunks."""
 
+from ctc_chattering.trajectory.buffer import Point, Trajectory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
-from ctc_chattering.trajectory.buffer import Point, Trajectory
 
 MS = 1_000_000
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hypothesis import given
-from hypothesis import strategies as st
-import pytest
-
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.desired_motion import DesiredMotion, PAUSE
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
 
 S = 1_000_000_000
 MS = S // 1000

@@ -2,15 +2,14 @@
 
 from typing import Any
 
-import numpy as np
-from oracles import Array, Masses, paper_m
-import pytest
-
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
+from oracles import Array, Masses, paper_m
+import pytest
 
 IMPLICIT = ['implicit', 'implicit_observer']
 FREE = {'coulomb_friction': [0.0, 0.0]}

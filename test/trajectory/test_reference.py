@@ -2,12 +2,11 @@
 
 import math
 
-import numpy as np
-import pytest
-
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Sinusoid
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
+import numpy as np
+import pytest
 
 S = 1_000_000_000
 FULL = ReferenceConfig(

@@ -6,13 +6,6 @@ from itertools import accumulate
 import math
 import re
 
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
-import numpy as np
-import numpy.typing as npt
-import pytest
-from urdfs import two_links
-
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import Limits
@@ -25,6 +18,12 @@ from ctc_chattering.trajectory.smooth_start import (
     Transition,
 )
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+import numpy as np
+import numpy.typing as npt
+import pytest
+from urdfs import two_links
 
 S = 1_000_000_000
 positions = st.floats(-5.0, 5.0)

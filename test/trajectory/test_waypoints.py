@@ -6,6 +6,9 @@ from array import array
 from itertools import pairwise
 from typing import Any
 
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.trajectory.buffer import Point
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -15,10 +18,6 @@ from scipy.interpolate import (  # type: ignore[import-untyped]
     CubicHermiteSpline,
     interp1d,
 )
-
-from ctc_chattering.errors import ParameterError
-from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 S = 1_000_000_000
 

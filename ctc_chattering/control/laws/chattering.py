@@ -12,8 +12,6 @@ what it tolerates.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.laws.base import Law, State, Terms, Torque
@@ -22,6 +20,7 @@ from ctc_chattering.control.switching import make_switching
 from ctc_chattering.control.switching.base import Switching
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class Chattering(Law):

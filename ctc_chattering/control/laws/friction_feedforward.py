@@ -15,11 +15,10 @@ linear part is stable if, sampled and with M̂ = c M::
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.laws.base import Law, State, Terms
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class FrictionFeedforward(Law):

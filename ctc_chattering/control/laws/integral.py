@@ -20,13 +20,12 @@ c h Kv < 2 as well.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.laws.base import Law, State, Terms, Torque
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
+import numpy as np
 
 
 class Integral(Law):

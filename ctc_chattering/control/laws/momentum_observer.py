@@ -23,12 +23,11 @@ from __future__ import annotations
 
 from math import exp
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.laws.base import Law, State, Terms, Torque
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class MomentumObserver(Law):

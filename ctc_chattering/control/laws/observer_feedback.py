@@ -25,8 +25,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.drive_model import drive_model
 from ctc_chattering.control.error_filter import ErrorFilter
@@ -49,6 +47,7 @@ from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import diagonal, dot, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
+import numpy as np
 
 
 @record

@@ -23,13 +23,12 @@ M⁻¹ diag(D) are n or less: sampled, with diagonal gains, s and f̂ are stable
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.laws.base import free_inertia, Law, State, Terms, Torque
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
+import numpy as np
 
 #: Part of the level that the friction of a joint must show for the level to be taken from it.
 _MOVING = 0.5

@@ -24,12 +24,11 @@ correct the same error.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
 from ctc_chattering.control.laws.base import Law, State, Terms, Torque
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class SuperTwisting(Law):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ctc_chattering.control.switching.base import Switching
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 class BoundaryLayer(Switching):

@@ -5,12 +5,6 @@ from __future__ import annotations
 import operator
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic, models, register_model
-import numpy as np
-
 from ctc_chattering.numerics import compilable
 from ctc_chattering.numerics.simd.vectors import (
     lowered,
@@ -21,6 +15,11 @@ from ctc_chattering.numerics.simd.vectors import (
     with_element,
     write,
 )
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, register_model
+import numpy as np
 
 _DOUBLE = ir.DoubleType()
 

@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterator
 import inspect
 from typing import Any, get_type_hints
 
-from numba import types
-from numba.extending import overload_method, register_jitable
-import numpy as np
-
 from ctc_chattering.numerics import compilable
 from ctc_chattering.numerics.simd import matrices, vectors
 from ctc_chattering.numerics.simd.matrices import MatrixType
 from ctc_chattering.numerics.simd.vectors import lowered, overloaded, read, VectorType
+from numba import types
+from numba.extending import overload_method, register_jitable
+import numpy as np
 
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])

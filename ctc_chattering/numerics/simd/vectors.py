@@ -11,13 +11,12 @@ import inspect
 import operator
 from typing import Any
 
+from ctc_chattering.numerics import compilable
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, overload_method, register_model
 import numpy as np
-
-from ctc_chattering.numerics import compilable
 
 _DOUBLE, _BIT, _INT = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 from functools import cached_property
 
+from ctc_chattering.numerics.linear_algebra import Array
 from matplotlib.ticker import MaxNLocator
 import numpy as np
-
-from ctc_chattering.numerics.linear_algebra import Array
 
 #: Largest ratio of two steps of values that count as evenly spaced.
 _EVEN = 6.0
@@ -62,7 +61,7 @@ class GridAxis:
 
     @property
     def edges(self) -> Array:
-        """Ends of the cells around the values, shape (n + 1,)."""
+        """Return the ends of the cells around the values, shape (n + 1,)."""
         x = self.positions
         middle = 0.5 * (x[1:] + x[:-1])
         return np.array([2.0 * x[0] - middle[0], *middle, 2.0 * x[-1] - middle[-1]])

@@ -5,11 +5,10 @@ from __future__ import annotations
 from itertools import groupby
 from typing import Any
 
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri, stdtrit  # type: ignore[import-untyped]
-
-from ctc_chattering.numerics.linear_algebra import Array
 
 #: Failure probability of the boundary.
 LEVEL = 0.5

@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.robustness.report.axis import number
 from ctc_chattering.robustness.report.boundary import LEVEL, passing_ranges
 from ctc_chattering.robustness.report.data import Counts, MapData, spaced
+import numpy as np
+import numpy.typing as npt
 
 #: Most rows of a table.
 _ROWS = 60

@@ -8,13 +8,12 @@ from functools import cached_property
 import itertools
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import share
+import numpy as np
+import numpy.typing as npt
 
 Counts = npt.NDArray[np.int64]
 #: Law whose error is the measure of the others'.
@@ -79,7 +78,7 @@ class MapData:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of values of each axis."""
+        """Return the number of values of each axis."""
         return tuple(len(axis.values) for axis in self.axes)
 
     @property
@@ -89,17 +88,17 @@ class MapData:
 
     @cached_property
     def runs(self) -> Counts:
-        """Number of runs, shape (V, *shape)."""
+        """Return the number of runs, shape (V, *shape)."""
         return self._count(np.ones(len(self.variant), bool))
 
     @cached_property
     def failed(self) -> Counts:
-        """Number of runs that failed in any way, shape (V, *shape)."""
+        """Return the number of runs that failed in any way, shape (V, *shape)."""
         return self._count(self.failure >= 0)
 
     @cached_property
     def refused(self) -> Counts:
-        """Number of runs that the law or the plant refused, shape (V, *shape)."""
+        """Return the number of runs that the law or the plant refused, shape (V, *shape)."""
         return self._count(self.failure == KINDS.index('refused'))
 
     @property
@@ -126,7 +125,7 @@ class MapData:
 
     @cached_property
     def kinds(self) -> Counts:
-        """Number of failures of each of `KINDS` and variant, shape (6, V)."""
+        """Return the number of failures of each of `KINDS` and variant, shape (6, V)."""
         return np.array([np.bincount(self.variant[self.failure == k],
                                      minlength=len(self.variants)) for k in range(len(KINDS))])
 

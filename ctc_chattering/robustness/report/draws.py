@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
-import numpy as np
-from scipy.stats import spearmanr  # type: ignore[import-untyped]
-
 from ctc_chattering.analysis import drawing
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.boundary import pooled
 from ctc_chattering.robustness.report.data import KINDS, MapData, spaced
 from ctc_chattering.robustness.report.lines import legend_beside, names_on, styles
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+import numpy as np
+from scipy.stats import spearmanr  # type: ignore[import-untyped]
 
 #: Colours of `KINDS`.
 KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#56B4E9', '#7B5EA7', '#b5b5b5')

@@ -5,12 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import matplotlib
-from matplotlib.colors import LogNorm, Normalize
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-import numpy as np
-
 from ctc_chattering.analysis import drawing
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.axis import number, round_decades
@@ -18,6 +12,11 @@ from ctc_chattering.robustness.report.data import MapData, slices
 from ctc_chattering.robustness.report.draws import correlations, distributions, shares
 from ctc_chattering.robustness.report.lines import bands, lines
 from ctc_chattering.robustness.report.panels import boundary, LINES, mesh, sheet, states, THIRD
+import matplotlib
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+import numpy as np
 
 #: Most figures of a kind, for combinations of values of the axes after the third.
 MOST = 4

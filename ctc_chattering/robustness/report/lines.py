@@ -7,16 +7,15 @@ from itertools import cycle
 import textwrap
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
-import numpy as np
-
 from ctc_chattering.analysis import drawing
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import LEVEL, wilson
 from ctc_chattering.robustness.report.data import MapData
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+import numpy as np
 
 #: After Okabe and Ito; the first is that of law `compensation` in all figures.
 _COLOURS = ('#0072B2', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#6B4E2E', '#7B5EA7',

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import Table, two_lines
 from ctc_chattering.analysis.report import write_sections
@@ -14,6 +12,7 @@ from ctc_chattering.robustness.report.axis import GridAxis, number
 from ctc_chattering.robustness.report.boundary import pooled, side
 from ctc_chattering.robustness.report.contrast import Contrast, contrast, passing
 from ctc_chattering.robustness.report.data import Counts, KINDS, MapData
+import numpy as np
 
 #: Names of laws, and what is said of them.
 Sentences = list[tuple[str, str]]

@@ -7,6 +7,11 @@ import dataclasses
 import textwrap
 from typing import Any
 
+from ctc_chattering.analysis import drawing
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.robustness.report.axis import GridAxis
+from ctc_chattering.robustness.report.boundary import LEVEL, share, wilson
+from ctc_chattering.robustness.report.data import MapData, spaced
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -16,12 +21,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 import numpy as np
 import numpy.typing as npt
-
-from ctc_chattering.analysis import drawing
-from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.robustness.report.axis import GridAxis
-from ctc_chattering.robustness.report.boundary import LEVEL, share, wilson
-from ctc_chattering.robustness.report.data import MapData, spaced
 
 #: Of a sheet and its panels [inch].
 _WIDTH, _LEFT, _RIGHT, _TOP, _LEGEND, _BOTTOM = 11.0, 0.8, 1.15, 0.5, 0.22, 0.55

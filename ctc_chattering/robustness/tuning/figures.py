@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from ctc_chattering.analysis import drawing
+from ctc_chattering.robustness.tuning.report import part_of_runs
+from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
+from ctc_chattering.robustness.tuning.search import CONSTRAINTS, DIVERGED
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 import numpy as np
-
-from ctc_chattering.analysis import drawing
-from ctc_chattering.robustness.tuning.report import part_of_runs
-from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
-from ctc_chattering.robustness.tuning.search import CONSTRAINTS, DIVERGED
 
 #: Colours: the front on the draws of the search, on fresh draws, and the recommended point.
 _DRAWN, _FRESH, _KNEE = '#0072B2', '#D55E00', '#CC3311'

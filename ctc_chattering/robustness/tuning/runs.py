@@ -8,8 +8,6 @@ from itertools import count
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -27,6 +25,7 @@ from ctc_chattering.robustness.tuning.search import (
 from ctc_chattering.robustness.tuning.spec import Draws, TuneSpec
 from ctc_chattering.studies.recommended import recommended, recommended_setup
 from ctc_chattering.studies.tuning import Range, starts
+import numpy as np
 
 #: Law that docs/laws.md recommends for real arms.
 _BEST = 'observer_feedback'

@@ -6,14 +6,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.experiment import parameter_file
 from laws import error, run, variation
 import numpy as np
 from oracles import Array
 import pytest
-
-from ctc_chattering.analysis.result import simulated
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.experiment import parameter_file
 
 PANDA = Path(__file__).resolve().parents[3] / 'config' / 'panda.yaml'
 

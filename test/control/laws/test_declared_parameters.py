@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.parameters import Parameter
 from laws import inputs
 import numpy as np
 from oracles import Array
 import pytest
-
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
-from ctc_chattering.control.laws.registry import law_class
-from ctc_chattering.parameters import Parameter
 
 PARAMETERS = ControllerConfig.parameters()
 #: Values with which every parameter of the law matters, the limits included.

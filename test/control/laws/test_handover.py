@@ -7,11 +7,6 @@ from functools import cache
 import itertools
 import math
 
-from laws import error, run
-import numpy as np
-from oracles import Array
-import pytest
-
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
 from ctc_chattering.control.handover import FADE
 from ctc_chattering.control.laws.registry import law_class
@@ -19,6 +14,10 @@ from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
+from laws import error, run
+import numpy as np
+from oracles import Array
+import pytest
 
 PAPER = ('compensation', 'chattering')
 PAIRS = [pair for pair in itertools.permutations(LAWS, 2) if pair[0] not in PAPER

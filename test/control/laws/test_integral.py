@@ -3,13 +3,12 @@
 import math
 from typing import Any
 
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.errors import CtcError
 from laws import check_by_hand, error, GAINS, H, inputs, KP, run, Terms
 import numpy as np
 from oracles import Array
 import pytest
-
-from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.errors import CtcError
 
 KI = np.array([300.0, 900.0])
 

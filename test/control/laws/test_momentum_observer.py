@@ -2,11 +2,10 @@
 
 import math
 
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from laws import check_by_hand, error, H, rattles, run, Terms
 import numpy as np
 from oracles import Array, Masses
-
-from ctc_chattering.control.controller import Controller, ControllerConfig
 
 GAIN = 150.0
 

@@ -5,11 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from laws import error, run, variation
-import numpy as np
-from oracles import Array, box_by_enumeration, paper_c, paper_g, paper_m
-import pytest
-
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.drive_model import drive_model
@@ -19,6 +14,10 @@ from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+from laws import error, run, variation
+import numpy as np
+from oracles import Array, box_by_enumeration, paper_c, paper_g, paper_m
+import pytest
 
 H, LAG, DELAY = 1e-3, 2e-3, 1
 RATE = np.array([5e3, 1e3])

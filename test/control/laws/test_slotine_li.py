@@ -3,11 +3,10 @@
 import copy
 from typing import Any
 
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from laws import check_by_hand, error, GAINS, H, inputs, KP, KV, rattles, run, Terms
 import numpy as np
 from oracles import Array
-
-from ctc_chattering.control.controller import Controller, ControllerConfig
 
 GAMMA, GIVEN, WIDTH = np.array([150.0, 40.0]), np.array([2.0, 3.0]), 0.3
 VALUES: dict[str, Any] = {'adaptation_gain': GAMMA.tolist(), 'friction_level': GIVEN.tolist(),

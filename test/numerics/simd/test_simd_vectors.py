@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
-import numpy as np
-from oracles import Array, inclusion_by_enumeration, random_spd
-import pytest
-
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import (
     diagonal,
@@ -21,6 +16,10 @@ from ctc_chattering.numerics.compilable import (
     solve_where,
 )
 from ctc_chattering.numerics.simd.records import load, packed, register, store
+import numba
+import numpy as np
+from oracles import Array, inclusion_by_enumeration, random_spd
+import pytest
 
 
 @record

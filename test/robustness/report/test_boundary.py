@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-import pytest
-from scipy.stats import binomtest, bootstrap, norm  # type: ignore[import-untyped]
-
 from ctc_chattering.robustness.report.boundary import (
     passing_ranges,
     pooled,
@@ -14,6 +9,10 @@ from ctc_chattering.robustness.report.boundary import (
     side,
     wilson,
 )
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.stats import binomtest, bootstrap, norm  # type: ignore[import-untyped]
 
 
 @pytest.mark.parametrize('confidence', [0.9, 0.95])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from ctc_chattering.robustness.report.axis import GridAxis, number, round_decades
 import numpy as np
 import pytest
-
-from ctc_chattering.robustness.report.axis import GridAxis, number, round_decades
 
 GRIDS = {
     'linear': [(0.0, 1.0, 2.0), (1.0, 1.5, 2.0, 2.5), (0.0, 1.0, 2.0, 7.0), (-3.0, 3.0),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from ctc_chattering.robustness.report.contrast import contrast, extent, passing
+from ctc_chattering.robustness.report.data import map_data
 from map_tables import made_up, table_of
 import numpy as np
 import pyarrow as pa
 import pytest
-
-from ctc_chattering.robustness.report.contrast import contrast, extent, passing
-from ctc_chattering.robustness.report.data import map_data
 
 LAWS = ('compensation', 'chattering sign')
 

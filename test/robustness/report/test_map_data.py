@@ -5,11 +5,6 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from typing import Any
 
-from map_tables import made_up, table_of
-import numpy as np
-import pyarrow as pa
-import pytest
-
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness.report.data import (
     COLUMNS,
@@ -19,6 +14,10 @@ from ctc_chattering.robustness.report.data import (
     QUANTILES,
     slices,
 )
+from map_tables import made_up, table_of
+import numpy as np
+import pyarrow as pa
+import pytest
 
 AXES = {'friction': [2.0, 10.0, 20.0], 'ka': [1.0, 5.0, 15.0, 40.0]}
 UNITS = {'friction': 'N*m', 'ka': 'N*m'}

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-from map_tables import made_up, table_of
-from matplotlib.patches import Rectangle
-import numpy as np
-import pytest
-from scipy.stats import ecdf  # type: ignore[import-untyped]
-
 from ctc_chattering.robustness.report.boundary import pooled
 from ctc_chattering.robustness.report.data import KINDS, map_data, MapData
 from ctc_chattering.robustness.report.draws import (
@@ -17,6 +11,11 @@ from ctc_chattering.robustness.report.draws import (
     rank_correlations,
     shares,
 )
+from map_tables import made_up, table_of
+from matplotlib.patches import Rectangle
+import numpy as np
+import pytest
+from scipy.stats import ecdf  # type: ignore[import-untyped]
 
 pytestmark = pytest.mark.filterwarnings('error')
 

@@ -7,6 +7,12 @@ import itertools
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.robustness.report import figures as map_figures
+from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.draws import correlations, distributions, shares
+from ctc_chattering.robustness.report.figures import error_map, failure_map, gain_map
+from ctc_chattering.robustness.report.lines import bands, lines
+from ctc_chattering.robustness.report.panels import NO_RUN, REFUSED
 from map_tables import LAWS, made_up, table_of
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,13 +24,6 @@ from matplotlib.text import Text
 import numpy as np
 import pytest
 from scipy.stats import binomtest  # type: ignore[import-untyped]
-
-from ctc_chattering.robustness.report import figures as map_figures
-from ctc_chattering.robustness.report.data import map_data, MapData
-from ctc_chattering.robustness.report.draws import correlations, distributions, shares
-from ctc_chattering.robustness.report.figures import error_map, failure_map, gain_map
-from ctc_chattering.robustness.report.lines import bands, lines
-from ctc_chattering.robustness.report.panels import NO_RUN, REFUSED
 
 pytestmark = pytest.mark.filterwarnings('error')
 AXES: dict[str, Any] = {

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.lines import bands, lines, styles
 from map_tables import made_up
 import numpy as np
 import pytest
 from scipy.stats import binomtest  # type: ignore[import-untyped]
-
-from ctc_chattering.robustness.report.data import map_data, MapData
-from ctc_chattering.robustness.report.lines import bands, lines, styles
 
 pytestmark = pytest.mark.filterwarnings('error')
 KA = np.geomspace(1.0, 40.0, 7)

@@ -6,15 +6,14 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from map_tables import made_up, table_of
-import numpy as np
-import pytest
-from scipy.stats import binomtest  # type: ignore[import-untyped]
-
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness.report.data import map_data, MapData
 from ctc_chattering.robustness.report.page import write_map_page
+from map_tables import made_up, table_of
+import numpy as np
+import pytest
+from scipy.stats import binomtest  # type: ignore[import-untyped]
 
 AXES = {'friction': [2.0, 8.0, 20.0], 'ka': [1.0, 5.0, 15.0, 40.0]}
 UNITS = {'friction': 'N*m', 'ka': 'N*m'}

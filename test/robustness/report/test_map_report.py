@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from map_tables import made_up
-import pytest
-
 from ctc_chattering.robustness.report.report import facts, write_report
 from ctc_chattering.robustness.spec import MapSpec, read_spec
+from map_tables import made_up
+import pytest
 
 SPEC = """
 params_file: friction

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from ctc_chattering.robustness.tuning.figures import draws_figure, front_figure, gains_figure
 from matplotlib.axes import Axes
 import numpy as np
 import pytest
 from tunings import short_tuning
-
-from ctc_chattering.robustness.tuning.figures import draws_figure, front_figure, gains_figure
 
 
 def drawn(ax: Axes, label: str) -> list[tuple[float, float]]:

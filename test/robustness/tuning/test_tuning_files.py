@@ -6,12 +6,11 @@ import csv
 import json
 from pathlib import Path
 
-import pytest
-from tunings import short_tuning
-
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness.tuning.files import as_mapping, NAMES, write_tuning
 from ctc_chattering.robustness.tuning.runs import measured, Tuning
+import pytest
+from tunings import short_tuning
 
 
 @pytest.fixture(scope='module')

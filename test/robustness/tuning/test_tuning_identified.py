@@ -6,15 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from identified_bags import recorded_bag, short
-import pytest
-from urdfs import two_links
-
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness.tuning.identified import identified_spec
 from ctc_chattering.robustness.tuning.spec import TuneSpec
+from identified_bags import recorded_bag, short
+import pytest
+from urdfs import two_links
 
 NONE = {'value': None, 'reason': 'none shows'}
 

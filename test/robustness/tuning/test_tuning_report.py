@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 from math import inf
 
-import pytest
-from tunings import short_tuning
-
 from ctc_chattering.robustness.quantity import read_uncertain
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.runs import Tuning
 from ctc_chattering.robustness.tuning.search import Limits, Measured, score, Trial
 from ctc_chattering.studies.tuning import Range
+import pytest
+from tunings import short_tuning
 
 GONE = Measured(inf, inf, (), (), 'no torque at t = 1 s')
 

@@ -5,10 +5,6 @@ from __future__ import annotations
 from functools import partial
 from math import inf
 
-import numpy as np
-import pytest
-from tunings import one_process, short_spec, short_tuning
-
 from ctc_chattering.analysis.engine import BATCH, REFERENCE
 from ctc_chattering.robustness.tuning.runs import (
     Candidate,
@@ -23,6 +19,9 @@ from ctc_chattering.robustness.tuning.search import Limits, Measured, score
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies.pool import processes
 from ctc_chattering.studies.recommended import recommended_setup
+import numpy as np
+import pytest
+from tunings import one_process, short_spec, short_tuning
 
 
 def test_the_numbers_of_a_run_are_those_of_its_samples() -> None:

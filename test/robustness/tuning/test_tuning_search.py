@@ -8,9 +8,6 @@ from math import inf, log
 import random
 import sys
 
-import optuna
-import pytest
-
 from ctc_chattering.errors import UsageError
 from ctc_chattering.robustness.tuning.search import (
     front,
@@ -24,6 +21,8 @@ from ctc_chattering.robustness.tuning.search import (
     Trial,
 )
 from ctc_chattering.studies.tuning import Range
+import optuna
+import pytest
 
 FREE = Limits((inf, inf), (inf, inf))
 RANGES = {'x': Range(0.1, 1e3), 'y': Range(1e-3, 10.0)}

@@ -6,8 +6,6 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.experiment import parameter_file
@@ -15,6 +13,7 @@ from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.robustness.quantity import applied
 from ctc_chattering.robustness.tuning.spec import DRAWS, parse_tune, TuneSpec
 from ctc_chattering.studies.tuning import SPACE
+import pytest
 
 LOAD = {'load': {'parameter': 'plant.coulomb_friction', 'uniform': [5.0, 9.0]}}
 

@@ -10,9 +10,8 @@ import subprocess
 import sys
 import warnings
 
-import pytest
-
 from ctc_chattering.cli.ctc import main
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 Finished = subprocess.CompletedProcess[str]
