@@ -147,7 +147,8 @@ def _add_live(commands: Any) -> None:
                            'do not reach')
     live.add_argument('--port', type=int, metavar='N',
                       help='port; by default the first free one from 8080 on')
-    live.add_argument('--open', action='store_true', help='open it in the browser of this machine')
+    live.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
+                      help='open it in the browser of this machine; by default in a terminal')
     live.add_argument('--read-only', action='store_true', help='no buttons, nothing is sent')
     live.add_argument('--dark', action='store_true', help='light letters on dark ground')
     live.add_argument('--parent', type=int, help=argparse.SUPPRESS)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 import sys
-from typing import Any
-import webbrowser
+from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.errors import CtcError, UsageError
+
+if TYPE_CHECKING:
+    from ctc_chattering.live.page import Page
 
 
 def live(options: argparse.Namespace) -> int:
@@ -18,6 +21,7 @@ def live(options: argparse.Namespace) -> int:
         raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
     if options.export is not None:
         return _export(options.bags, options.export, options.overwrite)
+    from ctc_chattering.live.browser import opened
     from ctc_chattering.live.page import Page, require_viser, warning_of
     require_viser()
     if options.bags and (options.read_only or options.ros_args):
@@ -25,13 +29,21 @@ def live(options: argparse.Namespace) -> int:
     if warning := warning_of(options.host):
         print(f'ctc live: {warning}', file=sys.stderr, flush=True)
 
-    def make_page(main: str, reports: str = '') -> Page:
-        page = Page('ctc live', options.host, options.port, options.dark, main, reports)
-        print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
-        if options.open and not webbrowser.open(page.url):
-            print('ctc live: --open: no browser here', file=sys.stderr, flush=True)
-        return page
+    with ExitStack() as open_pages:
+        def make_page(main: str, reports: str = '') -> Page:
+            page = Page('ctc live', options.host, options.port, options.dark, main, reports)
+            print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
+            wanted = sys.stdout.isatty() if options.open is None else options.open
+            if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
+                print('ctc live: --open: no browser here', file=sys.stderr, flush=True)
+            return page
 
+        _serve(options, make_page)
+    return 0
+
+
+def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
+    """Serve the page until a signal comes."""
     from ctc_chattering.ros import signals
     stop = signals.collect()
     if options.parent is not None:
@@ -45,11 +57,10 @@ def live(options: argparse.Namespace) -> int:
             BagPage(page, runs).run(stop)
         finally:
             page.close()
-        return 0
+        return
     from ctc_chattering.live.graph_page import run_graph_page
     run_graph_page(lambda: make_page('controls', 'reports'), stop, options.ros_args,
                    not options.read_only)
-    return 0
 
 
 def _runs(bags: Sequence[Path]) -> list[Any]:

@@ -29,7 +29,7 @@ def node_command(name: str, *arguments: str) -> list[str]:
 def page_command(*arguments: str) -> list[str]:
     """Return the command that shows the graph in the browser; it ends when this process has."""
     return [sys.executable, '-m', 'ctc_chattering.cli.ctc', 'live', '--parent', str(os.getpid()),
-            *arguments]
+            '--open' if sys.stdout.isatty() else '--no-open', *arguments]
 
 
 def end_with(parent: int) -> None:

@@ -1,0 +1,46 @@
+"""The page in the browser of this machine, without its token in the list of processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import tempfile
+import webbrowser
+
+from ctc_chattering.analysis.markup import fragment
+
+_LEADS = ('<!DOCTYPE html><meta charset="utf-8">'
+          '<meta http-equiv="refresh" content="0; url={{ url }}">')
+
+
+@contextmanager
+def opened(url: str) -> Iterator[bool]:
+    """
+    Open an address in a browser with a window of its own; yield whether there is one.
+
+    The browser is given a file that leads to the address: other users of this machine can read
+    the arguments of its process, but not the file, which is removed at the end.
+    """
+    try:
+        browser = webbrowser.get()
+    except webbrowser.Error:
+        browser = None
+    # The browsers of this class take the terminal.
+    if browser is None or type(browser) is webbrowser.GenericBrowser:
+        yield False
+        return
+    with tempfile.TemporaryDirectory(prefix='ctc_live_', dir=_folder()) as folder:
+        page = Path(folder) / 'page.html'
+        page.write_text(str(fragment(_LEADS, url=url)), encoding='utf-8')
+        yield browser.open(page.as_uri())
+
+
+def _folder() -> Path | None:
+    """Return the user's own folder for what is kept for a while; None where there is none."""
+    folder = Path.home() / '.cache' / 'ctc_chattering'
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder
