@@ -239,7 +239,7 @@ def test_a_bag_with_a_wrong_byte_is_not_whole_or_holds_the_same(
             assert messages(bag) == complete
         else:
             found += 1
-    assert found > count // 2
+    assert found > count // 3  # What stands twice does no harm where it is wrong once.
     assert is_whole(bag)
 
 

@@ -144,7 +144,8 @@ def test_the_same_seed_is_the_same_run_and_another_is_another() -> None:
 
 
 @pytest.mark.parametrize('controller', [
-    {'law': 'compensation', 'kv': [3000.0, 3000.0]}, {'error_limit': [3.0, 3.0]}])
+    {'law': 'compensation', 'kv': [3000.0, 3000.0], 'effort_limit': [inf, inf]},
+    {'error_limit': [3.0, 3.0]}])
 def test_a_run_that_does_not_end(controller: dict[str, Any]) -> None:
     """Both say why in the same words, and when."""
     setup = parameter_file.load(file('friction'), {

@@ -94,16 +94,16 @@ def test_real_time_takes_its_time(tmp_path: Path) -> None:
     assert ended - begin > 1.0
 
 
-@pytest.mark.parametrize(('arguments', 'message'), [
-    (('--params-file', 'missing.yaml'), 'missing.yaml: No such file or directory'),
-    (('--duration', 'nan'), 'plant: duration: nan is not allowed'),
-    (('--control-period', '0.0'), 'control_period: 0.0 is not allowed'),
-    (('--record', '/'), '/: exists already, not overwritten'),
+@pytest.mark.parametrize(('arguments', 'status', 'message'), [
+    (('--params-file', 'missing.yaml'), 2, 'missing.yaml: there is no such file'),
+    (('--duration', 'nan'), 2, 'plant: duration: nan is not allowed'),
+    (('--control-period', '0.0'), 2, 'control_period: 0.0 is not allowed'),
+    (('--record', '/'), 1, '/: exists already, not overwritten'),
 ])
 def test_what_is_wrong_is_said_in_one_line_before_anything_starts(
-        arguments: tuple[str, ...], message: str) -> None:
-    status, output = run_bringup(*arguments)
-    assert status == 1
+        arguments: tuple[str, ...], status: int, message: str) -> None:
+    found, output = run_bringup(*arguments)
+    assert found == status
     assert len(output.splitlines()) == 1
     assert message in output
 

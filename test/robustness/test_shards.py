@@ -223,12 +223,3 @@ def test_metadata_say_what_it_is(tmp_path: Path) -> None:
                 ('rms_error_rad', 'rad'), ('rms_torque_nm', 'N*m'),
                 ('torque_variation_nm_per_s', 'N*m/s'), ('max_torque_step_nm', 'N*m'),
                 ('max_torque_rate_nm_per_s', 'N*m/s'))}}
-
-
-@pytest.mark.parametrize('reader', ['pandas', 'polars'])
-def test_other_readers_read_it(tmp_path: Path, reader: str) -> None:
-    library = pytest.importorskip(reader)
-    made = Directory(tmp_path, ABOUT)
-    made.write('a', rows(*range(9)))
-    merged(made, ('a', range(9)))
-    assert list(library.read_parquet(tmp_path / 'map.parquet')['run']) == list(range(9))

@@ -116,7 +116,7 @@ def test_a_law_is_recommended_as_docs_say() -> None:
 
 @pytest.mark.parametrize(('changes', 'words'), [
     ({'axis': {}}, ["'axis'", 'params_file, duration']),
-    ({'params_file': 'nowhere.yaml'}, ['nowhere.yaml', 'No such file']),
+    ({'params_file': 'nowhere.yaml'}, ['nowhere.yaml', 'no such file']),
     ({'params_file': 3}, ['params_file', '3', 'a string']),
     ({'duration': 0}, ['duration', 'a number > 0']),
     ({'duration': 'long'}, ['plant: duration', "'long'", 'a finite number']),

@@ -168,7 +168,7 @@ def test_nodes_of_the_loop_need_no_tools() -> None:
                             capture_output=True, check=False)
     assert result.returncode == 0, result.stderr
     assert result.stderr.splitlines() == [
-        'recorder: mcap is missing: pip install mcap',
+        'recorder: rosbags is missing: pip install rosbags',
         'bringup: tqdm is missing: pip install tqdm',
         'ctc plot: tqdm is missing: pip install tqdm']
 

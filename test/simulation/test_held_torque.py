@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 FILE = Path(__file__).resolve().parents[2] / 'config' / 'friction.yaml'
-UNLIMITED = {'plant': {'torque_saturation': [float('inf')] * 2}}
+UNLIMITED = {'plant': {'torque_saturation': [float('inf')] * 2},
+             'controller': {'effort_limit': [float('inf')] * 2}}
 MS = 1_000_000
 
 

@@ -379,7 +379,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    (['nowhere.yaml'], ['nowhere.yaml', 'No such file']),
+    (['nowhere.yaml'], ['nowhere.yaml', 'no such file']),
     ([CONFIG / 'panda.yaml', '--backend', 'gazebo'], ["plant_backend: 'gazebo'", 'mujoco']),
     ([CONFIG / 'friction.yaml', '--backend', 'mujoco'], ['plant_backend mujoco', 'description']),
     (['friction', '--condition', 'rain'], ['no condition is called rain', 'real_arm']),

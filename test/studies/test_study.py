@@ -153,7 +153,7 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 
 def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Check a number of processes that is none, and a case that is not allowed."""
-    assert main(['study', '--out', str(tmp_path / 'a'), '--jobs', '0']) == 1
+    assert main(['study', '--out', str(tmp_path / 'a'), '--jobs', '0']) == 2
     error = capsys.readouterr().err
     assert error.startswith('ctc study: --jobs: 0 is not allowed') and error.count('\n') == 1
     assert not (tmp_path / 'a').exists()
