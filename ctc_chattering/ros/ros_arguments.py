@@ -96,6 +96,8 @@ class RosArguments:
 
     def _in_file(self, file: Path, names: Mapping[str, str]) -> dict[str, Values]:
         """Return what a file has for the nodes called `names`, by executable."""
+        if not file.exists():
+            raise UsageError(f'--params-file {file}: there is no such file')
         paths = {x: f'{self.namespace.rstrip("/")}/{node}' for x, node in names.items()}
         sections = {x: _sections_for(path, x, file) for x, path in paths.items()}
         if not any(sections.values()):

@@ -198,7 +198,7 @@ def test_every_parameter_is_described_and_a_signal_ends_the_node(
     ('plant', ('-p', 'coulomb_friction:=[-1.0, .nan]'), 2, 'coulomb_friction: [-1.0, nan]'),
     ('reference', ('-p', 'joint_names:=[a, a]'), 2, "joint_names: ['a', 'a'] is not allowed"),
     ('recorder', ('-p', 'bag:=/'), 1, '/: exists already'),
-    ('plant', ('--params-file', 'missing.yaml'), 1, 'missing.yaml: No such file or directory'),
+    ('plant', ('--params-file', 'none.yaml'), 2, '--params-file none.yaml: there is no such file'),
 ])
 def test_a_wrong_start_is_refused_in_one_line(
         name: str, arguments: tuple[str, ...], status: int, message: str) -> None:
