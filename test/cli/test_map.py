@@ -77,6 +77,7 @@ def tables(out: Path) -> dict[str, bytes]:
     return {x.name: x.read_bytes() for x in out.rglob('*.parquet')}
 
 
+@pytest.mark.slow
 def test_a_map_that_is_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     """Kill everything, start again with more workers, kill one of them: nothing else is lost."""
     spec, out = written(tmp_path / 'brief.yaml', **BRIEF), tmp_path / 'out'

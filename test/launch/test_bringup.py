@@ -79,6 +79,7 @@ def test_no_process_outlives_a_killed_bringup(tmp_path: Path) -> None:
     assert (bag / 'metadata.yaml').exists()
 
 
+@pytest.mark.slow
 def test_real_time_takes_its_time(tmp_path: Path) -> None:
     begin = time.monotonic()
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--pacing', 'real_time',

@@ -125,6 +125,7 @@ def _click(graph: Probe, laws: list[str], page: Any, law: str) -> None:
     assert laws[0] == graph.get('controller', 'law') == law
 
 
+@pytest.mark.slow
 def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
     """Check by the controller's errors: a browser that draws slowly may not show the peak."""
     errors: list[float] = []
@@ -148,6 +149,7 @@ def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
         assert graph.get('plant', 'disturbance.push') == [150.0, 0.0]
 
 
+@pytest.mark.slow
 def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
     with ctc_live('--port', 0, '--read-only') as (process, url), browser_page() as page:
         page.goto(url)
@@ -172,6 +174,7 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
         assert all(x.status is None for x in graph.children[-2:])
 
 
+@pytest.mark.slow
 def test_bringup_shows_its_graph_and_outlives_the_page() -> None:
     with bringup('--params-file', str(CONFIG / 'friction.yaml'), '--duration', '0',
                  '--live') as process:

@@ -89,6 +89,7 @@ def recorded(bag: Path, node: str) -> list[dict[str, str]]:
     return [{x.key: x.value for x in status.values} for status in found]
 
 
+@pytest.mark.slow
 def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
     """Hold each process still for half a second, as long as 25 timeouts."""
     bag, file = tmp_path / 'bag', CONFIG / 'friction.yaml'

@@ -190,6 +190,7 @@ def test_a_set_is_all_or_nothing_and_a_wrong_one_leaves_the_loop_as_it_was(
         loop.goes_on()
 
 
+@pytest.mark.slow
 def test_a_run_under_rejected_sets_equals_the_simulation(tmp_path: Path) -> None:
     bag, file = tmp_path / 'bag', tmp_path / 'params.yaml'
     file.write_text((CONFIG / 'friction.yaml').read_text().replace(
@@ -407,6 +408,7 @@ class Fuzzer:
                     config.from_mapping(mine).as_mapping().items()} == mine
 
 
+@pytest.mark.slow
 def test_a_thousand_random_sets_end_no_node_and_leave_valid_values(tmp_path: Path) -> None:
     """The loop runs meanwhile, with whatever gains; its drives are limited, as real ones are."""
     with probe() as it:

@@ -370,6 +370,7 @@ ZERO = (0.0, 0.0)
 FAST = (0.3, -0.6)
 
 
+@pytest.mark.slow
 def test_waypoints_are_gone_through_in_real_time_and_held_at_the_end() -> None:
     """
     The first point is where the robot is, at time 0, as MoveIt has it.
@@ -470,6 +471,7 @@ reference: {{ros__parameters: {{start_duration: {start}}}}}
 BEST = 'switching: implicit_observer, ka: [12.0, 12.0]'
 
 
+@pytest.mark.slow
 def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
     """In lockstep as in the simulation, and in real time, where no jump comes either."""
     file = tmp_path / 'params.yaml'

@@ -51,6 +51,7 @@ def tour() -> list[str]:
     return path
 
 
+@pytest.mark.slow
 def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     """At the sample of a change nothing differs from the run without it but the term itself."""
     first, *others = tour()

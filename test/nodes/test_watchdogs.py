@@ -251,6 +251,7 @@ def test_torques_at_their_limit_are_counted(graph: Graph) -> None:
     graph.until_well()
 
 
+@pytest.mark.slow
 def test_a_chattering_term_at_its_bound_is_named_with_the_reason(graph: Graph) -> None:
     """
     Friction is 9.9 N*m: a ka of 1 is too small for it, whichever way the joint moves.

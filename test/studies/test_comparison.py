@@ -100,6 +100,7 @@ def outcomes() -> Iterator[list[Outcome]]:
     yield compared('panda', 'mujoco', ['compensation', 'chattering', 'slotine_li'])
 
 
+@pytest.mark.slow
 def test_every_switching_wins_ten_times_on_every_joint(outcomes: list[Outcome]) -> None:
     """The claims themselves are in `compared`."""
     assert [x.experiment for x in outcomes] == ['panda'] * 6
@@ -257,6 +258,7 @@ def test_a_condition_is_measured_by_the_true_error(arm: Path) -> None:
     assert seen.run.q == pytest.approx(0.01 * np.round(seen.run.q / 0.01), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_tuned_gains_are_the_best_of_their_trials_and_reproducible(arm: Path) -> None:
     """Check, in one process and two, that the cost is that of the gains which are returned."""
     todo = tasks([arm], [None], ['clean'], ['compensation', 'integral'], Budget(3, 1))
@@ -272,6 +274,7 @@ def test_tuned_gains_are_the_best_of_their_trials_and_reproducible(arm: Path) ->
     assert (outcomes[1].cost or 0.0) <= 0.0  # The first trial has the gains of the file.
 
 
+@pytest.mark.slow
 def test_both_engines_measure_the_same(arm: Path) -> None:
     """Check regular motions, at 2 ms, within 0.5 %, and `sign` within 10 %."""
     file = arm.with_name('fine.yaml')
@@ -302,6 +305,7 @@ def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
     assert 'engine' not in comparison_tables.to_markdown([over_ros])
 
 
+@pytest.mark.slow
 def test_without_numba_the_reference_compares(arm: Path, tmp_path: Path) -> None:
     """Check the command in processes, also those it starts, where there is no numba."""
     (tmp_path / 'numba.py').write_text(

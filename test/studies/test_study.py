@@ -86,6 +86,7 @@ def test_what_the_compiled_loop_cannot_run_has_a_reason() -> None:
     assert 'Runs by engine: batch 1, reference (elastic joints) 1.' in to_markdown(KIND, outcomes)
 
 
+@pytest.mark.slow
 def test_processes_do_not_matter() -> None:
     """Check that two processes give what one gives, in the same order."""
     alone = list(run_cases(SHORT, TWO))

@@ -70,6 +70,7 @@ def tuning() -> Tuning:
     return short_tuning()
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -> None:
     with processes(2) as each:
         again = tune(Evaluation(tuning.spec, 100.0, REFERENCE, each), 12, 1)
