@@ -4,7 +4,7 @@ from ctc_chattering.monitoring.controller_health import ControllerHealth
 import pytest
 
 SECOND, MS = 10 ** 9, 10 ** 6
-SLOW = 'the step takes 2 ms (p99) at a period of 1 ms: slower than the sample rate'
+SLOW = 'the step takes 2 ms (p50) at a period of 1 ms: too slow for the sample rate'
 
 
 def report(taken: int, skipped: int, cause: str = '', simulated: bool = False,
