@@ -148,7 +148,7 @@ def _controller(config: ControllerConfig, model: Model) -> Controller:
         record(_arm(model, config.gravity, config.inertia_scale, config.gravity_scale)),
         record(control_settings(config, model)), record(control_state(config)),
         record(evaluated(n)), record(evaluated(n)), record(control_scratch(n)),
-        record(body_scratch(n)), np.zeros(n, np.int8),        observer_feedback(config))
+        record(body_scratch(n)), np.zeros(n, np.int8), observer_feedback(config))
 
 
 def _sources(config: PlantConfig) -> Sources:

@@ -20,14 +20,6 @@ def product(a: Array, x: Array, out: Array) -> None:
 
 
 @inlined
-def copy(a: Array, out: Array) -> None:
-    """Set `out` to `a`, both of two dimensions."""
-    for i in range(a.shape[0]):
-        for j in range(a.shape[1]):
-            out[i, j] = a[i, j]
-
-
-@inlined
 def factor(a: Array, n: int, lower: Array) -> None:
     """Set `lower` to the Cholesky factor of the first `n` rows of `a`, its diagonal inverted."""
     for i in range(n):

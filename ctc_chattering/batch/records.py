@@ -6,9 +6,9 @@ To compiled code a record is one pointer, without reference counts, and its shap
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any, cast, TypeVar
+from typing import cast, TypeVar
 
+from ctc_chattering.numerics.simd.records import numpy_record
 import numpy as np
 
 T = TypeVar('T')
@@ -16,16 +16,6 @@ T = TypeVar('T')
 
 def record(values: T) -> T:
     """Return a record of the fields of `values`, a data class, which has the same attributes."""
-    names = tuple(vars(values))
-    fields = [x.astype(np.int8) if x.dtype == bool else x
-              for x in map(np.asarray, vars(values).values())]
-    made = np.zeros(1, _layout(names, tuple((x.dtype, x.shape) for x in fields)))
-    made[0] = tuple(fields)
-    return cast('T', made[0])
-
-
-@lru_cache(256)
-def _layout(names: tuple[str, ...], kinds: tuple[tuple[Any, tuple[int, ...]], ...]) -> Any:
-    """Return the type of a record with fields of these names, types and shapes."""
-    return np.dtype((np.record, np.dtype(
-        [(name, *kind) for name, kind in zip(names, kinds)], align=True)))
+    fields = {name: np.asarray(x) for name, x in vars(values).items()}
+    return cast('T', numpy_record({
+        name: x.astype(np.int8) if x.dtype == bool else x for name, x in fields.items()}))

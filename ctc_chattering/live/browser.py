@@ -30,17 +30,7 @@ def opened(url: str) -> Iterator[bool]:
     if browser is None or type(browser) is webbrowser.GenericBrowser:
         yield False
         return
-    with tempfile.TemporaryDirectory(prefix='ctc_live_', dir=_folder()) as folder:
+    with tempfile.TemporaryDirectory(prefix='ctc_live_') as folder:
         page = Path(folder) / 'page.html'
         page.write_text(str(fragment(_LEADS, url=url)), encoding='utf-8')
         yield browser.open(page.as_uri())
-
-
-def _folder() -> Path | None:
-    """Return the user's own folder for what is kept for a while; None where there is none."""
-    folder = Path.home() / '.cache' / 'ctc_chattering'
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return None
-    return folder

@@ -36,7 +36,7 @@ def test_the_browser_gets_a_file_that_nobody_else_reads(tmp_path: Path, window: 
     browser.chmod(0o755)
     started = subprocess.Popen(
         [sys.executable, '-c', OPEN], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        env={**os.environ, 'HOME': str(tmp_path), 'BROWSER': f'{browser} %s' + ' &' * window})
+        env={**os.environ, 'TMPDIR': str(tmp_path), 'BROWSER': f'{browser} %s' + ' &' * window})
     assert started.stdout is not None
     assert started.stdout.readline() == f'{window}\n'
     if window:

@@ -6,7 +6,8 @@ What is here does the same as plain Python, and compiled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 import inspect
 from typing import Any, get_type_hints
 
@@ -17,6 +18,7 @@ from ctc_chattering.numerics.simd.vectors import lowered, overloaded, read, Vect
 from numba import types
 from numba.extending import overload_method, register_jitable
 import numpy as np
+import numpy.typing as npt
 
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
@@ -118,11 +120,19 @@ def _store(fields: Any, value: Any) -> Any:
 
 def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    found = {name: np.asarray(x, float) for name, x in _flat(value, '')}
-    made = np.zeros(1, np.dtype((np.record, np.dtype(
-        [(name, x.dtype, x.shape) for name, x in found.items()], align=True))))
-    made[0] = tuple(found.values())
+    return numpy_record({name: np.asarray(x, float) for name, x in _flat(value, '')})
+
+
+def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
+    """Return a NumPy record with fields of these names, types, shapes and values."""
+    made = np.zeros(1, _layout(tuple((name, x.dtype, x.shape) for name, x in fields.items())))
+    made[0] = tuple(fields.values())
     return made[0]
+
+
+@lru_cache(256)
+def _layout(fields: tuple[tuple[str, Any, tuple[int, ...]], ...]) -> Any:
+    return np.dtype((np.record, np.dtype(list(fields), align=True)))
 
 
 def _flat(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
