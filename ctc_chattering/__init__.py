@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from ctc_chattering.analysis.result import Result as Result
     from ctc_chattering.analysis.result import simulated as simulated
     from ctc_chattering.bags.reader import read_bag as read_bag
+    from ctc_chattering.configuration.loading import load_parameters as load_parameters
+    from ctc_chattering.configuration.parameter_file import Setup as Setup
     from ctc_chattering.control.controller import Controller as Controller
     from ctc_chattering.control.controller import ControllerConfig as ControllerConfig
     from ctc_chattering.control.controller import Sample as Sample
@@ -47,8 +49,6 @@ if TYPE_CHECKING:
     from ctc_chattering.dynamics.two_link import TwoLink as TwoLink
     from ctc_chattering.dynamics.urdf_model import UrdfModel as UrdfModel
     from ctc_chattering.errors import CtcError as CtcError
-    from ctc_chattering.experiment.loading import load_parameters as load_parameters
-    from ctc_chattering.experiment.parameter_file import Setup as Setup
     from ctc_chattering.simulation.closed_loop import Event as Event
     from ctc_chattering.simulation.closed_loop import Run as Run
     from ctc_chattering.simulation.closed_loop import simulate as simulate
@@ -68,7 +68,7 @@ _MODULES = {
         'Controller', 'ControllerConfig', 'Sample'),
     'dynamics.model': ('Model',), 'dynamics.two_link': ('TwoLink',),
     'dynamics.urdf_model': ('UrdfModel',), 'errors': ('CtcError',),
-    'experiment.loading': ('load_parameters',), 'experiment.parameter_file': ('Setup',),
+    'configuration.loading': ('load_parameters',), 'configuration.parameter_file': ('Setup',),
     'simulation.closed_loop': ('Event', 'Run', 'simulate'),
     'simulation.plant': ('Plant',), 'simulation.plant_config': ('PlantConfig',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),

@@ -7,8 +7,8 @@ from contextlib import suppress
 import dataclasses
 
 from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.experiment.parameter_file import Setup
 
 #: The compiled loop, and the one of `ctc simulate`.
 BATCH, REFERENCE = ENGINES = ('batch', 'reference')

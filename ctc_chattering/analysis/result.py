@@ -14,11 +14,11 @@ from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.terms import Terms, terms
 from ctc_chattering.arguments import checked
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Run, simulate

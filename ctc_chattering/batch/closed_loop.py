@@ -27,12 +27,12 @@ from ctc_chattering.batch.random_numbers import generator
 from ctc_chattering.batch.records import record
 from ctc_chattering.batch.reference_table import reference_table
 from ctc_chattering.batch.sensors import measure, sensor_settings, sensor_state
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import kept_model_of, MODELS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.simd.records import register
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds

@@ -9,8 +9,8 @@ import sys
 
 from ctc_chattering import __version__
 from ctc_chattering.cli.options import add_run_options, find_file, guarded, overrides, Parser
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import given_by_user
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.simulation.plant_config import PACINGS

@@ -26,11 +26,11 @@ from ctc_chattering.cli.presentation import (
     print_results,
 )
 from ctc_chattering.cli.progress import Progress, progress_bar
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.node_parameters import parameter_table
 
 #: Simulated duration of a run without an end [s].
 _DURATION = 10.0
@@ -63,7 +63,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 def reproduce(options: argparse.Namespace) -> int:
     """Run `ctc reproduce`."""
-    from ctc_chattering.experiment.paper import EXPERIMENTS
+    from ctc_chattering.configuration.paper import EXPERIMENTS
     from ctc_chattering.launch.graph import run_graph
     from ctc_chattering.ros.domain import own_domain
 

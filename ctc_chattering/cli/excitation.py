@@ -9,9 +9,9 @@ from typing import Any
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.options import check, find_file
 from ctc_chattering.cli.table import print_columns
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import given_by_user, ParameterError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.identification.excitation_limits import ExcitationConfig
 from ctc_chattering.identification.excitation_run import (
     MOTION,

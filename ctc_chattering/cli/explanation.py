@@ -12,9 +12,9 @@ from ctc_chattering.analysis.output import prepare, writing
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
 from ctc_chattering.cli.progress import Progress
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import changed, Setup
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.point import find_run
 from ctc_chattering.robustness.runs import Runs

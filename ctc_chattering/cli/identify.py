@@ -10,11 +10,11 @@ from typing import Any
 from ctc_chattering.analysis.output import prepare, write_text, writing
 from ctc_chattering.bags.motion import Motion, read_motion
 from ctc_chattering.cli.presentation import print_page
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.identification.figures import save_identification_figures
 from ctc_chattering.identification.identify import identify as identified
 from ctc_chattering.identification.model_errors import Candidate, candidates

@@ -13,10 +13,10 @@ from ctc_chattering.cli.explanation import explain
 from ctc_chattering.cli.options import number_of_jobs
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.cli.progress import progress_bar
+from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.robustness import chunks, scheduler
 from ctc_chattering.robustness.lock import locked
 from ctc_chattering.robustness.runs import Runs

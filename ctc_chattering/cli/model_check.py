@@ -7,12 +7,12 @@ import argparse
 from ctc_chattering.cli.options import check
 from ctc_chattering.cli.presentation import numbers
 from ctc_chattering.cli.table import print_columns
+from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.inertia_check import inertia_faults
 from ctc_chattering.dynamics.model_check import check_dynamics
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
-from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.parameters import check_joint_names
 
 

@@ -68,7 +68,7 @@ def _run(name: str, arguments: Sequence[str]) -> int:
 def _make_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of the arguments that are not for ROS."""
     from ctc_chattering.cli.options import Parser
-    from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS, parameter_help
+    from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS, parameter_help
     parser = Parser(
         prog=name, description=NODE_DESCRIPTIONS[name],
         usage='%(prog)s [--help] [--version] [--ros-args [--params-file F] [-p NAME:=VALUE] '

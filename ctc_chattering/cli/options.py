@@ -12,11 +12,11 @@ import tempfile
 import traceback
 from typing import Any, NoReturn
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, given_by_user, near, UsageError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import find_config
 from ctc_chattering.parameters import Parameter
 
 #: Names for pip of modules that are called otherwise.

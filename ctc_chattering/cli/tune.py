@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _spec(options: argparse.Namespace) -> TuneSpec:
     """Return what is tuned, from a spec, a parameter file, or what was identified."""
-    from ctc_chattering.experiment.yaml_file import read_yaml
+    from ctc_chattering.configuration.yaml_file import read_yaml
     from ctc_chattering.robustness.spec import errors_of
     from ctc_chattering.robustness.tuning.identified import identified_spec
     from ctc_chattering.robustness.tuning.spec import parse_tune

@@ -7,11 +7,11 @@ import dataclasses
 from math import inf
 from pathlib import Path
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup, Values
+from ctc_chattering.configuration.trajectory_file import write_trajectory
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Setup, Values
-from ctc_chattering.experiment.trajectory_file import write_trajectory
 from ctc_chattering.identification.excitation import Excitation
 from ctc_chattering.identification.excitation_forecast import (
     best_excitation,

@@ -11,10 +11,10 @@ import signal
 import tempfile
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.node_parameters import LOOP
+from ctc_chattering.configuration.parameter_file import Overrides
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.node_parameters import LOOP
-from ctc_chattering.experiment.parameter_file import Overrides
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros import signals
 from ctc_chattering.ros.fastdds import use_profile

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from ctc_chattering.experiment.robot_description import find_file
+from ctc_chattering.configuration.robot_description import find_file
 from ctc_chattering.live.skeleton import LONGEST, Shape, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

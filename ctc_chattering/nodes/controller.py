@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 
+from ctc_chattering.configuration.node_parameters import ControllerSettings, RealTimeSettings
+from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.experiment.node_parameters import ControllerSettings, RealTimeSettings
-from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring import controller_state
 from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
 from ctc_chattering.monitoring.settings_check import missing_limits

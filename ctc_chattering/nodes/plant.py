@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 
+from ctc_chattering.configuration.node_parameters import PlantSettings, RealTimeSettings
+from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.experiment.node_parameters import PlantSettings, RealTimeSettings
-from ctc_chattering.experiment.parameter_file import Values
 from ctc_chattering.monitoring.lockstep import LockstepExchange
 from ctc_chattering.monitoring.timer_grid import TimerGrid
 from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog

@@ -8,10 +8,10 @@ from pathlib import Path
 import time
 from typing import Any
 
+from ctc_chattering.configuration.node_parameters import RealTimeSettings, ReferenceSettings
+from ctc_chattering.configuration.parameter_file import Values
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
-from ctc_chattering.experiment.node_parameters import RealTimeSettings, ReferenceSettings
-from ctc_chattering.experiment.parameter_file import Values
-from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config
 from ctc_chattering.ros.description import Description

@@ -16,8 +16,8 @@ from typing import Any
 import ctc_chattering
 from ctc_chattering.analysis.engine import available, BATCH, engine_of, REFERENCE
 from ctc_chattering.analysis.result import finite
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness import columns
 from ctc_chattering.robustness.evaluation import evaluate, refused
 from ctc_chattering.robustness.quantity import applied
@@ -36,7 +36,7 @@ _PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
 _OF_STEPS = ('control_period', 'integration_step')
 #: What computes a row, relative to the package.
 _SOURCES = ('errors.py', 'parameters.py', 'numerics', 'dynamics', 'trajectory', 'control',
-            'simulation', 'experiment', 'batch', 'analysis/engine.py', 'analysis/metrics.py',
+            'simulation', 'configuration', 'batch', 'analysis/engine.py', 'analysis/metrics.py',
             'analysis/result.py', 'studies/recommended.py', 'robustness/chunks.py',
             'robustness/columns.py', 'robustness/evaluation.py', 'robustness/quantity.py',
             'robustness/runs.py')

@@ -6,9 +6,9 @@ from typing import Any
 
 from ctc_chattering.analysis.engine import engine_of, simulated_by
 from ctc_chattering.analysis.metrics import metrics, within
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError, MachineError, refused_as
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.columns import of_results, OVERALL, PER_JOINT
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run

@@ -7,10 +7,10 @@ import dataclasses
 from itertools import pairwise
 from typing import Any
 
+from ctc_chattering.configuration.node_parameters import LOOP, NODES
+from ctc_chattering.configuration.parameter_file import changed, Setup
+from ctc_chattering.configuration.yaml_file import mapping
 from ctc_chattering.errors import CtcError, near, ParameterError
-from ctc_chattering.experiment.node_parameters import LOOP, NODES
-from ctc_chattering.experiment.parameter_file import changed, Setup
-from ctc_chattering.experiment.yaml_file import mapping
 from ctc_chattering.parameters import LARGEST, Parameter
 import numpy as np
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ctc_chattering.configuration.parameter_file import changed, Setup
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.robustness.quantity import applied, Quantity
 from ctc_chattering.robustness.sampling import draws
 from ctc_chattering.robustness.spec import MapSpec

@@ -9,11 +9,11 @@ from math import inf, prod
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import find_config
-from ctc_chattering.experiment.parameter_file import Setup
-from ctc_chattering.experiment.yaml_file import mapping, read_yaml
 from ctc_chattering.parameters import Config, Parameter, parameter
 from ctc_chattering.robustness import columns
 from ctc_chattering.robustness.quantity import (

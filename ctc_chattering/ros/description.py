@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment.robot_description import read_description
 from ctc_chattering.ros.matching import MatchingSubscription
 from ctc_chattering.ros.node import qos
 from ctc_chattering.ros.topics import ROBOT_DESCRIPTION

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 import socket
 
-from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.configuration.package_share import config_directory
 
 #: The environment variables by which Fast DDS finds a profile, in 2.x and in 3.x.
 VARIABLES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'

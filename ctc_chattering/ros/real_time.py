@@ -22,8 +22,8 @@ import sys
 import time
 from typing import Any
 
+from ctc_chattering.configuration.node_parameters import RealTimeSettings
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment.node_parameters import RealTimeSettings
 
 _LINUX = sys.platform.startswith('linux')
 

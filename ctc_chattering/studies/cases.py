@@ -7,9 +7,9 @@ import dataclasses
 import math
 from typing import Any
 
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
-from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.configuration.parameter_file import Setup
 
 #: Groups of cases.
 BASIC = 'Basic cases'

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.engine import engine_text
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Overrides, Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Overrides, Setup
 from ctc_chattering.studies import tuning
 from ctc_chattering.studies.conditions import ALL, Condition, condition, CONDITIONS
 from ctc_chattering.studies.measurement import (

@@ -8,7 +8,7 @@ from pathlib import Path
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import file_stem, write_text, writing
 from ctc_chattering.analysis.report import write_sections
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.studies.comparison import Outcome
 from ctc_chattering.studies.comparison_figures import save_comparison_figures
 from ctc_chattering.studies.comparison_tables import tables, to_csv, to_markdown

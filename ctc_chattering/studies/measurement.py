@@ -11,9 +11,9 @@ from typing import NamedTuple
 from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Overrides
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Overrides
 import numpy as np
 
 #: Metrics of each joint, in the order of `Measurement`.

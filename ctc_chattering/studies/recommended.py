@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
     lateness,
 )
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.monitoring.settings_check import UNBOUNDED
 from ctc_chattering.studies.tuning import KNOW_FRICTION
 from ctc_chattering.trajectory.reference import make_motion

@@ -21,9 +21,9 @@ from ctc_chattering.analysis.engine import engine_text, simulated_by
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.output import bold, Table
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.studies.cases import Case, KA
 from ctc_chattering.studies.pool import in_parallel
 

@@ -17,9 +17,9 @@ from ctc_chattering.analysis.engine import (
 )
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.batch import compiler
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import find_config
-from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_commands import python
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_without_numba_the_reference_runs(tmp_path: Path, error: str, reason: st
     found = python('-c', (
         'from ctc_chattering.analysis.engine import available, engine_text, simulated_by\n'
         'from ctc_chattering.errors import UsageError\n'
-        'from ctc_chattering.experiment import parameter_file\n'
+        'from ctc_chattering.configuration import parameter_file\n'
         'setup = parameter_file.load(None, {"plant": {"duration": 0.01}})\n'
         'print(engine_text(setup), len(simulated_by(setup).run.t), available("reference"))\n'
         'try:\n'

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ctc_chattering.analysis.export import write_csv, write_npz
 from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
 import pytest

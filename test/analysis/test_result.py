@@ -6,8 +6,8 @@ import dataclasses
 import math
 
 from ctc_chattering.analysis.result import finite, Result, simulated
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import simulate
 import numpy as np
 import pytest

@@ -23,8 +23,8 @@ from bags import (
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from faults import KINDS, malformed
 import numpy as np
 import pytest

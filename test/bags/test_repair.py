@@ -25,8 +25,8 @@ from ctc_chattering.bags.recovery import recover
 from ctc_chattering.bags.repair import is_whole, open_bag, repair
 from ctc_chattering.bags.writer import Recording
 from ctc_chattering.cli.ctc import main
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from faults import nodes_of
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -23,8 +23,8 @@ from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.recovery import recover
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.writer import Recording
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.ros.topics import TOPICS
 from mcap.reader import make_reader
 from mcap.records import Chunk

@@ -9,12 +9,12 @@ from typing import Any
 
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.batch.closed_loop import simulate, unsupported
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.trajectory.waypoints import Route

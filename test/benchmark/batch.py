@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis.metrics import rms, within
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.batch.closed_loop import simulate
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
-from ctc_chattering.experiment.parameter_file import Setup
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.robustness.evaluation import evaluate
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run

@@ -14,11 +14,11 @@ import sys
 import tempfile
 import time
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.configuration.paper import EXPERIMENTS
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
-from ctc_chattering.experiment.paper import EXPERIMENTS
 from ctc_chattering.launch.graph import one_processor, run_graph
 from ctc_chattering.ros.domain import own_domain
 from ctc_chattering.simulation.closed_loop import simulate

@@ -19,7 +19,7 @@ import sys
 import time
 from typing import NamedTuple
 
-from ctc_chattering.experiment.node_parameters import RealTimeSettings
+from ctc_chattering.configuration.node_parameters import RealTimeSettings
 from ctc_chattering.monitoring.loop_statistics import Durations
 from ctc_chattering.ros.real_time import RealTime
 from real_time_loop import real_time_loop

@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ctc_chattering.experiment.node_parameters import LOOP
-from ctc_chattering.experiment.paper import EXPERIMENTS
+from ctc_chattering.configuration.node_parameters import LOOP
+from ctc_chattering.configuration.paper import EXPERIMENTS
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros.domain import own_domain
 from ctc_chattering.ros.fastdds import use_profile

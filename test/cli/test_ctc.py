@@ -17,8 +17,8 @@ from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.cli.ctc import make_parser
 from ctc_chattering.cli.options import guarded
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_commands import ctc, ctc_process, python, refused
 import numpy as np

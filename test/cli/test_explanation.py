@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from ctc_chattering.analysis.engine import REFERENCE
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory

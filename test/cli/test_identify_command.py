@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from ctc_chattering.cli.ctc import main
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from identified_bags import recorded_bag, short
 import numpy as np
 import pytest

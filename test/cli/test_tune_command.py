@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.cli.ctc import main
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning.files import NAMES
 import pytest
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.ctc import make_parser as ctc_parser
 from ctc_chattering.cli.node import _make_parser as node_parser
-from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS
+from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.ros.domain import own_domain
 from processes import PATIENCE

@@ -8,13 +8,13 @@ import re
 from typing import Any
 
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.parameter_file import changed, Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.handover import FADE
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import find_config
-from ctc_chattering.experiment.parameter_file import changed, Setup
 from ctc_chattering.studies.conditions import condition
 from ctc_chattering.studies.recommended import integral_pole, recommended_setup
 import numpy as np

@@ -10,10 +10,10 @@ from pathlib import Path
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.paper import EXPERIMENTS
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.paper import EXPERIMENTS
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
 from ctc_chattering.studies.recommended import recommended_setup

@@ -8,8 +8,8 @@ import re
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.ctc import make_parser as ctc_parser
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.node_parameters import parameter_table
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.node_parameters import parameter_table
 from ctc_chattering.ros.topics import TOPICS
 import pytest
 

@@ -9,12 +9,12 @@ import re
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Setup
-from ctc_chattering.experiment.trajectory_file import read_trajectory, write_trajectory
 from ctc_chattering.identification.excitation import PathBuilder
 from ctc_chattering.identification.excitation_forecast import Friction, gains, sticking
 from ctc_chattering.identification.excitation_limits import bounds_of, ExcitationConfig

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.identification.identify import Identification, identify
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.parameter_values import parameter_values

@@ -15,7 +15,7 @@ from browser import browser_page, ctc_live, eventually, field, inked, numbers, p
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.analysis.terms import Terms
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.live.export import write_export
 from ctc_chattering.live.recorded import RecordedRun
 from ctc_chattering.live.samples import table

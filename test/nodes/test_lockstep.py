@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 import numpy as np
 from processes import CONFIG
 import pytest

@@ -12,7 +12,7 @@ from typing import Any
 from bags import chunk, efforts, state
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.serialization import EffortReader, StateReader, TrajectoryReader
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE

@@ -8,8 +8,8 @@ from pathlib import Path
 import signal
 
 from controller_process import ControllerUnderTest
+from ctc_chattering.configuration.node_parameters import parameters_of
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.experiment.node_parameters import parameters_of
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid

@@ -13,8 +13,8 @@ from controller_process import after_an_outage
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.ros.topics import DIAGNOSTICS
 from faults import Diagnostics, ERROR, nodes_of, OK, WARN

@@ -19,8 +19,8 @@ from bags import joint_state
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import is_damaged, open_bag, repair
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.launch import child_process
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.serialization import State, StateReader

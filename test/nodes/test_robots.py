@@ -16,9 +16,9 @@ from controller_process import PATIENT
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.buffer import Trajectory

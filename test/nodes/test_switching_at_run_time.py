@@ -9,9 +9,9 @@ from pathlib import Path
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import simulate
 import numpy as np
 from processes import run_bringup

@@ -8,9 +8,9 @@ from typing import Any
 
 from broken_arm import Broken
 from ctc_chattering.analysis.engine import BATCH, ENGINES, REFERENCE
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.columns import of_results
 from ctc_chattering.robustness.evaluation import evaluate, limits, refused
 from ctc_chattering.robustness.spec import Failure

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness.quantity import applied, check, read_axis, read_uncertain
 import numpy as np
 import pytest

@@ -6,9 +6,9 @@ import itertools
 from pathlib import Path
 import pickle
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.studies.recommended import recommended_setup
 from map_specs import ON_TRACK, runs
 import pytest

@@ -7,8 +7,8 @@ from pathlib import Path
 import re
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness.spec import KEYS, read_spec
 from ctc_chattering.studies.recommended import recommended_setup
 from map_specs import ON_TRACK, SMALL, spec, written

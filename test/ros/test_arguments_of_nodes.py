@@ -10,9 +10,9 @@ from typing import Any
 from ctc_chattering import __version__
 from ctc_chattering.cli import bringup, node
 from ctc_chattering.cli.options import guarded
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS, parameters_of
 from ctc_chattering.errors import UsageError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.node_parameters import NODE_DESCRIPTIONS, parameters_of
 from ctc_chattering.ros import ros_arguments
 from ctc_chattering.ros.ros_arguments import bringup_values, parse
 import pytest

@@ -14,8 +14,8 @@ import time
 from typing import Any, TypeVar
 import weakref
 
+from ctc_chattering.configuration.node_parameters import RealTimeSettings
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment.node_parameters import RealTimeSettings
 from ctc_chattering.ros.real_time import garbage_off_the_loop, RealTime
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES
 from faults import Diagnostics, WARN
@@ -122,7 +122,7 @@ def test_nothing_is_asked_for_by_default() -> None:
     code = """
 import os
 from ctc_chattering.ros.real_time import RealTime
-from ctc_chattering.experiment.node_parameters import RealTimeSettings
+from ctc_chattering.configuration.node_parameters import RealTimeSettings
 it = RealTime(RealTimeSettings())
 assert it.update(True) == '' and it.outcome == 'normal scheduling'
 assert os.sched_getscheduler(0) == os.SCHED_OTHER
@@ -133,7 +133,7 @@ assert os.sched_getscheduler(0) == os.SCHED_OTHER
 _WORKS = """
 import os, resource, time
 from ctc_chattering.ros.real_time import RealTime
-from ctc_chattering.experiment.node_parameters import RealTimeSettings
+from ctc_chattering.configuration.node_parameters import RealTimeSettings
 
 def has_priority():
     return os.sched_getscheduler(0) == os.SCHED_FIFO

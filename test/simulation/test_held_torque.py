@@ -3,9 +3,9 @@
 from pathlib import Path
 import random
 
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.reference import make_motion
 import numpy as np

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -11,9 +11,9 @@ import tempfile
 import time
 from typing import Any, TextIO
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.launch import child_process
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.fastdds import use_profile

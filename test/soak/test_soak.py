@@ -9,8 +9,8 @@ import random
 from typing import Any
 
 from ctc_chattering.analysis.result import finite
+from ctc_chattering.configuration.node_parameters import NODES, parameters_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment.node_parameters import NODES, parameters_of
 from faults import Report
 import numpy as np
 import pytest

@@ -9,11 +9,11 @@ import re
 
 from ctc_chattering.analysis.engine import ENGINES, simulated_by
 from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Overrides
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Overrides
 from ctc_chattering.studies import comparison_tables
 from ctc_chattering.studies.comparison import (
     BASE,

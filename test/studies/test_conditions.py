@@ -6,10 +6,10 @@ from math import exp, inf
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.studies.comparison import tasks

@@ -7,9 +7,9 @@ import random
 import sys
 
 from ctc_chattering.cli.ctc import main
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.studies import tuning
 from ctc_chattering.studies.comparison import Variant, variants
 from ctc_chattering.studies.measurement import Measurement, worst

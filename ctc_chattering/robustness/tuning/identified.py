@@ -8,9 +8,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.robustness.quantity import read_uncertain, Uncertain
 from ctc_chattering.robustness.tuning.spec import parse_tune, TuneSpec

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import metrics
+from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError, MachineError, refused_as
-from ctc_chattering.experiment.parameter_file import Setup
 from ctc_chattering.robustness.tuning.search import (
     front,
     knee,

@@ -8,12 +8,12 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.parameter_file import Setup, Values
+from ctc_chattering.configuration.yaml_file import mapping
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import find_config
-from ctc_chattering.experiment.parameter_file import Setup, Values
-from ctc_chattering.experiment.yaml_file import mapping
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.robustness.quantity import applied, read_uncertain, Uncertain
 from ctc_chattering.robustness.sampling import draws

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.experiment import parameter_file
 from laws import error, run, variation
 import numpy as np
 from oracles import Array

@@ -6,11 +6,11 @@ import math
 from typing import Any
 
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.drive_model import drive_model
 from ctc_chattering.control.state_observer import Observed, state_observer
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig

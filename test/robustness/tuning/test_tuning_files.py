@@ -6,7 +6,7 @@ import csv
 import json
 from pathlib import Path
 
-from ctc_chattering.experiment import parameter_file
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning.files import as_mapping, NAMES, write_tuning
 from ctc_chattering.robustness.tuning.runs import measured, Tuning
 import pytest

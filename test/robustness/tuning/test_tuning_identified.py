@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.cli.ctc import main
+from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
 from ctc_chattering.robustness.tuning.identified import identified_spec
 from ctc_chattering.robustness.tuning.spec import TuneSpec
 from identified_bags import recorded_bag, short

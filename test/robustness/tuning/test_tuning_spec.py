@@ -6,10 +6,10 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.package_share import config_directory
 from ctc_chattering.robustness.quantity import applied
 from ctc_chattering.robustness.tuning.spec import DRAWS, parse_tune, TuneSpec
 from ctc_chattering.studies.tuning import SPACE

@@ -7,9 +7,9 @@ import runpy
 from typing import Any
 
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.trajectory_file import read_trajectory
 from ctc_chattering.trajectory.waypoints import Waypoints
 import numpy as np
 import pytest

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.configuration.node_parameters import NODES
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.parameter_file import EVERY_NODE, load, Overrides, Setup
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.experiment.node_parameters import NODES
-from ctc_chattering.experiment.package_share import find_config
-from ctc_chattering.experiment.parameter_file import EVERY_NODE, load, Overrides, Setup
 
 
 @checked(path=(str, Path), overrides=(Mapping, type(None)))

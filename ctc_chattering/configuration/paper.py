@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.configuration.package_share import config_directory
 
 
 @dataclasses.dataclass(frozen=True)

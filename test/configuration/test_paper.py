@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.paper import EXPERIMENTS
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.paper import EXPERIMENTS
 from ctc_chattering.simulation.closed_loop import Event
 
 

@@ -8,9 +8,9 @@ import subprocess
 import sys
 
 import ctc_chattering
-from ctc_chattering.experiment.package_share import config_directory
+from ctc_chattering.configuration.package_share import config_directory
 
-SHOW = 'from ctc_chattering.experiment.package_share import config_directory as c; print(c())'
+SHOW = 'from ctc_chattering.configuration.package_share import config_directory as c; print(c())'
 SOURCE = Path(__file__).parents[2]
 
 
@@ -23,9 +23,9 @@ def shown(site: Path, code: str = SHOW) -> subprocess.CompletedProcess[str]:
 
 def copied(site: Path) -> None:
     source, target = Path(ctc_chattering.__file__).parent, site / 'ctc_chattering'
-    (target / 'experiment').mkdir(parents=True)
-    for name in ('__init__.py', 'errors.py', 'experiment/__init__.py',
-                 'experiment/package_share.py'):
+    (target / 'configuration').mkdir(parents=True)
+    for name in ('__init__.py', 'errors.py', 'configuration/__init__.py',
+                 'configuration/package_share.py'):
         shutil.copy(source / name, target / name)
 
 

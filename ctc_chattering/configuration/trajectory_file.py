@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ctc_chattering.configuration.yaml_file import Dumper, mapping, read_yaml
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.experiment.yaml_file import Dumper, mapping, read_yaml
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.trajectory.waypoints import Route

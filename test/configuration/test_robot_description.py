@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 import sys
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.robot_description import read_description
 import pytest
 from urdfs import panda, two_links, ur5
 

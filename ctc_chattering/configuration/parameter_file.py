@@ -8,13 +8,13 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.configuration.events import parse_events
+from ctc_chattering.configuration.node_parameters import LOOP, NODES, parameters_of
+from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.trajectory_file import read_trajectory
+from ctc_chattering.configuration.yaml_file import Dumper, read_yaml
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, near, ParameterError, UsageError
-from ctc_chattering.experiment.events import parse_events
-from ctc_chattering.experiment.node_parameters import LOOP, NODES, parameters_of
-from ctc_chattering.experiment.robot_description import read_description
-from ctc_chattering.experiment.trajectory_file import read_trajectory
-from ctc_chattering.experiment.yaml_file import Dumper, read_yaml
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import C, Config
 from ctc_chattering.simulation.closed_loop import Event

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.trajectory_file import read_trajectory
+from ctc_chattering.configuration.yaml_file import parse_value, read_yaml
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.trajectory_file import read_trajectory
-from ctc_chattering.experiment.yaml_file import parse_value, read_yaml
 from ctc_chattering.robustness.spec import read_spec
 from ctc_chattering.ros.ros_arguments import parse
 import pytest
@@ -69,5 +69,5 @@ def test_nothing_else_reads_what_a_user_writes() -> None:
     """Check that only what a recorder wrote goes another way."""
     found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob('*.py')
              if 'yaml.load' in (text := path.read_text()) or 'safe_load' in text}
-    assert found == {'experiment/yaml_file.py',
+    assert found == {'configuration/yaml_file.py',
                      *(f'bags/{name}.py' for name in ('qos', 'recovery', 'writer'))}

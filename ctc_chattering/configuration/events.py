@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 
+from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.experiment.yaml_file import parse_value
 from ctc_chattering.parameters import Config
 from ctc_chattering.simulation.closed_loop import Event
 

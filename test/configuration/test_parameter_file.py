@@ -6,10 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.experiment import parameter_file
-from ctc_chattering.experiment.node_parameters import LOOP, NODES
 from ctc_chattering.parameters import LARGEST, LEAST
 from hypothesis import given, settings
 from hypothesis import strategies as st
