@@ -15,7 +15,7 @@ from ctc_chattering.batch.dynamics import accelerate, Flags
 from ctc_chattering.batch.linear_algebra import factor, invert, substitute
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.simd.records import value, write
+from ctc_chattering.numerics.records import value, write
 import numpy as np
 import numpy.typing as npt
 

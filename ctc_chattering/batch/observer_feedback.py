@@ -19,7 +19,7 @@ from ctc_chattering.control.laws.observer_feedback import (
 from ctc_chattering.control.state_observer import Observed
 from ctc_chattering.numerics.compilable import dot, record
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.simd.records import load, packed, store, value, write
+from ctc_chattering.numerics.records import load, packed, store, value, write
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 import numpy as np
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import cast, TypeVar
 
-from ctc_chattering.numerics.simd.records import numpy_record
+from ctc_chattering.numerics.records import numpy_record
 import numpy as np
 
 T = TypeVar('T')

@@ -18,7 +18,7 @@ from ctc_chattering.batch.linear_algebra import product
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.simd.records import value, write
+from ctc_chattering.numerics.records import value, write
 import numpy as np
 
 SIGN, BOUNDARY_LAYER, IMPLICIT, IMPLICIT_OBSERVER = map(SWITCHINGS.index, (

@@ -1,24 +1,18 @@
-"""
-Records in the memory of NumPy records, from which compiled code takes them.
-
-What is here does the same as plain Python, and compiled.
-"""
+"""What `numerics.records` does, and the functions and methods of records, in compiled code."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Iterator
 import inspect
 from typing import Any, get_type_hints
 
 from ctc_chattering.numerics import compilable
+from ctc_chattering.numerics.records import load, store, value, write
 from ctc_chattering.numerics.simd import matrices, vectors
 from ctc_chattering.numerics.simd.matrices import MatrixType
 from ctc_chattering.numerics.simd.vectors import lowered, overloaded, read, VectorType
 from numba import types
 from numba.extending import overload_method, register_jitable
-import numpy as np
-import numpy.typing as npt
 
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
@@ -47,36 +41,11 @@ def _write_array(_typing: Any, array: Any, value: Any) -> Any:
     return types.none(array, value), generate
 
 
-def load(kind: Any, fields: Any) -> Any:
-    """Return a record of the class `kind` of the fields that `packed` made."""
-    def made(part: Any, prefix: str) -> Any:
-        return part(*(made(nested, f'{prefix}{name}__') if nested in compilable.RECORDS
-                      else value(fields[prefix + name])
-                      for name, nested in get_type_hints(part).items()))
-    return made(kind, '')
-
-
-def store(fields: Any, value: Any) -> None:
-    """Write a record back into the fields that it was loaded from."""
-    for name, x in _flat(value, ''):
-        fields[name] = x
-
-
-def value(field: Any) -> Any:
-    """Return the vector or matrix of a field of a NumPy record."""
-    return field.copy()
-
-
 @overloaded(value)
 def _value(field: Any) -> Any:
     if isinstance(field, types.Array):
         return lambda field: _read_array(field)
     return lambda field: field
-
-
-def write(field: Any, x: Any) -> None:
-    """Write a vector or matrix into a field of a NumPy record."""
-    field[...] = x
 
 
 @overloaded(write)
@@ -116,32 +85,6 @@ def _store(fields: Any, value: Any) -> Any:
     names: dict[str, Any] = {'_write_array': _write_array}
     exec('def store(fields, value):\n    ' + '\n    '.join(lines(value, '', 'value')), names)
     return names['store']
-
-
-def packed(value: Any) -> Any:
-    """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    return numpy_record({name: np.asarray(x, float) for name, x in _flat(value, '')})
-
-
-def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """Return a NumPy record with fields of these names, types, shapes and values."""
-    made = np.zeros(1, _layout(tuple((name, x.dtype, x.shape) for name, x in fields.items())))
-    made[0] = tuple(fields.values())
-    return made[0]
-
-
-@lru_cache(256)
-def _layout(fields: tuple[tuple[str, Any, tuple[int, ...]], ...]) -> Any:
-    return np.dtype((np.record, np.dtype(list(fields), align=True)))
-
-
-def _flat(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield the fields of a record, and of those in it, with their names in a NumPy record."""
-    for name, x in zip(part._fields, part):
-        if type(x) in compilable.RECORDS:
-            yield from _flat(x, f'{prefix}{name}__')
-        else:
-            yield prefix + name, x
 
 
 def register() -> None:

@@ -16,7 +16,8 @@ from ctc_chattering.numerics.compilable import (
     solve,
     solve_where,
 )
-from ctc_chattering.numerics.simd.records import load, packed, register, store
+from ctc_chattering.numerics.records import load, packed, store
+from ctc_chattering.numerics.simd.records import register
 import numba
 import numpy as np
 from oracles import Array, inclusion_by_enumeration, random_spd

@@ -1,0 +1,197 @@
+"""
+Machine code of functions of records and arrays: where it is kept, and how it is called.
+
+`simd.build` makes it, with numba, once; it is then loaded in milliseconds, without numba. A
+function is called with the addresses of its arguments, which costs less than a microsecond. What
+it computes it writes into them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+import ctypes
+from functools import lru_cache
+import hashlib
+import os
+from pathlib import Path
+import sys
+import tempfile
+from typing import Any, NamedTuple
+
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics import compilable
+import numpy as np
+
+_PACKAGE = Path(__file__).parents[1]
+#: Folders with functions that are compiled.
+_FOLDERS = ('numerics', 'dynamics', 'control', 'simulation', 'batch')
+#: Loaded code, which must not be freed.
+_LOADED: list[Any] = []
+
+
+class Layout(NamedTuple):
+    """What is known of an argument when a function is compiled."""
+
+    #: 'record', 'array', or the class of a NamedTuple of several.
+    kind: Any
+    #: Type of the elements, and the shape behind the first axis of an array.
+    dtype: Any = None
+    shape: tuple[int, ...] = ()
+    #: Those of a NamedTuple.
+    parts: tuple[Any, ...] = ()
+
+
+def layout(argument: Any) -> Layout:
+    """Return the layout of a NumPy record, a contiguous array, or a NamedTuple of such."""
+    if isinstance(argument, np.void):
+        return Layout('record', argument.dtype)
+    if isinstance(argument, np.ndarray):
+        assert argument.flags.c_contiguous
+        return Layout('array', argument.dtype, argument.shape[1:])
+    return Layout(type(argument), parts=tuple(map(layout, argument)))
+
+
+def _places(argument: Any) -> Iterator[int]:
+    """Yield the address of an argument, and the length of an array."""
+    if isinstance(argument, tuple):
+        for part in argument:
+            yield from _places(part)
+    else:
+        yield argument.__array_interface__['data'][0]
+        if isinstance(argument, np.ndarray):
+            yield len(argument)
+
+
+class Code:
+    """
+    A function of given arguments, compiled if it has been.
+
+    Parameters
+    ----------
+    function : callable
+        Of NumPy records and arrays; a function of marked ones. It returns an int.
+    arguments : tuple
+        NumPy records, contiguous arrays, or NamedTuples of such. Arrays may be of another length
+        in another call, nothing else differs.
+    name : str
+        What it is, in names of files.
+
+    """
+
+    def __init__(self, function: Callable[..., int], arguments: tuple[Any, ...], name: str
+                 ) -> None:
+        self.function, self.name = function, name
+        self.layouts = tuple(map(layout, arguments))
+
+    @property
+    def path(self) -> Path:
+        """The file of the machine code."""
+        text = f'{source_key()} {_processor()} {_origin(self.function)} {self.layouts}'
+        key = hashlib.sha256(text.encode()).hexdigest()[:16]
+        return cache_directory() / f'{self.name}-{key}.o'
+
+    @property
+    def compiled(self) -> bool:
+        """Whether there is machine code."""
+        return self.path.exists()
+
+    def address(self) -> int:
+        """Return where the machine code is."""
+        return _load(self.path)
+
+
+class Call:
+    """
+    A call of machine code with arguments at their places.
+
+    Parameters
+    ----------
+    code : Code
+        Which is compiled.
+    arguments : tuple
+        As of `Code`; they are kept.
+
+    """
+
+    def __init__(self, code: Code, arguments: tuple[Any, ...]) -> None:
+        assert tuple(map(layout, arguments)) == code.layouts
+        self._kept = arguments
+        #: Address of the function, and those of its arguments.
+        self.function = code.address()
+        self.places = np.array(list(_places(arguments)), np.int64)
+        self._result, self._error = ctypes.c_int64(), ctypes.c_void_p()
+        call: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)(self.function)
+        addresses = (ctypes.addressof(self._result), ctypes.addressof(self._error),
+                     self.places.ctypes.data)
+        self._run = lambda: call(*addresses)
+
+    def __call__(self) -> int:
+        """Call it."""
+        if self._run():
+            raise CtcError('compiled code failed')
+        return self._result.value
+
+
+@lru_cache(1)
+def source_key() -> str:
+    """Return a word that changes with place and text of what is compiled."""
+    text = hashlib.sha256(f'{_PACKAGE} {sys.implementation.cache_tag}'.encode())
+    for name in _FOLDERS:
+        for path in sorted((_PACKAGE / name).rglob('*.py')):
+            text.update(path.read_bytes())
+    return text.hexdigest()[:16]
+
+
+@lru_cache(1)
+def cache_directory() -> Path:
+    """Return where machine code is kept: with the user, or where that is not allowed, in /tmp."""
+    for parent in (Path.home() / '.cache', Path(tempfile.gettempdir()) / f'cache-{os.getuid()}'):
+        directory = parent / 'ctc_chattering' / 'machine_code'
+        with suppress(OSError):
+            directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if os.access(directory, os.W_OK) and all(map(_of_the_user, (parent, directory))):
+                return directory
+    raise CtcError('no directory for compiled code: neither ~/.cache nor a directory of the user '
+                   f'in {tempfile.gettempdir()} can be written')
+
+
+def _of_the_user(directory: Path) -> bool:
+    """Return whether nobody else can put machine code there."""
+    status = directory.stat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def _origin(function: Callable[..., int]) -> str:
+    """Return what tells a function from others: its name, what it encloses, code of users."""
+    enclosed = [repr(cell.cell_contents) for cell in function.__closure__ or ()]
+    modules = {marked.__module__ for marked in (*compilable.FUNCTIONS, *compilable.RECORDS)}
+    texts = [Path(str(sys.modules[name].__file__)).read_text(encoding='utf-8')
+             for name in sorted(modules) if not name.startswith('ctc_chattering.')]
+    return f'{function.__module__}.{function.__qualname__} {enclosed} {texts}'
+
+
+@lru_cache(1)
+def _processor() -> str:
+    """Return what the machine code is for."""
+    from llvmlite import binding
+    return f'{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}'
+
+
+@lru_cache
+def _load(path: Path) -> int:
+    """Return the address of the function in a file of `simd.build`."""
+    from llvmlite import binding
+    symbol, _, machine_code = path.read_bytes().partition(b'\n')
+    for start in (binding.initialize, binding.initialize_native_target,
+                  binding.initialize_native_asmprinter):
+        try:
+            start()
+        except RuntimeError:  # Newer versions do it by themselves.
+            continue
+    machine = binding.Target.from_default_triple().create_target_machine(jit=True)
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(''), machine)
+    engine.add_object_file(binding.ObjectFileRef.from_data(machine_code))
+    engine.finalize_object()
+    _LOADED.append(engine)
+    return int(engine.get_function_address(symbol.decode()))
