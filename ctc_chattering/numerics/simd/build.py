@@ -32,10 +32,10 @@ def _machine_code(code: Code) -> bytes:
     """Return the name of the function, and an object file."""
     register()
     # Without numba's memory: what would allocate an array is refused here.
-    options: Any = {'nogil': True, 'error_model': 'numpy', '_nrt': False, 'no_cpython_wrapper': True,
-               'no_cfunc_wrapper': True}
+    options: Any = {'nogil': True, 'error_model': 'numpy', '_nrt': False,
+                    'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
     made = numba.njit(types.int64(types.int64), **options)(_entry(code))
-    result = made.overloads[made.signatures[0]]
+    result: Any = made.overloads[made.signatures[0]]
     machine_code: bytes = result.library._get_compiled_object()
     return f'{result.fndesc.llvm_func_name}\n'.encode() + machine_code
 
