@@ -26,6 +26,8 @@ import numpy as np
 _PACKAGE = Path(__file__).parents[1]
 #: Folders with functions that are compiled.
 _FOLDERS = ('numerics', 'dynamics', 'control', 'simulation', 'batch')
+#: How numba calls: where the result goes, where an error goes, and one argument.
+_PROTOTYPE: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 #: Loaded code, which must not be freed.
 _LOADED: list[Any] = []
 
@@ -120,17 +122,29 @@ class Call:
         #: Address of the function, and those of its arguments.
         self.function = code.address()
         self.places = np.array(list(_places(arguments)), np.int64)
-        self._result, self._error = ctypes.c_int64(), ctypes.c_void_p()
-        call: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)(self.function)
-        addresses = (ctypes.addressof(self._result), ctypes.addressof(self._error),
-                     self.places.ctypes.data)
-        self._run = lambda: call(*addresses)
+        self._call = _prepared(self.function, self.places.ctypes.data)
 
     def __call__(self) -> int:
         """Call it."""
-        if self._run():
-            raise CtcError('compiled code failed')
-        return self._result.value
+        return self._call()
+
+
+def invoke(function: int, places: int) -> int:
+    """Call the machine code at an address, with the address of the places of its arguments."""
+    return _prepared(function, places)()
+
+
+def _prepared(function: int, places: int) -> Callable[[], int]:
+    """Return such a call; to prepare it takes some times as long as to make it."""
+    result, error = ctypes.c_int64(), ctypes.c_void_p()
+    call = _PROTOTYPE(function)
+    addresses = ctypes.addressof(result), ctypes.addressof(error), places
+
+    def made() -> int:
+        if call(*addresses):
+            raise CtcError(f'compiled code failed: {error}')
+        return result.value
+    return made
 
 
 @lru_cache(1)

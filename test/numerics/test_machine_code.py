@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics import machine_code
-from ctc_chattering.numerics.machine_code import Call, Code
+from ctc_chattering.numerics.machine_code import Call, Code, invoke
 from ctc_chattering.numerics.records import numpy_record
 import numpy as np
 import pytest
@@ -30,6 +30,11 @@ def added(pair: Pair, table: Any) -> int:
         pair.first.x[i] += total * pair.second.x[i]
     pair.first.k = len(table)
     return int(pair.second.k) + 1
+
+
+def twice(places: Any) -> int:
+    """Call a function by its address, two times."""
+    return invoke(places.function, places.arguments) + invoke(places.function, places.arguments)
 
 
 def _arguments(rows: int) -> tuple[Pair, Any]:
@@ -59,6 +64,22 @@ def test_as_plain_python() -> None:
         assert Call(code, compiled)() == added(*plain) == 6
         assert compiled[0].first == plain[0].first
         assert compiled[0].first.k == rows
+
+
+def test_called_by_its_address() -> None:
+    """Machine code calls machine code."""
+    code, plain, compiled = Code(added, _arguments(2), 'added'), _arguments(3), _arguments(3)
+    build(code)
+    call = Call(code, compiled)
+    places = numpy_record({'function': np.array(call.function),
+                           'arguments': np.array(call.places.ctypes.data)})
+    outer = Code(twice, (places,), 'twice')
+    build(outer)
+    assert Call(outer, (places,))() == 12
+    added(*plain)
+    assert compiled[0].first != plain[0].first
+    added(*plain)
+    assert compiled[0].first == plain[0].first
 
 
 def test_without_numba(tmp_path: Path) -> None:

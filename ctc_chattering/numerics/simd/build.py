@@ -6,9 +6,9 @@ import fcntl
 from itertools import count
 from typing import Any
 
-from ctc_chattering.numerics.machine_code import Code, Layout
+from ctc_chattering.numerics.machine_code import Code, invoke, Layout
 from ctc_chattering.numerics.simd.records import register
-from ctc_chattering.numerics.simd.vectors import lowered
+from ctc_chattering.numerics.simd.vectors import lowered, overloaded
 from llvmlite import ir
 import numba
 from numba import types
@@ -110,3 +110,21 @@ def _array(_typing: Any, place: Any, shape: Any, kind: Any) -> Any:
         array.parent = cgutils.get_null_value(array.parent.type)
         return array._getvalue()
     return made(place, shape, kind), generate
+
+
+@lowered
+def _called(_typing: Any, function: Any, places: Any) -> Any:
+    """Return what the function at an address returns."""
+    def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        result = cgutils.alloca_once(builder, _INT)
+        error = cgutils.alloca_once(builder, cgutils.voidptr_t)
+        kind = ir.FunctionType(ir.IntType(32), [result.type, error.type, _INT])
+        builder.call(builder.inttoptr(values[0], kind.as_pointer()), [result, error, values[1]])
+        return builder.load(result)
+    return types.int64(function, places), generate
+
+
+@overloaded(invoke)
+def _invoke(function: Any, places: Any) -> Any:
+    del function, places
+    return lambda function, places: _called(function, places)
