@@ -12,8 +12,8 @@ from ctc_chattering.cli.options import check, find_file
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import given_by_user, ParameterError
-from ctc_chattering.identification.excitation_limits import ExcitationConfig
-from ctc_chattering.identification.excitation_run import (
+from ctc_chattering.identification.excitation.limits import ExcitationConfig
+from ctc_chattering.identification.excitation.plan import (
     MOTION,
     Plan,
     plan,

@@ -8,21 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.output import prepare, write_text, writing
-from ctc_chattering.bags.motion import Motion, read_motion
+from ctc_chattering.bags.motion import read_motion, RecordedMotion
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.identification.figures import save_identification_figures
-from ctc_chattering.identification.identify import identify as identified
-from ctc_chattering.identification.model_errors import Candidate, candidates
-from ctc_chattering.identification.parameter_values import parameter_values
-from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.recommendation import recommend
-from ctc_chattering.identification.report import Report, write_json, write_page
-from ctc_chattering.identification.validation import validate
+from ctc_chattering.identification.regression.identify import identify as identified
+from ctc_chattering.identification.regression.model_errors import candidates, ModelError
+from ctc_chattering.identification.report.figures import save_identification_figures
+from ctc_chattering.identification.report.parameter_values import parameter_values
+from ctc_chattering.identification.report.perturbation import perturbation
+from ctc_chattering.identification.report.recommendation import recommend
+from ctc_chattering.identification.report.results import (
+    IdentificationResults,
+    write_json,
+    write_page,
+)
+from ctc_chattering.identification.report.validation import validate
 import numpy as np
 
 #: Names in the output directory.
@@ -33,11 +37,11 @@ _GRAVITY = 9.81
 
 
 @dataclasses.dataclass(frozen=True)
-class _Robot:
+class _IdentifiedRobot:
     """The model that is corrected, its errors that are looked for, and values of all nodes."""
 
     model: Model
-    candidates: list[Candidate]
+    candidates: list[ModelError]
     description: str
     shared: dict[str, Any]
     gains: tuple[Any, Any] | None
@@ -48,7 +52,7 @@ def identify(options: argparse.Namespace) -> int:
     description = read_description(options.urdf) if options.urdf else ''
     joints = tuple(filter(None, (options.joints or '').split(',')))
 
-    def read(bag: Path) -> Motion:
+    def read(bag: Path) -> RecordedMotion:
         return read_motion(bag, joints, description, options.states, options.commands)
     motions = [read(bag) for bag in options.bags]
     robot = _robot(options, motions[0], description)
@@ -63,8 +67,8 @@ def identify(options: argparse.Namespace) -> int:
     recommended = recommend(found, run, robot.model, q)
     validation = validate(
         found, other.recording, robot.model, robot.candidates) if other else None
-    report = Report(', '.join(bag.resolve().name for bag in options.bags), found, run,
-                    recommended, validation, rate)
+    report = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
+                                   run, recommended, validation, rate)
     _write(report, robot, q, out)
     print(report.text())
     print()
@@ -72,7 +76,8 @@ def identify(options: argparse.Namespace) -> int:
     return 0
 
 
-def _robot(options: argparse.Namespace, motion: Motion, description: str) -> _Robot:
+def _robot(options: argparse.Namespace, motion: RecordedMotion, description: str
+           ) -> _IdentifiedRobot:
     """Return the model for a motion, from the options, the bag, or both."""
     controller = motion.controller
     description = description or motion.description
@@ -91,8 +96,8 @@ def _robot(options: argparse.Namespace, motion: Motion, description: str) -> _Ro
     if any(locked):
         shared['locked'] = list(locked)
     used = description if name == 'urdf' else ''
-    return _Robot(model, candidates(model, used, positions), used, shared,
-                  (controller.kp, controller.kv) if controller else None)
+    return _IdentifiedRobot(model, candidates(model, used, positions), used, shared,
+                            (controller.kp, controller.kv) if controller else None)
 
 
 def _rates(text: str | None, n: int) -> tuple[float, ...]:
@@ -109,7 +114,7 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
     return tuple(values * n if len(values) == 1 else values)
 
 
-def _write(report: Report, robot: _Robot, q: Any, out: Path) -> None:
+def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path) -> None:
     """Write all files."""
     shared = dict(robot.shared)
     if robot.description:
