@@ -1,4 +1,4 @@
-"""`ctc excite`: options, table, warnings."""
+"""`ctc excite`: a motion that shows the friction of every joint."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import print_columns
-from ctc_chattering.cli.options import check, find_file
+from ctc_chattering.cli.options import add_output, add_params_file, check, find_file
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import given_by_user, ParameterError
@@ -25,6 +25,10 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import Parameter
 import numpy as np
 
+DETAILS = ('Slow reversals of every joint at a few poses, then Fourier series, within the limits '
+           'of the description. Write motion.yaml, its waypoints, and run.yaml, the parameter '
+           'file with this motion under law compensation. The motion is not checked for '
+           'collisions.')
 #: Options that are parameters of the motion.
 _SCALARS = ('duration', 'poses', 'velocity_scale')
 _LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
@@ -32,6 +36,32 @@ _LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
 #: Condition number with scaled columns above which the regression says little (Gautier & Khalil,
 #: "Exciting trajectories for the identification of base inertial parameters of robots", 1992).
 _POOR = 100.0
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc excite`."""
+    add_params_file(parser)
+    parser.add_argument('--duration', type=float, default=60.0, metavar='S',
+                        help='60 by default [s]')
+    parser.add_argument('--poses', type=int, default=3, metavar='N',
+                        help='poses with slow reversals, 3 by default')
+    for name, text in (
+            ('center', "position about which it moves; the reference's center by default [rad]"),
+            ('position-range', 'greatest distance from the centre, 0.8 by default [rad]'),
+            ('velocity-limit', 'in place of the part of the limits of the description [rad/s]'),
+            ('acceleration-limit', 'the same for the acceleration [rad/s²]'),
+            ('friction', "Coulomb friction to expect; the plant's by default [N·m]")):
+        parser.add_argument(f'--{name}', metavar='A,B,C',
+                            help=f'{text}: a number per joint, or one for all')
+    parser.add_argument(
+        '--velocity-scale', type=float, default=0.5, metavar='X',
+        help='part of the limits of velocity and acceleration to use, 0.5 by default')
+    parser.add_argument('--draws', type=int, default=20, metavar='N',
+                        help='random motions, of which the best conditioned one is taken; 20 by '
+                             'default')
+    parser.add_argument('--seed', type=int, default=0, metavar='S',
+                        help='seed of these motions, 0 by default')
+    add_output(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -9,13 +9,36 @@ from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
+from ctc_chattering.cli.command_line import say
 from ctc_chattering.errors import CtcError, UsageError
 
 if TYPE_CHECKING:
     from ctc_chattering.live.page import Page
 
+DETAILS = ('Without a bag the page shows the running graph, and its buttons change law, gains and '
+           'plant; arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags are '
+           'shown side by side.')
 
-def live(options: argparse.Namespace) -> int:
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc live`."""
+    parser.add_argument('bags', nargs='*', type=Path, metavar='BAG')
+    parser.add_argument('--export', type=Path, metavar='FILE',
+                        help='write the page of the bags into one HTML file, and serve none')
+    parser.add_argument('--overwrite', action='store_true', help='replace that file')
+    parser.add_argument('--host', default='127.0.0.1', metavar='H',
+                        help='address to listen on, by default 127.0.0.1, which other machines '
+                             'do not reach')
+    parser.add_argument('--port', type=int, metavar='N',
+                        help='port; by default the first free one from 8080 on')
+    parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
+                        help='open it in the browser of this machine; by default in a terminal')
+    parser.add_argument('--read-only', action='store_true', help='no buttons, nothing is sent')
+    parser.add_argument('--dark', action='store_true', help='light letters on dark ground')
+    parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
+
+
+def run(options: argparse.Namespace) -> int:
     """Run `ctc live`."""
     if options.port is not None and not 0 <= options.port < 65536:
         raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
@@ -27,7 +50,7 @@ def live(options: argparse.Namespace) -> int:
     if options.bags and (options.read_only or options.ros_args):
         raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
     if warning := warning_of(options.host):
-        print(f'ctc live: {warning}', file=sys.stderr, flush=True)
+        say(f'ctc live: {warning}')
 
     with ExitStack() as open_pages:
         def make_page(main: str, reports: str = '') -> Page:
@@ -35,7 +58,7 @@ def live(options: argparse.Namespace) -> int:
             print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
             if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
-                print('ctc live: --open: no browser here', file=sys.stderr, flush=True)
+                say('ctc live: --open: no browser here')
             return page
 
         _serve(options, make_page)
@@ -74,7 +97,7 @@ def _runs(bags: Sequence[Path]) -> list[Any]:
         print(f'reading {bag} ...', flush=True)
         runs.append(RecordedRun(read_bag(bag)))
         if runs[-1].remark:
-            print(f'ctc live: {bag}: {runs[-1].remark}', file=sys.stderr, flush=True)
+            say(f'ctc live: {bag}: {runs[-1].remark}')
     return runs
 
 

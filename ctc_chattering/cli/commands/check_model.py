@@ -15,6 +15,29 @@ from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 from ctc_chattering.parameters import check_joint_names
 
+DETAILS = ('At random states: M symmetric and positive definite, ½ dM/dt - C skew-symmetric, G a '
+           'gradient, all products consistent. Status 1 if a test fails.')
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc check-model`."""
+    parser.add_argument(
+        '--model', metavar='NAME',
+        help='two_link, urdf, or package.module:Class; urdf by default if there is --urdf, else '
+             'two_link')
+    parser.add_argument('--urdf', metavar='FILE',
+                        help='model urdf: the URDF, a path or package://NAME/PATH')
+    parser.add_argument(
+        '--joints', metavar='A,B,C',
+        help='joints in the order of the model; by default all that the URDF has, or joint1, '
+             'joint2')
+    parser.add_argument('--gravity', type=float, default=9.81, metavar='G',
+                        help='9.81 by default [m/s²]')
+    parser.add_argument('--samples', type=int, default=100, metavar='N',
+                        help='number of states, 100 by default')
+    parser.add_argument('--seed', type=int, default=0, metavar='S',
+                        help='seed of the states, 0 by default')
+
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc check-model`."""

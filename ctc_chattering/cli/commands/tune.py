@@ -9,6 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.options import add_jobs, add_output, check, number_of_jobs
+from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, given_by_user, ParameterError, UsageError
@@ -16,13 +19,16 @@ from ctc_chattering.errors import CtcError, given_by_user, ParameterError, Usage
 if TYPE_CHECKING:
     from ctc_chattering.robustness.tuning.spec import TuneSpec
 
+DETAILS = ('Search for them over draws of what is uncertain, within limits of the torque and its '
+           'rate, and validate them on fresh draws. Write tuned.yaml, a parameter file; all other '
+           'best compromises, figures and index.html.')
 #: Options that are keys of the spec, and of its section `tune`.
 _KEYS = {'duration': 'duration', 'draws': 'repeats', 'seed': 'seed'}
 _OF_TUNE = {'law': 'law', 'switching': 'switching', 'torque_limit': 'torque_limit',
             'torque_rate': 'torque_rate_limit'}
 
 
-def add_tune_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc tune`."""
     robot = parser.add_mutually_exclusive_group(required=True)
     robot.add_argument('spec', nargs='?', type=Path, metavar='SPEC.yaml',
@@ -52,17 +58,13 @@ def add_tune_options(parser: argparse.ArgumentParser) -> None:
                         help="of a run, in place of the file's [s]")
     parser.add_argument('--seed', type=int, metavar='S',
                         help="seed of search and draws, 0 by default, or the spec's")
-    parser.add_argument('--jobs', type=int, metavar='N',
-                        help='processes, as many as there are processors by default; the result '
-                             'does not depend on it')
+    add_jobs(parser, '; the result does not depend on it')
+    add_output(parser, 'tuned')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
     from ctc_chattering.analysis.engine import available, compile_loop, engine_of
-    from ctc_chattering.analysis.output import prepare
-    from ctc_chattering.cli.options import check, number_of_jobs
-    from ctc_chattering.cli.presentation import print_page
     from ctc_chattering.robustness.tuning import report
     from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
     from ctc_chattering.robustness.tuning.runs import Evaluation, tune

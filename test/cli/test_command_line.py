@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 import tempfile
 
-from ctc_chattering.cli.options import guarded
+from ctc_chattering.cli.command_line import guarded
 from ctc_commands import ctc, refused, ROOT
 import pytest
 

@@ -1,4 +1,4 @@
-"""`ctc map`: from a spec to results, figures and a page, or to one run of them."""
+"""`ctc map`: the runs of a map that are missing, with progress, and what is made of all."""
 
 from __future__ import annotations
 
@@ -8,36 +8,23 @@ from functools import partial
 import sys
 import time
 
-from ctc_chattering.analysis.engine import available, compile_loop
-from ctc_chattering.cli.explanation import explain
-from ctc_chattering.cli.options import number_of_jobs
+from ctc_chattering.analysis.engine import compile_loop
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.cli.progress import progress_bar
-from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness import chunks, scheduler
 from ctc_chattering.robustness.lock import locked
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory, file_digest, TABLE
-from ctc_chattering.robustness.spec import read_spec
 from ctc_chattering.simulation.registry import make_plant
 import pyarrow
 
-#: Folder of the package's own specs, below `config`.
-_FOLDER = 'maps'
 
-
-def run(options: argparse.Namespace) -> int:
-    """Run `ctc map`."""
-    if options.jobs is not None and options.scheduler is not None:
-        raise UsageError('--jobs and --scheduler exclude each other: a cluster has its workers')
-    jobs = number_of_jobs(options.jobs)
-    runs = Runs(read_spec(find_config(options.spec, folder=_FOLDER)))
-    engine, reason = available(options.engine)
-    if options.explain is not None:
-        return explain(runs, engine, options)
+def compute_map(runs: Runs, engine: str, reason: str, jobs: int, options: argparse.Namespace
+                ) -> int:
+    """Compute what is missing of a map, write its results, and print where they are."""
     _try(runs)
     with locked(options.out):
         return _map(runs, engine, reason, jobs, options)
