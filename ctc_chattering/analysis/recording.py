@@ -9,6 +9,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 Indices = npt.NDArray[np.intp]
 
@@ -164,19 +165,5 @@ def _stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
         effort, command = (None if x is None else x[part][held]
                            for x in (recording.effort, recording.command))
-        yield Stretch(float(grid[0]), period, cubic(at, recording.q[part], grid),
+        yield Stretch(float(grid[0]), period, CubicSpline(at, recording.q[part])(grid),
                       effort, command)
-
-
-def cubic(t: Array, y: Array, at: Array) -> Array:
-    """Return y(t), shape (N, n), at other times by the cubic through four neighbours."""
-    i = np.clip(np.searchsorted(t, at) - 2, 0, len(t) - 4)
-    nodes: Array = t[i[:, None] + np.arange(4)]
-    value: Array = np.zeros((len(at), y.shape[1]))
-    for a in range(4):
-        weight: Array = np.ones(len(at))
-        for b in range(4):
-            if a != b:
-                weight = weight * (at - nodes[:, b]) / (nodes[:, a] - nodes[:, b])
-        value += weight[:, None] * y[i + a]
-    return value

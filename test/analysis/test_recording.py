@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.recording import cubic, Recording, stretches
+from ctc_chattering.analysis.recording import Recording, stretches
 from ctc_chattering.errors import CtcError
 import numpy as np
 import pytest
@@ -81,12 +81,3 @@ def test_positions_between_jittering_stamps_are_those_of_the_grid() -> None:
     middle = slice(2, -2)
     assert part.q[middle] == pytest.approx(np.stack(
         (np.sin(part.t), np.cos(2.0 * part.t)), axis=1)[middle], abs=1e-11)
-
-
-def test_the_cubic_of_four_neighbours_is_exact_for_cubics() -> None:
-    t = np.sort(np.random.default_rng(2).uniform(0.0, 1.0, 30))
-    at = np.linspace(t[1], t[-2], 77)
-
-    def f(x: np.ndarray) -> np.ndarray:
-        return np.stack((x ** 3 - 2.0 * x, 1.0 - x ** 2), axis=1)
-    assert cubic(t, f(t), at) == pytest.approx(f(at), abs=1e-9)

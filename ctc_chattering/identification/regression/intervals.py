@@ -15,13 +15,12 @@ from math import sqrt
 from ctc_chattering.identification.regression.least_squares import Fit, normal_equations, solved
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+from scipy.special import stdtrit  # type: ignore[import-untyped]
 
 #: Resamples, and their seed.
 _COUNT, _SEED = 400, 1
 #: Blocks of at least so many correlation lengths, and at least so many of them in the data.
 _LENGTHS, _FEWEST_BLOCKS = 40.0, 12
-#: Quantile of the normal distribution.
-_QUANTILE = 1.959964
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,15 +52,6 @@ class Spread:
     def half(self, weights: Array) -> float:
         """Return half the interval of the sum of the coefficients with `weights`, shape (p,)."""
         return self.factor * sqrt(max(float(weights @ self.covariance @ weights), 0.0))
-
-
-def t_quantile(freedom: float) -> float:
-    """Return the 97.5 % quantile of Student's distribution (expansion of Cornish and Fisher)."""
-    z = _QUANTILE
-    first = (z ** 3 + z) / 4.0
-    second = (5.0 * z ** 5 + 16.0 * z ** 3 + 3.0 * z) / 96.0
-    third = (3.0 * z ** 7 + 19.0 * z ** 5 + 17.0 * z ** 3 - 15.0 * z) / 384.0
-    return z + first / freedom + second / freedom ** 2 + third / freedom ** 3
 
 
 def correlation_length(x: Array) -> float:
@@ -128,4 +118,4 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
     # Blocks are drawn around their own mean, which takes a share of the variance.
     correction = blocks / (blocks - 1.0)
     covariance = correction * np.atleast_2d(np.cov(np.array(values).T))
-    return Spread(covariance, t_quantile(blocks - 1.0), length)
+    return Spread(covariance, float(stdtrit(blocks - 1.0, 0.975)), length)

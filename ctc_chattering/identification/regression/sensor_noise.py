@@ -13,6 +13,7 @@ from ctc_chattering.identification.regression.weak_form import (
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 
 #: Part of the steps that must be a multiple of an encoder's.
 _MULTIPLES = 0.98
@@ -107,7 +108,7 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
         power = float(x[calm].dot(x[calm]))
         slope = -float(x[calm].dot(y[calm])) / power if power else 0.0
         left = y[calm] + slope * x[calm]
-        spread = float(np.median(np.abs(left - np.median(left)))) / 0.6745
+        spread = float(median_abs_deviation(left, scale='normal'))
         noise.append(Estimate(float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0))), unit='rad/s'))
         error = 2.0 * spread / np.sqrt(power) if power else np.inf
         if error >= 0.5 * period:

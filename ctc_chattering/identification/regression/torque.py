@@ -6,11 +6,10 @@ from ctc_chattering.analysis.recording import Indices, Stretch
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 #: Sources of the torque.
 COMMAND, EFFORT = 'command', 'effort'
-#: Part of the weights of a lag that is left out.
-_TAIL = 1e-9
 
 
 def lagged(values: Array, lag: Array, period: float) -> Array:
@@ -36,11 +35,8 @@ def lagged(values: Array, lag: Array, period: float) -> Array:
     ratio = period / np.maximum(lag, 1e-3 * period)
     a = np.exp(-ratio)
     share = (1.0 - a) / ratio
-    total, reach, power = values.copy(), 1, a
-    # Σ a^j c[k-j] over twice as many j in each step.
-    while reach < len(values) and power.max() > _TAIL:
-        total[reach:] += power * total[:-reach]
-        reach, power = 2 * reach, power * power
+    total = np.column_stack([
+        lfilter([1.0], [1.0, -decay], column) for decay, column in zip(a, values.T)])
     before = np.concatenate((np.zeros_like(values[:1]), total[:-1]))
     mean: Array = (1.0 - share) * values + share * (1.0 - a) * before
     return np.where(lag > 0.0, mean, values)

@@ -22,6 +22,9 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
+from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-untyped]
+from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 
 #: Half the length of φ [s], and the fewest samples in it.
 HALF, FEWEST = 0.05, 12
@@ -29,6 +32,8 @@ HALF, FEWEST = 0.05, 12
 _STEP = 0.5
 #: Half the length of the polynomials that velocities come from [s], and the fewest samples.
 _SMOOTH, _FEWEST_SMOOTH = 0.012, 3
+#: Their order.
+_ORDER = 3
 #: Longest step of the grid on which M, C and G are evaluated [s].
 _GRID = 0.004
 
@@ -86,37 +91,28 @@ def smoothed(q: Array, period: float) -> tuple[Array, Array, Array]:
     """
     Return position, velocity and acceleration by local cubics, each of shape (N, n).
 
-    That is the filter of Savitzky and Golay, without delay. Before the first and after the last
-    full window the values are those of its centre.
+    That is the filter of Savitzky and Golay, without delay.
     """
-    m = smoothing_half(period)
-    s = np.arange(-m, m + 1) / m
-    fit = np.linalg.pinv(np.vander(s, 4, increasing=True))
-    windows = sliding_window_view(q, 2 * m + 1, axis=0)
-    unit = m * period
-    found = [np.einsum('k,tik->ti', fit[order] * scale, windows)
-             for order, scale in enumerate((1.0, 1.0 / unit, 2.0 / unit ** 2))]
-    q, dq, ddq = (np.pad(x, ((m, m), (0, 0)), 'edge') for x in found)
+    window = 2 * smoothing_half(period) + 1
+    q, dq, ddq = (savgol_filter(q, window, _ORDER, order, period, axis=0) for order in range(3))
     return q, dq, ddq
 
 
 def position_noise(q: Array, period: float) -> Array:
     """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
-    hat = np.linalg.pinv(np.vander(np.arange(-m, m + 1) / m, 4, increasing=True))[0]
+    hat = savgol_coeffs(2 * m + 1, _ORDER)
     rest = (q - smoothed(q, period)[0])[m:-m]
     # Robust: where a joint stops, no cubic fits.
-    spread = np.median(np.abs(rest), axis=0) / 0.6745
-    share = 1.0 - 2.0 * hat[m] + hat.dot(hat)
-    found: Array = spread / np.sqrt(share)
+    spread = median_abs_deviation(rest, axis=0, scale='normal')
+    found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))
     return found
 
 
 def velocity_deviation(period: float) -> float:
     """Return the deviation of a smoothed velocity per deviation of white position noise [1/s]."""
-    m = smoothing_half(period)
-    row = np.linalg.pinv(np.vander(np.arange(-m, m + 1) / m, 4, increasing=True))[1]
-    return float(np.sqrt(row.dot(row)) / (m * period))
+    row = savgol_coeffs(2 * smoothing_half(period) + 1, _ORDER, 1, period)
+    return float(np.linalg.norm(row))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,23 +183,6 @@ class Dynamics:
         return phi.sums(rest, phi.at, centres) - phi.sums(momentum, phi.slope, centres)
 
     def _full(self, values: Array) -> Array:
-        """Return values of the coarse grid at all samples, by cubics."""
-        flat = values.reshape(len(values), -1)
-        step = int(self.index[1] - self.index[0])
-        if step == 1:
-            return values
-        last = int(self.index[-2])
-        whole = _refined(flat[:-1], step)
-        tail = np.linspace(0.0, 1.0, self.count - last)[1:, None]
-        found = np.concatenate((whole, (1.0 - tail) * flat[-2] + tail * flat[-1]))
-        return found.reshape(self.count, *values.shape[1:])
-
-
-def _refined(y: Array, step: int) -> Array:
-    """Return y, shape (K, m), with `step` - 1 values in between, by Catmull and Rom's cubics."""
-    padded = np.concatenate((2.0 * y[:1] - y[1:2], y, 2.0 * y[-1:] - y[-2:-1]))
-    s = (np.arange(step) / step)[:, None, None]
-    a, b, c, d = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
-    found = (b + 0.5 * s * (c - a + s * (2.0 * a - 5.0 * b + 4.0 * c - d
-                                         + s * (3.0 * (b - c) + d - a))))
-    return np.concatenate((found.transpose(1, 0, 2).reshape(-1, y.shape[1]), y[-1:]))
+        """Return values of the coarse grid at all samples."""
+        found: Array = CubicSpline(self.index, values)(np.arange(self.count))
+        return found

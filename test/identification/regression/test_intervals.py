@@ -5,7 +5,6 @@ from __future__ import annotations
 from ctc_chattering.identification.regression.intervals import (
     correlation_length,
     spread,
-    t_quantile,
 )
 from ctc_chattering.identification.regression.least_squares import (
     Data,
@@ -17,7 +16,6 @@ from ctc_chattering.identification.regression.least_squares import (
 from ctc_chattering.identification.regression.rows import STRIBECK
 import numpy as np
 import pytest
-from scipy.stats import t as student  # type: ignore[import-untyped]
 
 #: Windows, and runs.
 COUNT, RUNS = 1000, 60
@@ -61,8 +59,3 @@ def test_the_correlation_length_is_that_of_ar_1() -> None:
     found = [correlation_length(correlated(rng, 0.8)) for _ in range(20)]
     assert np.mean(found) == pytest.approx((1.0 + 0.8) / (1.0 - 0.8), rel=0.2)
     assert correlation_length(np.zeros(50)) == 1.0
-
-
-@pytest.mark.parametrize('freedom', [11.0, 30.0, 200.0])
-def test_the_quantile_is_students(freedom: float) -> None:
-    assert t_quantile(freedom) == pytest.approx(student.ppf(0.975, freedom), rel=1e-3)

@@ -8,7 +8,6 @@ from ctc_chattering.identification.regression.weak_form import (
     Dynamics,
     position_noise,
     smoothed,
-    smoothing_half,
     TestFunction,
     velocity_deviation,
 )
@@ -16,7 +15,6 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp  # type: ignore[import-untyped]
-from scipy.signal import savgol_filter  # type: ignore[import-untyped]
 
 H = 1e-3
 PHI = TestFunction(H)
@@ -54,12 +52,12 @@ def test_the_weak_form_is_the_mean_of_the_inverse_dynamics() -> None:
         PHI.sums(weight, PHI.at, centres), abs=1e-5)
 
 
-def test_smoothed_is_the_filter_of_savitzky_and_golay() -> None:
-    q = np.random.default_rng(0).normal(size=(200, 2))
-    m = smoothing_half(H)
-    for order, found in enumerate(smoothed(q, H)):
-        wanted = savgol_filter(q, 2 * m + 1, 3, deriv=order, delta=H, axis=0)
-        assert found[m:-m] == pytest.approx(wanted[m:-m], rel=1e-9, abs=1e-6)
+def test_smoothed_is_exact_for_cubics() -> None:
+    t = T[:200, None] - 0.1
+    q = np.hstack((t ** 3 - t, 2.0 * t ** 2 + 1.0))
+    wanted = (q, np.hstack((3.0 * t ** 2 - 1.0, 4.0 * t)), np.hstack((6.0 * t, 0.0 * t + 4.0)))
+    for found, exact in zip(smoothed(q, H), wanted):
+        assert found == pytest.approx(exact, abs=1e-7)
 
 
 def test_noise_of_positions_and_what_it_makes_of_velocities() -> None:
