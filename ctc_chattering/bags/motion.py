@@ -13,12 +13,12 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.bags.reader import FIELDS, nanoseconds
 from ctc_chattering.bags.repair import BagReader, open_bag
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as
-from ctc_chattering.identification.recording import Recording
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, PARAMETERS, ROBOT_DESCRIPTION
@@ -31,7 +31,7 @@ _HELD = 20
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class RecordedMotion:
     """
     What a bag has of a robot.
 
@@ -52,7 +52,7 @@ class Motion:
 
 
 def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
-                states: str = JOINT_STATES, commands: str = COMMANDS) -> Motion:
+                states: str = JOINT_STATES, commands: str = COMMANDS) -> RecordedMotion:
     """
     Return the motion that a bag holds.
 
@@ -87,7 +87,7 @@ class _Bag:
         self._reader, self._path = reader, path
 
     def motion(self, joints: Sequence[str], description: str, topics: tuple[str, str]
-               ) -> Motion:
+               ) -> RecordedMotion:
         """Return the motion; arguments as `read_motion` has them."""
         controller = self._controller()
         description = description or self._description()
@@ -98,8 +98,8 @@ class _Bag:
         names = tuple(joints) or self._joints(controller, states[0][1], orders, description)
         logged, recording = self._recording(names, states)
         command = self._command(names, logged, orders, topics[1])
-        return Motion(dataclasses.replace(recording, command=command).checked(), description,
-                      controller)
+        return RecordedMotion(dataclasses.replace(recording, command=command).checked(),
+                              description, controller)
 
     def _messages(self, name: str, option: str = '') -> Iterator[tuple[int, Any]]:
         """Yield log time [ns] and message of a topic; raise `CtcError` if there are several."""

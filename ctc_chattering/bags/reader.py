@@ -82,7 +82,7 @@ def _is_bag(path: Path) -> bool:
         x.name == 'metadata.yaml' or x.suffix in ('.mcap', '.db3') for x in path.iterdir())
 
 
-class _State(NamedTuple):
+class _StampedState(NamedTuple):
     """A joint state: stamp [ns], (position, velocity, effort), shape (3, n), and log time [ns]."""
 
     t: int
@@ -178,7 +178,7 @@ class _Topics:
                 history.append((nanoseconds(message.stamp), config))
         return history
 
-    def _valid_states(self, since: int) -> Iterator[_State]:
+    def _valid_states(self, since: int) -> Iterator[_StampedState]:
         """Yield the states from time `since` [ns] on that a controller would accept."""
         for recorded, message in self._messages(JOINT_STATES):
             t = nanoseconds(message.header.stamp)
@@ -186,16 +186,16 @@ class _Topics:
             row = self._select(message.name, message.position, message.velocity)
             if t >= since and np.isfinite(row).all():
                 row = np.vstack((row, self._select(message.name, effort)))
-                yield _State(t, row, recorded)
+                yield _StampedState(t, row, recorded)
 
-    def _states(self, since: int) -> tuple[list[_State], Counter[int]]:
+    def _states(self, since: int) -> tuple[list[_StampedState], Counter[int]]:
         """
         Return the states, each stamp once, sorted by time, and how often one was repeated.
 
         A step of more than `_FEW` periods needs `_FEW` states that confirm it.
         """
-        states: list[_State] = []
-        pending: list[_State] = []
+        states: list[_StampedState] = []
+        pending: list[_StampedState] = []
         rejected = 0
         repeats: Counter[int] = Counter()
         for state in self._valid_states(since):
@@ -231,7 +231,7 @@ class _Topics:
                 trajectory.extend(times, [row.tolist() for row in rows])
         return trajectory, start
 
-    def _commands(self, states: Sequence[_State], repeats: Counter[int]
+    def _commands(self, states: Sequence[_StampedState], repeats: Counter[int]
                   ) -> tuple[list[Array], list[int]]:
         """Return torques and log times [ns], without those that answer a repeated state."""
         commands: list[Array] = []
@@ -250,7 +250,7 @@ class _Topics:
             recorded.append(t)
         return commands, recorded
 
-    def _torques(self, states: Sequence[_State], repeats: Counter[int]) -> Array:
+    def _torques(self, states: Sequence[_StampedState], repeats: Counter[int]) -> Array:
         """
         Return the torque that answers each state; nan where it is unknown.
 

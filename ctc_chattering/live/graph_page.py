@@ -15,7 +15,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.live.arm_view import ArmView
 from ctc_chattering.live.controls import Controls, numbers
 from ctc_chattering.live.graph_reader import GraphReader
-from ctc_chattering.live.health import counted, light, Report, SILENT
+from ctc_chattering.live.health import counted, light, NodeReport, SILENT
 from ctc_chattering.live.page import Page
 from ctc_chattering.live.plot_panel import PlotPanel
 from ctc_chattering.live.requests import Requests
@@ -167,7 +167,7 @@ class GraphPage:
         if self._controls is not None:
             self._controls.update(reader.parameters)
 
-    def _summary(self, reports: Mapping[str, Report]) -> Markup:
+    def _summary(self, reports: Mapping[str, NodeReport]) -> Markup:
         """Return law, switching, period, misses and refused messages."""
         config = self._reader.config
         if config is None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
-from ctc_chattering.live.health import Report
+from ctc_chattering.live.health import NodeReport
 from ctc_chattering.live.history import History
 from ctc_chattering.live.samples import Instant, PARTS, Samples
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
@@ -157,10 +157,10 @@ class GraphReader(BaseNode):
         now = time.monotonic()
         return {topic: now - at for topic, at in self._heard.items()}
 
-    def reports(self) -> dict[str, Report]:
+    def reports(self) -> dict[str, NodeReport]:
         """Return what the nodes of this namespace have said of themselves."""
         now = time.monotonic()
-        return {name: Report(level, message, now - at, values)
+        return {name: NodeReport(level, message, now - at, values)
                 for name, (at, level, message, values) in self._reports.items()}
 
     @property

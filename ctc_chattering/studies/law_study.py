@@ -13,7 +13,7 @@ import itertools
 import math
 
 from ctc_chattering.analysis.markup import fragment, Markup
-from ctc_chattering.analysis.output import bold, Table
+from ctc_chattering.analysis.tables import bold, Table
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case
 from ctc_chattering.studies.pool import in_parallel

@@ -20,7 +20,7 @@ import math
 from ctc_chattering.analysis.engine import engine_text, simulated_by
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.output import bold, Table
+from ctc_chattering.analysis.tables import bold, Table
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError

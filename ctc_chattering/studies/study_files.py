@@ -8,8 +8,9 @@ from pathlib import Path
 from types import ModuleType
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import markdown, markdown_table, write_text
+from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.analysis.tables import markdown, markdown_table
 from ctc_chattering.studies import law_study, study
 from ctc_chattering.studies.study import Outcome, to_csv
 from ctc_chattering.studies.study_figures import save_study_figures

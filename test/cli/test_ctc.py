@@ -15,8 +15,8 @@ from bags import entries, write_bag
 from ctc_chattering import __version__
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.cli.ctc import make_parser
-from ctc_chattering.cli.options import guarded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.simulation.closed_loop import Run, simulate
