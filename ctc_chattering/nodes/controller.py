@@ -7,11 +7,11 @@ import time
 from ctc_chattering.configuration.node_parameters import ControllerSettings, RealTimeSettings
 from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
+from ctc_chattering.controller.settings_check import missing_limits
+from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.monitoring import controller_state
-from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
-from ctc_chattering.monitoring.settings_check import missing_limits
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.description import Description
@@ -22,7 +22,7 @@ from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.serialization import (
     EffortWriter,
-    State,
+    StateMessage,
     StateReader,
     TrajectoryChunk,
     TrajectoryReader,
@@ -107,26 +107,20 @@ class ControllerNode(BaseNode):
         self._loop.take_reference(chunk.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
-    def _on_state(self, state: State, now: int) -> None:
+    def _on_state(self, state: StateMessage, now: int) -> None:
         q, dq = select(self._names, state.names, state.position, state.velocity)
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
         self.lockstep = self._clock_published
-        self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
-                              self.inputs[0].skipped or 0)
-        if self._loop.restarted:
-            self._restart(state.t)
+        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
+                                 self.inputs[0].skipped or 0):
+            self._terms.restart()
+            self._configs.changed = True
+            self.get_logger().info(
+                f'time begins again at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
-
-    def _restart(self, t: int) -> None:
-        """Begin to count samples, and to say what is in force, again at `t` [ns]."""
-        self._loop.restarted = False
-        self._terms.restart()
-        self._configs.changed = True
-        self.get_logger().info(
-            f'time begins again at {seconds(t):.3f} s', throttle_duration_sec=1.0)
 
     def idle(self) -> None:
         """Answer a state that waits; end the torques when no state comes."""
@@ -148,7 +142,7 @@ class ControllerNode(BaseNode):
             self.inputs[0].reject(rejected, now)
             return
         if answer is None:
-            if not self._loop.state.sends_torque:
+            if not self._loop.mode.sends_torque:
                 self.statistics.pause()
             return
         self._publish_terms(answer)
@@ -158,7 +152,6 @@ class ControllerNode(BaseNode):
             self.statistics.misses += 1
 
     def _publish_terms(self, answer: Answer) -> None:
-        self._loop.note(answer)
         t, law = answer.state.t, self._loop.law
         if self._terms.due(self._settings.state_decimation) and law is not None:
             self._terms.publish(t, answer.point, answer.sample,
@@ -175,7 +168,7 @@ class ControllerNode(BaseNode):
         self._loop.enable(request.data)
         response.success = True
         response.message = 'enabled' if request.data else 'disabled'
-        if request.data and self._loop.state is controller_state.State.TRIPPED:
+        if request.data and self._loop.mode is Mode.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response
 

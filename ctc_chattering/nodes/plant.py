@@ -6,10 +6,10 @@ import time
 
 from ctc_chattering.configuration.node_parameters import PlantSettings, RealTimeSettings
 from ctc_chattering.configuration.parameter_file import Values
+from ctc_chattering.controller.pacing import LockstepExchange, TimerGrid
+from ctc_chattering.controller.watchdog import Watchdog
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.monitoring.lockstep import LockstepExchange
-from ctc_chattering.monitoring.timer_grid import TimerGrid
-from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
+from ctc_chattering.monitoring.controller_health import HealthMonitor
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
 from ctc_chattering.ros.description import Description

@@ -20,7 +20,7 @@ from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.serialization import (
-    State,
+    StateMessage,
     StateReader,
     TrajectoryChunk,
     TrajectoryReader,
@@ -82,7 +82,7 @@ class ReferenceNode(BaseNode):
         self._other = 0, 0
         self._next = self._pieces = 0
         self._subscribers = 0
-        self._states: ValidatedSubscription[State] | None = None
+        self._states: ValidatedSubscription[StateMessage] | None = None
         self.inputs = [
             ValidatedSubscription(self, Clock, CLOCK, read_stamp, self._on_clock, qos()),
             ValidatedSubscription(
@@ -178,7 +178,7 @@ class ReferenceNode(BaseNode):
             self._plan.restart()
         self._now = now
 
-    def _on_state(self, state: State, _arrival: int) -> None:
+    def _on_state(self, state: StateMessage, _arrival: int) -> None:
         t = state.t
         if self.count_publishers(CLOCK) == 0:
             if not self._publisher.get_subscription_count() or not self.subscribers_matched(
@@ -192,7 +192,7 @@ class ReferenceNode(BaseNode):
         if self._plan.motion is None and not self._description.problem:
             self._begin_at(state, t)
 
-    def _begin_at(self, state: State, t: int) -> None:
+    def _begin_at(self, state: StateMessage, t: int) -> None:
         """Begin the motion where the robot is, unless that is beyond the limits."""
         now = time.monotonic_ns()
         if now < self._retry:

@@ -33,7 +33,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 Point = tuple[Sequence[float], Sequence[float], Sequence[float]]
 
 
-class State(NamedTuple):
+class StateMessage(NamedTuple):
     """A `JointState`: stamp [ns], joint names, positions, velocities and efforts."""
 
     t: int
@@ -65,12 +65,13 @@ class StateReader(Template):
 
     layout = TIME, STRING, [STRING], DOUBLES, DOUBLES, DOUBLES
 
-    def read(self, data: bytes) -> State:
+    def read(self, data: bytes) -> StateMessage:
         """Return the content of a message; raise `CtcError` if it is malformed."""
         x = self.unpack(data)
         time, _, names, position, velocity, effort = self.fields
         sec, nanosec = x[time]
-        return State(sec * NANOSECONDS + nanosec, names, x[position], x[velocity], x[effort])
+        return StateMessage(
+            sec * NANOSECONDS + nanosec, names, x[position], x[velocity], x[effort])
 
 
 class EffortReader(Template):

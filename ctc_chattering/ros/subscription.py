@@ -8,8 +8,8 @@ import inspect
 import time
 from typing import Any, Generic, TypeVar
 
+from ctc_chattering.controller.topic_ownership import TopicOwnership
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.monitoring.topic_ownership import TopicOwnership
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.matching import MatchingSubscription
 from rclpy.node import Node
