@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import inspect
 import time
 from typing import Any, Generic, TypeVar
@@ -59,9 +59,9 @@ class ValidatedSubscription(Generic[T]):
         [ns]. It raises `RejectedMessage` before it has changed anything.
     profile : QoSProfile
         As the subscription has it.
-    part : callable, optional
-        For a topic that publishers share: returns what a message speaks of, such as a list of
-        joints, and whether that concerns us. Other messages are passed over.
+    joints : sequence of str, optional
+        For a topic that publishers share, a part of the robot each: our joints. Messages whose
+        `names` have none of them are passed over.
     newest : callable, optional
         Returns whether the newest message that waits is used and older ones are skipped: where
         time is real. Without it every message is used.
@@ -80,11 +80,12 @@ class ValidatedSubscription(Generic[T]):
 
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
-                 part: Callable[[T], tuple[Hashable, bool]] | None = None,
+                 joints: Sequence[str] = (),
                  newest: Callable[[], bool] | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._read, self._take, self._part, self._newest = read, take, part, newest
+        self._read, self._take, self._newest = read, take, newest
+        self._joints = frozenset(joints)
         self._depth = profile.depth
         self.skipped = None if newest is None else 0
         self.rejected: Counter[str] = Counter()
@@ -146,9 +147,10 @@ class ValidatedSubscription(Generic[T]):
         except Exception as error:
             raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
                                   f'{" ".join(str(error).split())}') from None
-        if self._part is not None:
-            part, ours = self._part(message)
-            self.ownership.note_part(part, ours, time.time_ns())
+        if self._joints:
+            names = message.names  # type: ignore[attr-defined]
+            ours = not self._joints.isdisjoint(names)
+            self.ownership.note_part(names, ours, time.time_ns())
             if not ours:
                 return None
         if not self.ownership.admits(publisher, info.get('received_timestamp') or 0, now):
