@@ -74,7 +74,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             qos())
         states = ValidatedSubscription(
             self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
-            self._names, lambda: self.in_real_time)
+            self._names, newest=False)
         self.inputs = [states, reference]
 
     @property
@@ -104,9 +104,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
-        self.lockstep = self._clock_published
+        self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
         if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
-                                 self.inputs[0].skipped or 0):
+                                 self.inputs[0].skipped):
             self._terms.restart()
             self.parameters.changed = True
             self.get_logger().info(

@@ -81,7 +81,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         self.inputs = [ValidatedSubscription(
             self, Float64MultiArray, COMMANDS, EffortReader().read,
             self._on_command if self.in_real_time else self._on_answer, qos(),
-            newest=(lambda: True) if self.in_real_time else None)]
+            newest=True if self.in_real_time else None)]
         if self.in_real_time:
             self._timer = self.create_timer(seconds(self._period), self._on_tick)
 

@@ -62,15 +62,16 @@ class ValidatedSubscription(Generic[T]):
     joints : sequence of str, optional
         For a topic that publishers share, a part of the robot each: our joints. Messages whose
         `names` have none of them are passed over.
-    newest : callable, optional
-        Returns whether the newest message that waits is used and older ones are skipped: where
-        time is real. Without it every message is used.
+    newest : bool, optional
+        Whether the newest message that waits is used and older ones are skipped, where time is
+        real; it may change. None if every message is always used.
 
     Attributes
     ----------
-    skipped : int or None
-        Messages skipped so far, also for the one that `take` is called with; None without
-        `newest`.
+    newest : bool or None
+        As given, or set since.
+    skipped : int
+        Messages skipped so far, also for the one that `take` is called with.
     rejected : Counter
         Rejected messages by kind.
     ownership : TopicOwnership
@@ -81,13 +82,13 @@ class ValidatedSubscription(Generic[T]):
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
                  joints: Sequence[str] = (),
-                 newest: Callable[[], bool] | None = None) -> None:
+                 newest: bool | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._read, self._take, self._newest = read, take, newest
+        self._read, self._take, self.newest = read, take, newest
         self._joints = frozenset(joints)
         self._depth = profile.depth
-        self.skipped = None if newest is None else 0
+        self.skipped = 0
         self.rejected: Counter[str] = Counter()
         self._reported = 0
         self.ownership = TopicOwnership()
@@ -118,8 +119,7 @@ class ValidatedSubscription(Generic[T]):
         before = self.skipped
         while valid:
             message, publisher = valid.pop()
-            if before is not None:
-                self.skipped = before + len(valid)
+            self.skipped = before + len(valid)
             try:
                 self._take(message, now)
             except RejectedMessage as rejected:
@@ -130,7 +130,7 @@ class ValidatedSubscription(Generic[T]):
 
     def _waiting(self) -> Iterator[tuple[bytes, Mapping[str, Any]]]:
         """Yield the messages that wait, where only the newest is used; no more than fit."""
-        if self._newest is None or not self._newest():
+        if not self.newest:
             return
         current = self.subscription.current
         for _ in range(self._depth):
