@@ -204,6 +204,7 @@ class Config:
 
     #: Title of the configuration in the documentation.
     title: ClassVar[str] = ''
+    _declared: ClassVar[dict[str, Parameter]]
 
     def __new__(cls: type[C], *args: Any, **values: Any) -> C:
         """Refuse an argument that is no parameter."""
@@ -238,8 +239,10 @@ class Config:
     @classmethod
     def parameters(cls) -> dict[str, Parameter]:
         """Return the declared parameters by name, in order."""
-        specs = (field.metadata.get('parameter') for field in dataclasses.fields(cls))
-        return {spec.name: spec for spec in specs if spec is not None}
+        if '_declared' not in cls.__dict__:  # The control loop asks with every sample.
+            specs = (field.metadata.get('parameter') for field in dataclasses.fields(cls))
+            cls._declared = {spec.name: spec for spec in specs if spec is not None}
+        return cls._declared
 
     @classmethod
     def from_mapping(cls: type[C], values: Mapping[str, object]) -> C:

@@ -19,7 +19,7 @@ from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.matching import MatchingSubscription
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, qos
-from ctc_chattering.ros.serialization import State, StateReader
+from ctc_chattering.ros.serialization import StateMessage, StateReader
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import (
     CLOCK,
@@ -199,16 +199,16 @@ class GraphReader(BaseNode):
         return Samples(t, e, v, torques[:, -1],
                        np.concatenate((parts.sum(axis=1, keepdims=True), parts), axis=1))
 
-    def _select(self, names: Sequence[str], state: State, *rows: Sequence[float]) -> Any:
+    def _select(self, names: Sequence[str], state: StateMessage, *rows: Sequence[float]) -> Any:
         if not self.names:
             raise RejectedMessage('early')
         return np.array(select(names, state.names, *rows), float)
 
-    def _on_state(self, state: State) -> None:
+    def _on_state(self, state: StateMessage) -> None:
         (q,) = self._select(self.names, state, state.position)
         self._state = seconds(state.t), q
 
-    def _on_tracking(self, state: State) -> None:
+    def _on_tracking(self, state: StateMessage) -> None:
         names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in self.names]
         (row,) = self._select(names, state, state.position)
         t, n = seconds(state.t), len(self.names)
@@ -217,10 +217,10 @@ class GraphReader(BaseNode):
         self._tracked = Instant(t, q, row[:n])
         self._errors.add(t, row[n:])
 
-    def _on_filter(self, state: State) -> None:
+    def _on_filter(self, state: StateMessage) -> None:
         self._filter.add(seconds(state.t), self._select(self.names, state, state.velocity)[0])
 
-    def _on_torques(self, state: State) -> None:
+    def _on_torques(self, state: StateMessage) -> None:
         names = [*(f'{joint}/{part}' for part in PARTS for joint in self.names), 'V']
         self._torques.add(seconds(state.t), self._select(names, state, state.effort)[0])
 

@@ -1,1 +1,1 @@
-"""What is watched while the nodes run, without ROS: publishers, silence, rates, states."""
+"""Statistics of the nodes while they run, without ROS: rates, times, losses, saturation."""

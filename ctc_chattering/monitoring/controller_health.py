@@ -1,22 +1,158 @@
-"""What goes wrong while a controller runs: rates, chattering term, settings."""
+"""What goes wrong while a controller runs: rates of faults and of samples, chattering term."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 
 from ctc_chattering.control.controller import ControllerConfig, Sample
-from ctc_chattering.monitoring.sample_rate import SampleRate
-from ctc_chattering.monitoring.settings_check import unsafe_settings
 from ctc_chattering.monitoring.term_saturation import TermSaturation
-from ctc_chattering.monitoring.watchdog import HealthMonitor
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import seconds
 
+#: Likely cause of messages that come too late.
+BUSY = 'this computer is too busy, or processes are stopped'
+#: Reports that rates are the mean over: a total says nothing about the present.
+WINDOW = 3
 #: Part of the states rejected, or skipped, that is a warning, and an error.
 _REJECTED = 0.01, 0.1
 _SKIPPED = 0.2, 0.5
 #: Rejected messages that say nothing about the states of the robot.
 _UNRELATED = 'second_publisher'
+#: Share by which the mean period may differ from what it should be, and windows in a row that
+#: must differ by more.
+TOLERANCE, PATIENCE = 0.2, 3
+
+
+class HealthMonitor:
+    """
+    Judges two kinds of faults by their rates over the last reports.
+
+    Parameters
+    ----------
+    events, part : str
+        What the faults are: such that disturb each time, none if '', and such of which a part is
+        normal.
+    warning, error : float
+        Fraction of `part` that is a warning, and an error, 0 to 1. Of the events any is a
+        warning, and one per second an error.
+    period : int
+        Control period, for the text [ns].
+
+    Attributes
+    ----------
+    cause : str
+        What is known to be the cause; '' where nothing is.
+
+    """
+
+    def __init__(self, events: str, part: str, warning: float, error: float, period: int) -> None:
+        self._events, self._part = events, part
+        self._warning, self._error = warning, error
+        self._period = period
+        self.cause = ''
+        #: Time [ns], events, faults of the other kind, and what those are a part of.
+        self._reports: deque[tuple[int, int, int, int]] = deque(maxlen=WINDOW + 1)
+        self._detail = ''
+
+    def note(self, now: int, events: int, part: int, whole: int, detail: str) -> None:
+        """
+        Take the totals at a report.
+
+        Parameters
+        ----------
+        now : int
+            Time of the report [ns].
+        events : int
+            Number of events so far.
+        part, whole : int
+            Number of faults of the other kind so far, and what the fraction is of.
+        detail : str
+            What else is known of the latter.
+
+        """
+        self._detail = detail
+        self._reports.append((now, events, part, whole))
+
+    def _increase(self, column: int) -> int:
+        """Return by how much a number has grown over the reports kept."""
+        return self._reports[-1][column] - self._reports[0][column] if self._reports else 0
+
+    @property
+    def events_per_second(self) -> float:
+        """Events per second over the last reports [1/s]."""
+        return self._increase(1) / max(seconds(self._increase(0)), 1e-9)
+
+    @property
+    def fraction(self) -> float:
+        """Fraction of the other faults over the last reports, 0 to 1."""
+        return self._increase(2) / max(self._increase(3), 1)
+
+    @property
+    def level(self) -> int:
+        """0 if all is well, 1 if a warning is due, 2 if an error is."""
+        if self.events_per_second >= 1.0 or self.fraction > self._error:
+            return 2
+        return int(self.events_per_second > 0.0 or self.fraction > self._warning)
+
+    def __str__(self) -> str:
+        """Return the rates and the likely cause on one line."""
+        detail = f' ({self._detail})' if self._detail else ''
+        events = f'{self.events_per_second:.2g} {self._events} per second, '
+        cause = self.cause or f'{BUSY}; control_period is {1e3 * seconds(self._period):g} ms'
+        return (f'{events if self._events else ""}{100.0 * self.fraction:.0f} % '
+                f'{self._part}{detail}: {cause}')
+
+
+class SampleRate:
+    """
+    Compares the mean period of stamps with what it should be.
+
+    Parameters
+    ----------
+    period : int
+        What it should be [ns].
+
+    Attributes
+    ----------
+    mean : float
+        Mean period over the last window that had one [s]; 0 before.
+
+    """
+
+    def __init__(self, period: int) -> None:
+        self._period = period
+        #: Stamps of the window [ns].
+        self._stamps: list[int] = []
+        self._skipped = self._strange = 0
+        self.mean = 0.0
+
+    def note(self, t: int, skipped: int = 0) -> None:
+        """Count a sample of stamp `t` [ns], and those `skipped` between the last one and it."""
+        self._skipped += skipped if self._stamps else 0
+        self._stamps.append(t)
+
+    def pause(self) -> None:
+        """Do not count the time to the next sample; start the window again."""
+        self._stamps.clear()
+        self._skipped = 0
+
+    def rotate(self) -> None:
+        """Evaluate the window and start the next one; without a period it says nothing."""
+        if len(self._stamps) < 2:
+            return
+        mean = (self._stamps[-1] - self._stamps[0]) / (
+            len(self._stamps) - 1 + self._skipped)
+        del self._stamps[:-1]
+        self._skipped = 0
+        self.mean = seconds(round(mean))
+        wrong = abs(mean - self._period) > TOLERANCE * self._period
+        self._strange = self._strange + 1 if wrong else 0
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the period has been wrong for a while."""
+        return self._strange >= PATIENCE
 
 
 class ControllerHealth:
@@ -55,7 +191,6 @@ class ControllerHealth:
         self.sample_rate = SampleRate(period)
         self._term_saturation = TermSaturation(len(names))
         self._rejected: Mapping[str, int] = {}
-        self._config: ControllerConfig | None = None
 
     def take(self, t: int, skipped: int = 0) -> None:
         """Count a state of stamp `t` [ns]; so many have been `skipped` so far."""
@@ -74,7 +209,7 @@ class ControllerHealth:
 
     def add(self, sample: Sample, config: ControllerConfig) -> None:
         """Count a sample of the law."""
-        self.robust, self._config = sample.robust, config
+        self.robust = sample.robust
         self.saturated += sample.saturation_error is not None
         if config.takes('ka'):
             self._term_saturation.add(sample.robust, config.ka, config.switching_in_force)
@@ -114,6 +249,4 @@ class ControllerHealth:
         found += [(1, f'{name}: {joint}') for name, joint in zip(
             self._names, self._term_saturation.found()) if joint.cause]
         self._term_saturation.clear()
-        if self._config is not None:
-            found += [(1, text) for text in unsafe_settings(self._config)]
         return found

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import time
 
-from ctc_chattering.configuration.node_parameters import ControllerSettings, RealTimeSettings
+from ctc_chattering.configuration.node_parameters import ControllerSettings
 from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
+from ctc_chattering.controller.settings_check import missing_limits
+from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.monitoring import controller_state
-from ctc_chattering.monitoring.control_loop import Answer, ControlLoop, JointSample
-from ctc_chattering.monitoring.settings_check import missing_limits
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.numerics.time_grid import seconds
-from ctc_chattering.ros.description import Description
 from ctc_chattering.ros.joint_order import select
+from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST
-from ctc_chattering.ros.node import BaseNode, ERROR, qos, Status, TICK
-from ctc_chattering.ros.parameters import NodeParameters
-from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.ros.node import ERROR, qos, Status, TICK
 from ctc_chattering.ros.serialization import (
     EffortWriter,
-    State,
+    StateMessage,
     StateReader,
     TrajectoryChunk,
     TrajectoryReader,
@@ -35,7 +33,7 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 
-class ControllerNode(BaseNode):
+class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     """
     Answers every joint state with a torque, by the law that the parameters name.
 
@@ -46,11 +44,7 @@ class ControllerNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('controller', values)
-        self._configs = NodeParameters(
-            self, (ControllerConfig, ControllerSettings, RealTimeSettings), self._on_change)
-        config, settings = (
-            self._configs.get(ControllerConfig), self._configs.get(ControllerSettings))
-        self.scheduling = RealTime(self._configs.get(RealTimeSettings))
+        config, settings = self.config, self.settings
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._names = config.joint_names
         self._terms = ControlTerms(self, self._names)
@@ -58,20 +52,18 @@ class ControllerNode(BaseNode):
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
             lambda tau: self._commands.publish(writer.write(tau)), self.get_logger())
-        self._on_change()
+        self.on_change()
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
         self.create_service(SetBool, '~/enable', self._on_enable)
         self.create_service(Trigger, '~/reset', self._on_reset)
-        self._description = Description(
-            self, config.described, config.description, self._begin)
+        self.find_description()
 
-    def _begin(self, description: str) -> None:
+    def begin(self, description: str) -> None:
         """Make the law for a robot, and begin to listen."""
-        config = self._configs.get(ControllerConfig)
-        self._loop.law = Controller(config, model_of(config, description))
-        if missing := missing_limits(config, self._loop.law.model.effort_limits):
+        self._loop.law = Controller(self.config, model_of(self.config, description))
+        if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set what the drives can give')
         if description:
             self._described = self.create_publisher(
@@ -82,8 +74,7 @@ class ControllerNode(BaseNode):
             qos())
         states = ValidatedSubscription(
             self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
-            lambda state: (state.names, not set(self._names).isdisjoint(state.names)),
-            lambda: self.in_real_time)
+            self._names, newest=False)
         self.inputs = [states, reference]
 
     @property
@@ -93,9 +84,9 @@ class ControllerNode(BaseNode):
 
     def introduction(self) -> str:
         """Return the law, and what must come before the first torque."""
-        config = self._configs.get(ControllerConfig)
+        config = self.config
         switching = f', switching {config.switching}' if config.takes('switching') else ''
-        waits = self._description.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
+        waits = self.problem or f'waits for {JOINT_STATES} and {REFERENCE}'
         return (f'law {config.law}{switching}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {1 / config.control_period:g} Hz; {waits}')
 
@@ -107,26 +98,20 @@ class ControllerNode(BaseNode):
         self._loop.take_reference(chunk.times, list(zip(rows[::3], rows[1::3], rows[2::3])))
         self._answer(now)
 
-    def _on_state(self, state: State, now: int) -> None:
+    def _on_state(self, state: StateMessage, now: int) -> None:
         q, dq = select(self._names, state.names, state.position, state.velocity)
         if state.t > LATEST:
             raise RejectedMessage('stamp', f'no stamp is as late as {seconds(state.t):.9f} s')
         if self._loop.last is None:
             self._clock_published = self.count_publishers(CLOCK) > 0
-        self.lockstep = self._clock_published
-        self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
-                              self.inputs[0].skipped or 0)
-        if self._loop.restarted:
-            self._restart(state.t)
+        self.lockstep, self.inputs[0].newest = self._clock_published, not self._clock_published
+        if self._loop.take_state(JointSample(state.t, q, dq), now, self._clock_published,
+                                 self.inputs[0].skipped):
+            self._terms.restart()
+            self.parameters.changed = True
+            self.get_logger().info(
+                f'time begins again at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
-
-    def _restart(self, t: int) -> None:
-        """Begin to count samples, and to say what is in force, again at `t` [ns]."""
-        self._loop.restarted = False
-        self._terms.restart()
-        self._configs.changed = True
-        self.get_logger().info(
-            f'time begins again at {seconds(t):.3f} s', throttle_duration_sec=1.0)
 
     def idle(self) -> None:
         """Answer a state that waits; end the torques when no state comes."""
@@ -139,16 +124,14 @@ class ControllerNode(BaseNode):
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
-        if not self._matched:
-            self._matched = self.subscribers_matched(
-                (self._commands, *self._terms.publishers), self._settings.wait_for)
+        self._matched = self._matched or self.matched(self._commands, *self._terms.publishers)
         try:
             answer = self._loop.answer(self._matched)
         except RejectedMessage as rejected:
             self.inputs[0].reject(rejected, now)
             return
         if answer is None:
-            if not self._loop.state.sends_torque:
+            if not self._loop.mode.sends_torque:
                 self.statistics.pause()
             return
         self._publish_terms(answer)
@@ -158,13 +141,12 @@ class ControllerNode(BaseNode):
             self.statistics.misses += 1
 
     def _publish_terms(self, answer: Answer) -> None:
-        self._loop.note(answer)
         t, law = answer.state.t, self._loop.law
-        if self._terms.due(self._settings.state_decimation) and law is not None:
+        if self._terms.due(self.settings.state_decimation) and law is not None:
             self._terms.publish(t, answer.point, answer.sample,
                                 law.lyapunov(answer.state.q, answer.sample.v))
-        if self._configs.changed:
-            self._configs.announce(t)
+        if self.parameters.changed:
+            self.parameters.announce(t)
 
     def finish(self) -> None:
         """Leave no torque behind."""
@@ -175,7 +157,7 @@ class ControllerNode(BaseNode):
         self._loop.enable(request.data)
         response.success = True
         response.message = 'enabled' if request.data else 'disabled'
-        if request.data and self._loop.state is controller_state.State.TRIPPED:
+        if request.data and self._loop.mode is Mode.TRIPPED:
             response.message += ', but tripped: call ~/reset'
         return response
 
@@ -185,20 +167,20 @@ class ControllerNode(BaseNode):
         response.message = 'reset' if self._loop.reset() else 'was not tripped'
         return response
 
-    def _on_change(self) -> None:
-        self._settings = self._configs.get(ControllerSettings)
-        self._loop.restart_duration = self._settings.restart_duration
+    def on_change(self) -> None:
+        """Have the law take what has been set."""
+        self._loop.restart_duration = self.settings.restart_duration
         if self._loop.law is not None:
-            self._loop.law.configure(self._configs.get(ControllerConfig))
+            self._loop.law.configure(self.config)
 
     def status(self) -> Status:
         """Return what the controller does and why."""
-        config, loop = self._configs.get(ControllerConfig), self._loop
+        config, loop = self.config, self._loop
         level, message = loop.status(
             time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {},
             self.statistics.too_slow(loop.period))
-        if self._description.problem:
-            level, message = ERROR, self._description.problem
+        if self.problem:
+            level, message = ERROR, self.problem
         return Status(level, message, {
             'period of the stamps, mean [ms]': 1e3 * loop.health.sample_rate.mean,
             'law': config.law, **({'switching': config.switching}

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import time
 
-from ctc_chattering.configuration.node_parameters import PlantSettings, RealTimeSettings
+from ctc_chattering.configuration.node_parameters import PlantSettings
 from ctc_chattering.configuration.parameter_file import Values
+from ctc_chattering.controller.pacing import LockstepExchange, TimerGrid
+from ctc_chattering.controller.watchdog import Watchdog
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.monitoring.lockstep import LockstepExchange
-from ctc_chattering.monitoring.timer_grid import TimerGrid
-from ctc_chattering.monitoring.watchdog import HealthMonitor, Watchdog
+from ctc_chattering.monitoring.controller_health import HealthMonitor
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, samples, seconds
-from ctc_chattering.ros.description import Description
 from ctc_chattering.ros.joint_order import select
+from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import stamp
-from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
-from ctc_chattering.ros.parameters import NodeParameters
-from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.ros.node import ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.serialization import EffortReader, Efforts, StateWriter
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES
@@ -34,7 +32,7 @@ _CATCH_UP = 100
 _SILENCE = NANOSECONDS // 2
 
 
-class PlantNode(BaseNode):
+class PlantNode(LoopNode[PlantConfig, PlantSettings]):
     """
     Publishes the robot's state and holds the torques it is sent.
 
@@ -45,18 +43,15 @@ class PlantNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('plant', values)
-        self._configs = NodeParameters(
-            self, (PlantConfig, PlantSettings, RealTimeSettings), self._on_change)
-        config, self._settings = self._configs.get(PlantConfig), self._configs.get(PlantSettings)
-        self.scheduling = RealTime(self._configs.get(RealTimeSettings))
+        config = self.config
         if config.pacing == 'real_time' and self.get_parameter('use_sim_time').value:
             raise UsageError('use_sim_time: true contradicts real_time, the pacing: the plant '
                              'gives the time itself, in lockstep on clock')
-        self._robot: Robot  # Once it is known: see `_begin`.
+        self._robot: Robot  # Once it is known: see `begin`.
         self._period = period_ns(config.control_period)
         self._last = samples(config.duration, self._period)
         self._clock_every = max(
-            1, round(self._settings.clock_period * NANOSECONDS / self._period))
+            1, round(self.settings.clock_period * NANOSECONDS / self._period))
         self._names = config.joint_names
         self._latest: Vector = (0.0,) * len(self._names)
         self._begun = self._held = False
@@ -71,32 +66,30 @@ class PlantNode(BaseNode):
             COMMANDS, 'command', 'torque 0, brakes on', _SILENCE, self.get_logger())
         self._health = HealthMonitor(
             'outages', 'of the samples without a new command', 0.2, 0.5, self._period)
-        self._on_change()
+        self.on_change()
         self._writer = StateWriter(config.joint_names)
         lockstep = self.lockstep = config.pacing == 'lockstep'
         # The clock first: who hears of it knows that a state can wait.
         self._ticker = self.create_publisher(Clock, CLOCK, qos()) if lockstep else None
         self._states = self.create_publisher(JointState, JOINT_STATES, qos())
-        self._description = Description(
-            self, config.described, config.description, self._begin)
+        self.find_description()
 
-    def _begin(self, description: str) -> None:
+    def begin(self, description: str) -> None:
         """Make the robot, and begin to listen."""
-        config = self._configs.get(PlantConfig)
-        self._robot = make_plant(config, description)
-        self._limits = limits_of(config, description)
+        self._robot = make_plant(self.config, description)
+        self._limits = limits_of(self.config, description)
         self.inputs = [ValidatedSubscription(
             self, Float64MultiArray, COMMANDS, EffortReader().read,
             self._on_command if self.in_real_time else self._on_answer, qos(),
-            newest=(lambda: True) if self.in_real_time else None)]
+            newest=True if self.in_real_time else None)]
         if self.in_real_time:
             self._timer = self.create_timer(seconds(self._period), self._on_tick)
 
     def introduction(self) -> str:
         """Return what moves the robot, and what comes first."""
-        config = self._configs.get(PlantConfig)
+        config = self.config
         first = COMMANDS if self._ticker is None else f'those who are to hear {JOINT_STATES}'
-        waits = self._description.problem or f'waits for {first}'
+        waits = self.problem or f'waits for {first}'
         return (f'simulated robot, {config.plant_backend}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {config.pacing}, '
                 f'{1 / config.control_period:g} Hz; {waits}')
@@ -113,8 +106,8 @@ class PlantNode(BaseNode):
         now = time.monotonic_ns()
         before, self._subscribers = self._subscribers, self._ticker.get_subscription_count()
         if not self._begun:
-            if self._states.get_subscription_count() and self.subscribers_matched(
-                    (self._states, self._ticker), self._settings.wait_for):
+            if self._states.get_subscription_count() and self.matched(
+                    self._states, self._ticker):
                 self._begun = True
                 self._publish_sample()
         elif not self._held and self._exchange.repeat_due(now):
@@ -136,7 +129,7 @@ class PlantNode(BaseNode):
     def status(self) -> Status:
         """Return what the plant does and why."""
         if not self.inputs:
-            return Status(ERROR, self._description.problem, {})
+            return Status(ERROR, self.problem, {})
         plant = self._robot
         values: dict[str, object] = {
             'pacing': plant.config.pacing, 'time of the run [s]': plant.t}
@@ -170,12 +163,12 @@ class PlantNode(BaseNode):
             return WARN, f'waiting for {COMMANDS}'
         return health.level, f'running, but {health}' if health.level else 'running'
 
-    def _on_change(self) -> None:
-        self._settings = self._configs.get(PlantSettings)
+    def on_change(self) -> None:
+        """Have the robot take what has been set; go on where time was held."""
         self._watchdog.timeout = max(
-            round(self._settings.command_timeout * NANOSECONDS), 3 * self._period)
+            round(self.settings.command_timeout * NANOSECONDS), 3 * self._period)
         if self.inputs:
-            self._robot.configure(self._configs.get(PlantConfig))
+            self._robot.configure(self.config)
         if self._held:
             self._held = False
             self._publish_sample()
@@ -192,7 +185,7 @@ class PlantNode(BaseNode):
 
     def _publish_sample(self) -> None:
         """Send the state, after those that are lost, unless time is held."""
-        robot, hold = self._robot, self._settings.hold_at
+        robot, hold = self._robot, self.settings.hold_at
         while not hold or robot.t < hold:
             k, sent = robot.k, not robot.lost
             if sent:
@@ -200,8 +193,8 @@ class PlantNode(BaseNode):
                 self._publish_state()
             if k % self._clock_every == 0 or k == self._last:
                 self._publish_clock()
-            if sent and self._configs.changed:
-                self._configs.announce(k * self._period)
+            if sent and self.parameters.changed:
+                self.parameters.announce(k * self._period)
             if sent or not self._step():
                 return
         self._held = True
@@ -221,7 +214,7 @@ class PlantNode(BaseNode):
             self._begun = True
             if self._timer_grid.start is None:
                 self._anchor()
-            self._configs.announce(self._start)
+            self.parameters.announce(self._start)
         self._robot.braking = False
 
     def _on_tick(self) -> None:
@@ -245,8 +238,8 @@ class PlantNode(BaseNode):
                     return
             if due > _CATCH_UP or due < -_CATCH_UP:  # The process stood still, or the clock leapt.
                 self._anchor()
-            if self._configs.changed:
-                self._configs.announce(self._start + plant.k * self._period)
+            if self.parameters.changed:
+                self.parameters.announce(self._start + plant.k * self._period)
             if due < 1 or plant.lost:
                 return
         self._publish_state()

@@ -8,19 +8,17 @@ from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.configuration.node_parameters import RealTimeSettings, ReferenceSettings
+from ctc_chattering.configuration.node_parameters import ReferenceSettings
 from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config
-from ctc_chattering.ros.description import Description
+from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp
-from ctc_chattering.ros.node import BaseNode, ERROR, OK, qos, Status, WARN
-from ctc_chattering.ros.parameters import NodeParameters
-from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.ros.node import ERROR, OK, qos, Status, WARN
 from ctc_chattering.ros.serialization import (
-    State,
+    StateMessage,
     StateReader,
     TrajectoryChunk,
     TrajectoryReader,
@@ -42,7 +40,7 @@ _RETRY = 5 * NANOSECONDS
 _IN_STEP = NANOSECONDS // 4
 
 
-class ReferenceNode(BaseNode):
+class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
     """
     Publishes chunks of the motion, each before it is needed.
 
@@ -55,12 +53,7 @@ class ReferenceNode(BaseNode):
 
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('reference', values)
-        self._configs = NodeParameters(
-            self, (ReferenceConfig, ReferenceSettings, RealTimeSettings), self._on_change,
-            self._check)
-        config = self._configs.get(ReferenceConfig)
-        self._settings = self._configs.get(ReferenceSettings)
-        self.scheduling = RealTime(self._configs.get(RealTimeSettings))
+        config = self.config
         route = None
         if config.trajectory_file:
             route = read_trajectory(Path(config.trajectory_file), config.joint_names)
@@ -68,7 +61,7 @@ class ReferenceNode(BaseNode):
         #: Why the motion does not begin, and when to try again [ns].
         self._refusal, self._retry = '', 0
         self._period = period_ns(config.control_period)
-        horizon = round(self._settings.horizon * NANOSECONDS)
+        horizon = round(self.settings.horizon * NANOSECONDS)
         self._ahead = max(4, horizon // self._period)
         self._piece = self._ahead // 4
         self._writer = TrajectoryWriter(config.joint_names, self._piece, self._period)
@@ -82,35 +75,33 @@ class ReferenceNode(BaseNode):
         self._other = 0, 0
         self._next = self._pieces = 0
         self._subscribers = 0
-        self._states: ValidatedSubscription[State] | None = None
+        self._states: ValidatedSubscription[StateMessage] | None = None
         self.inputs = [
             ValidatedSubscription(self, Clock, CLOCK, read_stamp, self._on_clock, qos()),
             ValidatedSubscription(
                 self, JointTrajectory, f'~/{JOINT_TRAJECTORY}', TrajectoryReader().read,
                 self._on_route, qos(10))]
-        self._description = Description(
-            self, config.described, config.description, self._begin)
+        self.find_description()
 
-    def _begin(self, description: str) -> None:
+    def begin(self, description: str) -> None:
         """Know the limits, and make the motion if the robot's state is not needed for it."""
         if description:
             self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
         self._plan.prepare()
 
-    def _check(self, configs: Sequence[Config]) -> None:
+    def check(self, configs: Sequence[Config]) -> None:
         """Raise `CtcError` if a set would lead beyond the limits."""
         for config in configs:
             if isinstance(config, ReferenceConfig):
                 self._plan.check(config)
 
-    def _on_change(self) -> None:
+    def on_change(self) -> None:
         """Try again to begin, where that was refused; `_extend` sees what else has changed."""
-        self._settings = self._configs.get(ReferenceSettings)
-        self._plan.config = self._configs.get(ReferenceConfig)
+        self._plan.config = self.config
         self._retry = 0
         if self._plan.limits is not None or not self._plan.config.described:
             self._plan.prepare()
-            self._description.problem = self._refusal = ''
+            self.problem = self._refusal = ''
 
     def spin(self, executor: Any) -> None:
         """Take what has come, in batches: the horizon is long enough."""
@@ -136,8 +127,7 @@ class ReferenceNode(BaseNode):
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
                 self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
-                lambda state: (state.names, not set(state.names).isdisjoint(
-                    self._plan.config.joint_names)))
+                self.config.joint_names)
         elif self._states is not None and begun:
             self._states.subscription.destroy()
             self._states = None
@@ -151,7 +141,7 @@ class ReferenceNode(BaseNode):
 
     def status(self) -> Status:
         """Return what the motion does."""
-        if problem := self._description.problem or self._refusal:
+        if problem := self.problem or self._refusal:
             return Status(ERROR, problem, {})
         if self._now is None or self._plan.motion is None:
             return Status(WARN, f'waiting for {JOINT_STATES} or {CLOCK}', {})
@@ -178,21 +168,21 @@ class ReferenceNode(BaseNode):
             self._plan.restart()
         self._now = now
 
-    def _on_state(self, state: State, _arrival: int) -> None:
+    def _on_state(self, state: StateMessage, _arrival: int) -> None:
         t = state.t
         if self.count_publishers(CLOCK) == 0:
-            if not self._publisher.get_subscription_count() or not self.subscribers_matched(
-                    (self._publisher,), self._settings.wait_for):
+            if not self._publisher.get_subscription_count() or not self.matched(
+                    self._publisher):
                 return
             if not self._is_in_step(t, self.get_clock().now().nanoseconds):
                 return
             if self._start is None:
                 self._start = t
             t -= self._start
-        if self._plan.motion is None and not self._description.problem:
+        if self._plan.motion is None and not self.problem:
             self._begin_at(state, t)
 
-    def _begin_at(self, state: State, t: int) -> None:
+    def _begin_at(self, state: StateMessage, t: int) -> None:
         """Begin the motion where the robot is, unless that is beyond the limits."""
         now = time.monotonic_ns()
         if now < self._retry:
@@ -250,10 +240,10 @@ class ReferenceNode(BaseNode):
         begin = self._after_published(self._now)
         if self._plan.update(self._now, begin):
             self._next = begin // self._period
-        if self._configs.changed:
-            if not self.subscribers_matched((self._publisher,), self._settings.wait_for):
+        if self.parameters.changed:
+            if not self.matched(self._publisher):
                 return
-            self._configs.announce((self._start or 0) + self._plan.in_force)
+            self.parameters.announce((self._start or 0) + self._plan.in_force)
         first = self._now // self._period
         self._next = max(self._next, first)
         while self._next < first + self._ahead:

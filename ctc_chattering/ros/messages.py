@@ -9,7 +9,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.ros.cdr import byte_order, TIME
+from ctc_chattering.ros.serialization import byte_order, TIME
 
 #: Latest time that is taken from a stamp, an hour before the last possible one [ns].
 LATEST = (2 ** 31 - 3600) * NANOSECONDS

@@ -152,7 +152,7 @@ class BaseNode(Node):
             names, topic = subscription.publishers(), subscription.topic
             everything[f'{topic}: publishers'] = ', '.join(names) or 'none'
             everything[f'{topic}: refused'] = sum(subscription.rejected.values())
-            if subscription.skipped is not None:
+            if subscription.newest is not None:
                 everything[f'{topic}: skipped for newer ones'] = subscription.skipped
             for kind, count in sorted(subscription.rejected.items()):
                 everything[f'{topic}: refused, {kind}'] = count

@@ -45,6 +45,8 @@ class NodeParameters:
 
     Attributes
     ----------
+    configs : list of Config
+        The present configurations, in the order of `configs`.
     changed : bool
         Whether something has changed that has not been announced yet.
 
@@ -62,9 +64,9 @@ class NodeParameters:
         self._changed, self._check = changed, check
         self._specs = {
             name: spec for config in configs for name, spec in config.parameters().items()}
-        self._configs = [config.from_mapping(_of(config, node.given)) for config in configs]
-        self._joints = max(len(getattr(config, 'joint_names', ())) for config in self._configs)
-        for config in self._configs:
+        self.configs = [config.from_mapping(_of(config, node.given)) for config in configs]
+        self._joints = max(len(getattr(config, 'joint_names', ())) for config in self.configs)
+        for config in self.configs:
             for name, value in config.as_mapping().items():
                 node.declare_parameter(name, _to_parameter(name, value).value,
                                        descriptor(self._specs[name]))
@@ -78,11 +80,11 @@ class NodeParameters:
 
     def get(self, kind: type[C]) -> C:
         """Return the present configuration of type `kind`."""
-        return next(config for config in self._configs if isinstance(config, kind))
+        return next(config for config in self.configs if isinstance(config, kind))
 
     def announce(self, t: int) -> None:
         """Publish on ``~/parameters`` what has changed: in force from the state at `t` [ns]."""
-        now = {name: value for config in self._configs
+        now = {name: value for config in self.configs
                for name, value in config.as_mapping().items()}
         changed = [_to_parameter(name, value).to_parameter_msg()
                    for name, value in now.items() if self._announced.get(name) != value]
@@ -109,7 +111,7 @@ class NodeParameters:
 
     def _candidates(self, parameters: Sequence[RosParameter]) -> list[Config]:
         values = {parameter.name: parameter.value for parameter in parameters}
-        return [config.changed(_of(config, values)) for config in self._configs]
+        return [config.changed(_of(config, values)) for config in self.configs]
 
     def _validate(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -128,14 +130,14 @@ class NodeParameters:
 
     def _apply(self, parameters: list[RosParameter]) -> None:
         new = self._candidates(parameters)
-        if new != self._configs:
-            for before, config in zip(self._configs, new):
+        if new != self.configs:
+            for before, config in zip(self.configs, new):
                 was = before.as_mapping()
                 for name, value in config.as_mapping().items():
                     if value != was[name]:
                         self._node.get_logger().info(
                             f'{name}: {_shown(was[name])} -> {_shown(value)}')
-            self._configs = new
+            self.configs = new
             self.changed = True
             self._changed()
 

@@ -1,15 +1,17 @@
 """
-The arguments after ``--ros-args``, parsed by one rule for every executable.
+The arguments after ``--ros-args``: parameters are ours, all others are parsed by rcl.
 
-ROS silently ignores arguments for unknown nodes or parameters, and between a node's own section
-and ``/**`` the first one in a file has precedence for all that follow. Here the last one wins, a
-node's own section has precedence over ``/**`` of the same file, and unknown names are refused.
+rcl refuses a list of integers and other numbers, silently ignores arguments for unknown nodes or
+parameters, and between a node's own section and ``/**`` the first one in a file has precedence for
+all that follow. Here the last one wins, a node's own section has precedence over ``/**`` of the
+same file, and unknown names are refused. What rcl parses is compared with the names that exist.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
+from itertools import pairwise
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
@@ -21,10 +23,7 @@ from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.errors import CtcError, near, UsageError
 from ctc_chattering.ros.topics import TOPICS
 
-_FLAGS = {f'--{does}able-{what}-logs' for does in ('en', 'dis')
-          for what in ('rosout', 'stdout', 'external-lib')}
-_WITH_VALUE = {'-r', '--remap', '-p', '--param', '--params-file', '-e', '--enclave',
-               '--log-level', '--log-config-file', '--log-file-name'}
+_ASSIGN, _REMAP = ('-p', '--param'), ('-r', '--remap')
 #: Last parts of the names that a remap may name, beside those of `TOPICS`.
 _NAMES = {'enable', 'reset', 'rosout', 'parameter_events', 'set_parameters', 'get_parameters',
           'set_parameters_atomically', 'list_parameters', 'describe_parameters',
@@ -166,32 +165,38 @@ def parse(arguments: Sequence[str]) -> tuple[list[str], RosArguments]:
         For an argument that ROS does not have.
 
     """
-    own, rest = [], []
+    own: list[str] = []
+    rest: list[str] = []
     sources: list[Path | _Assignment] = []
-    found: dict[str, str] = {}
-    words, inside = iter(arguments), False
+    words, into = iter(arguments), own
     for word in words:
         if word == '--ros-args':
-            inside = True
-        elif not inside:
-            own.append(word)
+            into = rest
+        elif into is own or word not in (*_ASSIGN, '--params-file', '--'):
+            into.append(word)
         elif word == '--':
-            inside = False
-        elif word in _FLAGS:
-            rest.append(word)
-        elif word not in _WITH_VALUE:
-            raise UsageError(f'{word} is no argument of ROS (it is after --ros-args)')
+            into = own
         elif (value := next(words, '--')).startswith('--'):
             raise UsageError(f'{word} needs a value')
-        elif word == '--params-file':
-            sources.append(Path(value))
-        elif word in ('-p', '--param'):
-            sources.append(_assignment(word, value))
         else:
-            rest += [word, value]
-            if word in ('-r', '--remap'):
-                found = dict([_remap(word, value)]) | found  # The first one wins in ROS.
-    return own, RosArguments(found.get('node'), found.get('ns', '/'), tuple(sources), tuple(rest))
+            sources.append(_assignment(word, value) if word in _ASSIGN else Path(value))
+    names = dict(reversed([  # The first one wins in ROS.
+        _remap(*pair) for pair in pairwise(rest) if pair[0] in _REMAP]))
+    if rest:
+        _check(rest)
+    return own, RosArguments(names.get('node'), names.get('ns', '/'), tuple(sources), tuple(rest))
+
+
+def _check(arguments: Sequence[str]) -> None:
+    """Have rcl parse arguments for ROS; raise `UsageError` for what it refuses."""
+    from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
+    try:
+        rcl.rclpy_remove_ros_args(['--ros-args', *arguments])
+    except rcl.UnknownROSArgsError as error:
+        words = ' '.join(re.findall("'(.*?)'", str(error)))
+        raise UsageError(f'{words} is no argument of ROS (it is after --ros-args)') from None
+    except rcl.RCLInvalidROSArgsError as error:
+        raise UsageError(str(error).partition(', at /')[0]) from None
 
 
 def _assignment(flag: str, rule: str) -> _Assignment:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import inspect
 import time
 from typing import Any, Generic, TypeVar
 
+from ctc_chattering.controller.topic_ownership import TopicOwnership
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.monitoring.topic_ownership import TopicOwnership
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.matching import MatchingSubscription
 from rclpy.node import Node
@@ -59,18 +59,19 @@ class ValidatedSubscription(Generic[T]):
         [ns]. It raises `RejectedMessage` before it has changed anything.
     profile : QoSProfile
         As the subscription has it.
-    part : callable, optional
-        For a topic that publishers share: returns what a message speaks of, such as a list of
-        joints, and whether that concerns us. Other messages are passed over.
-    newest : callable, optional
-        Returns whether the newest message that waits is used and older ones are skipped: where
-        time is real. Without it every message is used.
+    joints : sequence of str, optional
+        For a topic that publishers share, a part of the robot each: our joints. Messages whose
+        `names` have none of them are passed over.
+    newest : bool, optional
+        Whether the newest message that waits is used and older ones are skipped, where time is
+        real; it may change. None if every message is always used.
 
     Attributes
     ----------
-    skipped : int or None
-        Messages skipped so far, also for the one that `take` is called with; None without
-        `newest`.
+    newest : bool or None
+        As given, or set since.
+    skipped : int
+        Messages skipped so far, also for the one that `take` is called with.
     rejected : Counter
         Rejected messages by kind.
     ownership : TopicOwnership
@@ -80,13 +81,14 @@ class ValidatedSubscription(Generic[T]):
 
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
-                 part: Callable[[T], tuple[Hashable, bool]] | None = None,
-                 newest: Callable[[], bool] | None = None) -> None:
+                 joints: Sequence[str] = (),
+                 newest: bool | None = None) -> None:
         self._node = node
         self.topic = topic
-        self._read, self._take, self._part, self._newest = read, take, part, newest
+        self._read, self._take, self.newest = read, take, newest
+        self._joints = frozenset(joints)
         self._depth = profile.depth
-        self.skipped = None if newest is None else 0
+        self.skipped = 0
         self.rejected: Counter[str] = Counter()
         self._reported = 0
         self.ownership = TopicOwnership()
@@ -117,8 +119,7 @@ class ValidatedSubscription(Generic[T]):
         before = self.skipped
         while valid:
             message, publisher = valid.pop()
-            if before is not None:
-                self.skipped = before + len(valid)
+            self.skipped = before + len(valid)
             try:
                 self._take(message, now)
             except RejectedMessage as rejected:
@@ -129,7 +130,7 @@ class ValidatedSubscription(Generic[T]):
 
     def _waiting(self) -> Iterator[tuple[bytes, Mapping[str, Any]]]:
         """Yield the messages that wait, where only the newest is used; no more than fit."""
-        if self._newest is None or not self._newest():
+        if not self.newest:
             return
         current = self.subscription.current
         for _ in range(self._depth):
@@ -146,9 +147,10 @@ class ValidatedSubscription(Generic[T]):
         except Exception as error:
             raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
                                   f'{" ".join(str(error).split())}') from None
-        if self._part is not None:
-            part, ours = self._part(message)
-            self.ownership.note_part(part, ours, time.time_ns())
+        if self._joints:
+            names = message.names  # type: ignore[attr-defined]
+            ours = not self._joints.isdisjoint(names)
+            self.ownership.note_part(names, ours, time.time_ns())
             if not ours:
                 return None
         if not self.ownership.admits(publisher, info.get('received_timestamp') or 0, now):

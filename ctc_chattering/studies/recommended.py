@@ -11,8 +11,8 @@ from ctc_chattering.control.recommended_gains import (
     largest_pole,
     lateness,
 )
+from ctc_chattering.controller.settings_check import UNBOUNDED
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.monitoring.settings_check import UNBOUNDED
 from ctc_chattering.studies.tuning import KNOW_FRICTION
 from ctc_chattering.trajectory.reference import make_motion
 import numpy as np

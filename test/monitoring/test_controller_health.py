@@ -1,6 +1,17 @@
-"""What a controller's report says of states that are skipped, late or come at another rate."""
+"""Rates of faults and of samples, on time lines of which the truth is known, and the report."""
 
-from ctc_chattering.monitoring.controller_health import ControllerHealth
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ctc_chattering.monitoring.controller_health import (
+    ControllerHealth,
+    HealthMonitor,
+    SampleRate,
+    WINDOW,
+)
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 SECOND, MS = 10 ** 9, 10 ** 6
@@ -47,3 +58,128 @@ def test_states_before_a_restart_are_no_part_of_the_rate() -> None:
     health.take(1002 * MS, 901)
     health.report(0, {}, False)
     assert health.sample_rate.mean == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize(('events', 'part', 'level'), [
+    (0, 0, 0), (0, 10, 0), (0, 11, 1), (0, 100, 1), (0, 101, 2), (1, 0, 2)])
+def test_the_level_is_that_of_the_last_reports(events: int, part: int, level: int) -> None:
+    """Let so many of 1000 a second be faults, for four seconds, and none after them."""
+    health = HealthMonitor('restarts', 'of the states refused', 0.01, 0.1, MS)
+    for k in range(5):
+        health.note(k * SECOND, k * events, k * part, k * 1000, 'stale')
+        assert health.level == (level if k else 0)
+    assert health.events_per_second == events
+    assert health.fraction == pytest.approx(part / 1000)
+    assert str(health).startswith(
+        f'{events} restarts per second, {part / 10:.0f} % of the states refused (stale): this')
+    assert str(health).endswith('control_period is 1 ms')
+    for k in range(5, 8):
+        health.note(k * SECOND, 4 * events, 4 * part, k * 1000, '')
+    assert health.level == 0
+    assert '(' not in str(health)
+
+
+@given(st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 1000)), min_size=2, max_size=20))
+def test_a_rate_is_that_of_the_last_reports(steps: list[tuple[int, int]]) -> None:
+    """Check rates and fractions against sums over the last steps, two seconds each."""
+    health = HealthMonitor('restarts', 'refused', 0.01, 0.1, MS)
+    assert (health.level, health.events_per_second, health.fraction) == (0, 0.0, 0.0)
+    events = part = 0
+    for i, (one, other) in enumerate(steps):
+        events, part = events + one, part + other
+        health.note(2 * i * SECOND, events, part, 5 * part, '')
+        assert i or (health.level, health.events_per_second, health.fraction) == (0, 0.0, 0.0)
+    last = steps[1:][-WINDOW:]
+    assert health.events_per_second == pytest.approx(sum(x for x, _ in last) / (2 * len(last)))
+    assert health.fraction == pytest.approx(0.2 if sum(x for _, x in last) else 0.0)
+
+
+def test_one_event_in_three_seconds_is_a_warning() -> None:
+    health = HealthMonitor('restarts', 'of the states refused', 0.01, 0.1, MS)
+    for k, events in enumerate((0, 1, 1, 1, 1)):
+        health.note(k * SECOND, events, 0, k * 1000, '')
+        assert health.level == (0, 2, 1, 1, 0)[k]
+
+
+def test_a_cause_that_is_known_replaces_the_likely_one() -> None:
+    health = HealthMonitor('', 'of the states skipped', 0.2, 0.5, MS)
+    for k in range(2):
+        health.note(k * SECOND, 0, 300 * k, 1000 * k, '')
+    assert health.level == 1
+    assert str(health) == ('30 % of the states skipped: this computer is too busy, or processes '
+                           'are stopped; control_period is 1 ms')
+    health.cause = 'the step takes 2 ms'
+    assert str(health) == '30 % of the states skipped: the step takes 2 ms'
+
+
+def windows(cadence: SampleRate, t: int, steps: Sequence[int], count: int = 1) -> int:
+    """Note stamps in these steps, once for every window; return the last one."""
+    for _ in range(count):
+        for step in steps:
+            t += step
+            cadence.note(t)
+        cadence.rotate()
+    return t
+
+
+@given(st.lists(st.integers(1, 20 * MS), min_size=1, max_size=50), st.integers(0, 2 ** 61),
+       st.integers(1, 20 * MS))
+def test_the_mean_is_that_of_the_steps_across_windows(
+        steps: list[int], start: int, period: int) -> None:
+    cadence = SampleRate(period)
+    cadence.note(start)
+    for k in range(4):
+        start = windows(cadence, start, steps)
+        mean = sum(steps) / len(steps)
+        assert cadence.mean == pytest.approx(1e-9 * mean, abs=1e-9)
+        if abs(abs(mean / period - 1.0) - 0.2) > 1e-9:
+            assert cadence.wrong == (k >= 2 and abs(mean / period - 1.0) > 0.2)
+
+
+@pytest.mark.parametrize(('step', 'wrong'), [
+    (5 * MS, True), (2 * MS, True), (1_190_000, False), (1_210_000, True), (MS, False),
+    (810_000, False), (790_000, True), (MS // 2, True)])
+def test_a_fifth_is_too_much_after_three_windows(step: int, wrong: bool) -> None:
+    cadence = SampleRate(MS)
+    assert not cadence.wrong
+    t = windows(cadence, 0, [step] * 100, 2)
+    assert not cadence.wrong
+    t = windows(cadence, t, [step] * 100)
+    assert cadence.wrong == wrong
+    windows(cadence, t, [MS] * 100)
+    assert not cadence.wrong
+
+
+def test_jitter_and_a_burst_are_none_of_its_business() -> None:
+    """Only the mean counts, and a single window does not."""
+    cadence = SampleRate(MS)
+    t = windows(cadence, 0, [MS // 10, 19 * MS // 10] * 50, 5)
+    assert not cadence.wrong
+    for _ in range(5):
+        t = windows(cadence, t, [5 * MS] * 100, 2)
+        t = windows(cadence, t, [MS] * 100)
+        assert not cadence.wrong
+
+
+def test_a_pause_and_silence_are_no_period() -> None:
+    """Neither says that all is well, either."""
+    cadence = SampleRate(MS)
+    cadence.rotate()
+    cadence.note(0)
+    cadence.rotate()
+    assert (cadence.mean, cadence.wrong) == (0.0, False)
+    t = windows(cadence, 0, [MS] * 10, 3)
+    for _ in range(5):
+        t += 1000 * MS
+        cadence.pause()
+        t = windows(cadence, t, [MS] * 10)
+        assert cadence.mean == 1e-3
+        assert not cadence.wrong
+    t = windows(cadence, t, [3 * MS] * 10, 3)
+    cadence.pause()
+    cadence.rotate()
+    cadence.rotate()
+    assert cadence.wrong
+    cadence.note(10 ** 15)
+    windows(cadence, 10 ** 15, [MS])
+    assert not cadence.wrong

@@ -23,7 +23,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.serialization import State, StateReader
+from ctc_chattering.ros.serialization import StateMessage, StateReader
 from ctc_chattering.ros.subscription import with_info
 from ctc_chattering.ros.topics import COMMANDS, DIAGNOSTICS, JOINT_STATES, ROBOT_DESCRIPTION
 from faults import Diagnostics, ERROR, OK
@@ -173,7 +173,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
     read = StateReader().read
     published = [(read(x.data), x.t) for x in witness.states]
     whole = latest = 0
-    states: list[State] = []
+    states: list[StateMessage] = []
     for bag, end, overrun, waited in killed:
         assert is_damaged(bag)
         done = repair(bag)

@@ -17,8 +17,9 @@ import pytest
 ROOT = Path(ctc_chattering.__file__).parent
 #: Each imports only what stands before it.
 ORDER = ('errors', 'arguments', 'parameters', 'numerics', 'dynamics', 'trajectory', 'control',
-         'monitoring', 'simulation', 'configuration', 'batch', 'analysis', 'identification', 'ros',
-         'bags', 'nodes', 'launch', 'studies', 'robustness', 'live', 'cli')
+         'monitoring', 'controller', 'simulation', 'configuration', 'batch', 'analysis',
+         'identification', 'ros', 'bags', 'nodes', 'launch', 'studies', 'robustness', 'live',
+         'cli')
 #: These know nothing of ROS.
 NUMERIC = ORDER[:ORDER.index('ros')]
 #: Packages that ROS brings.

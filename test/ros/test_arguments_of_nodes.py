@@ -80,7 +80,9 @@ def test_what_is_for_ros_is_left_to_ros() -> None:
     (['--ros-args', '-p', 'b:='], ['YAML']), (['--ros-args', '-p'], ['needs a value']),
     (['--ros-args', '--law', 'x'], ['--law']), (['--ros-args', 'x'], ['x is no argument of ROS']),
     (['--ros-args', '-r', 'joint_stats:=/x'], ['joint_stats', 'joint_states']),
-    (['--ros-args', '-r', 'joint_states'], ['FROM:=TO'])])
+    (['--ros-args', '-r', 'joint_states'], ['FROM:=TO']),
+    (['--ros-args', '-r', 'joint_states:=a b'], ['joint_states:=a b']),
+    (['--ros-args', '-r'], ['remap']), (['--ros-args', '--log-level', 'loud'], ['loud'])])
 def test_what_means_nothing_is_refused_in_one_line_with_status_2(
         arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert guarded('controller', lambda: node._run('controller', arguments)) == 2

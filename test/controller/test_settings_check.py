@@ -5,16 +5,14 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.controller import ControllerConfig, LAWS
+from ctc_chattering.controller.settings_check import LAG_RATIO, missing_limits, unsafe_settings
 from ctc_chattering.errors import CtcError
-from ctc_chattering.monitoring.controller_health import ControllerHealth
-from ctc_chattering.monitoring.settings_check import LAG_RATIO, missing_limits, unsafe_settings
 from laws import run, variation
 import numpy as np
 import pytest
 
 RATES = [5e3, 1e3]
-SECOND = 1_000_000_000
 
 
 def found(**values: Any) -> list[str]:
@@ -82,17 +80,3 @@ def test_joints_without_a_limit_are_named() -> None:
     assert missing_limits(observer, (50.0, 50.0)) == 'torque_rate_limit is infinite for joint2'
     assert missing_limits(observer, ()) == (
         'effort_limit is infinite for joint1, joint2; torque_rate_limit is infinite for joint2')
-
-
-def test_the_controller_reports_it() -> None:
-    """Check the level, once a law has answered with these settings, and only while it has."""
-    health = ControllerHealth(('joint1', 'joint2'), 1_000_000)
-    assert health.report(SECOND, {}, True) == []
-    config = ControllerConfig.from_mapping({'law': 'integral', 'ki': [1e4, 1.0]})
-    law = Controller(config)
-    sample = law.step([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
-    health.add(sample, config)
-    (level, text), = health.report(2 * SECOND, {}, True)
-    assert level == 1 and text == 'joint1: ki is 10000; the loop is unstable from 5000 on'
-    health.add(sample, config.changed({'ki': [1.0, 1.0]}))
-    assert health.report(3 * SECOND, {}, True) == []

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.monitoring.stamps import (
+from ctc_chattering.controller.stamps import (
     BACKWARD,
     GAP,
     JUMP,

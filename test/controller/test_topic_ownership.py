@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import dataclasses
 import itertools
 
-from ctc_chattering.monitoring.topic_ownership import LEASE_DURATION, TopicOwnership
+from ctc_chattering.controller.topic_ownership import LEASE_DURATION, TopicOwnership
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -1,4 +1,4 @@
-"""What the controller does with a joint state, a reference and a request, without ROS."""
+"""The control loop without ROS: which joint state is answered, when, and with what torque."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
-from ctc_chattering.control.error_monitor import joint_beyond
+from ctc_chattering.controller import stamps
+from ctc_chattering.controller.desired_motion import DesiredMotion
+from ctc_chattering.controller.error_limit import joint_beyond
+from ctc_chattering.controller.settings_check import unsafe_settings
+from ctc_chattering.controller.state_machine import Input, Mode
+from ctc_chattering.controller.watchdog import Logger, Watchdog
 from ctc_chattering.errors import ParameterError, RejectedMessage
-from ctc_chattering.monitoring import stamps
 from ctc_chattering.monitoring.controller_health import ControllerHealth
-from ctc_chattering.monitoring.controller_state import Event, State
-from ctc_chattering.monitoring.watchdog import Logger, Watchdog
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.desired_motion import DesiredMotion
 
 #: Points of the reference that are kept while there is no state: a minute at 1 kHz.
 _MOST_POINTS = 60_000
@@ -43,10 +44,11 @@ class Answer(NamedTuple):
 
 class ControlLoop:
     """
-    Turns joint states into torques as its state allows.
+    Turns joint states into torques as its mode allows.
 
     A joint state is pending until it has been answered. In real time a new one replaces it, and
-    an outage of the states drops it; simulated time waits for the answer.
+    an outage of the states drops it; simulated time waits for the answer. Vectors are sequences
+    of floats from the message to the message; the law has arrays.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ class ControlLoop:
 
     Attributes
     ----------
-    state : State
+    mode : Mode
         The present one.
     law : Controller or None
         Once the model is known.
@@ -73,8 +75,6 @@ class ControlLoop:
         As the parameter of this name [s].
     simulated : bool
         Whether time is simulated, as of the last state.
-    restarted : bool
-        Whether time began again since this was reset.
     reference_outages : int
         How often the reference was late.
 
@@ -87,8 +87,8 @@ class ControlLoop:
         self._reference_timeout = reference_timeout
         self.law: Controller | None = None
         self.restart_duration = 0.0
-        self.simulated = self.restarted = False
-        self.state = State.WAITING_FOR_STATE if enabled else State.DISABLED
+        self.simulated = False
+        self.mode = Mode.WAITING_FOR_STATE if enabled else Mode.DISABLED
         self.motion = DesiredMotion(
             round(reference_timeout * NANOSECONDS), self.period, config.input_delay)
         self.watchdog = Watchdog('joint_states', 'state', 'no torque', _SILENCE, logger)
@@ -108,9 +108,9 @@ class ControlLoop:
         unused = self.last is None or self.watchdog.out
         self.motion.extend(times, points, _MOST_POINTS if unused else None)
 
-    def take_state(self, state: JointSample, now: int, simulated: bool, skipped: int = 0) -> None:
+    def take_state(self, state: JointSample, now: int, simulated: bool, skipped: int = 0) -> bool:
         """
-        Take the next joint state.
+        Take the next joint state; return whether time begins again with it.
 
         Parameters
         ----------
@@ -132,66 +132,23 @@ class ControlLoop:
         self.simulated = simulated
         verdict = self._stamps.classify(state.t, now, simulated)
         if verdict not in stamps.TAKEN:
-            self._reject(verdict, state.t)
-        outage = self.watchdog.out
+            if verdict == stamps.REPEATED and simulated:
+                if self._pending is None and self._held is not None:
+                    self._send(self._held)
+                raise RejectedMessage(verdict)  # A plant that waits sends it again, and so do we.
+            raise RejectedMessage(verdict, self._stamps.reason(verdict, state.t))
+        goes_on = verdict == stamps.NEXT and not self.watchdog.out
+        begins_again = verdict == stamps.RESTART and self.last is not None
         self.watchdog.feed(now)
-        if self.last is not None and (outage or verdict != stamps.NEXT):
+        if self.last is not None and not goes_on:
             self.health.restart()
             self._restart_law(bumpless=not simulated)
-            if verdict == stamps.RESTART:
-                self.restarted = True
-                self.motion.restart()
-        self.handle(Event.STATE)
+        if begins_again:
+            self.motion.restart()
+        self.handle(Input.STATE)
         self.health.take(state.t, skipped)
         self.last = self._pending = state
-
-    def _reject(self, verdict: str, t: int) -> None:
-        """Raise `RejectedMessage` for a stamp [ns]."""
-        if verdict == stamps.REPEATED and self.simulated:
-            if self._pending is None and self._held is not None:
-                self._send(self._held)
-            raise RejectedMessage(verdict)  # A plant that waits sends it again, and so do we.
-        raise RejectedMessage(verdict, self._stamps.reason(verdict, t))
-
-    def check_silence(self, now: int, publishers: Callable[[], int]) -> None:
-        """Real time: end the torques at `now` [ns] if no state has come for too long."""
-        if self.watchdog.check(now, publishers):
-            self._pending = None
-            self.handle(Event.SILENCE)
-
-    def enable(self, on: bool) -> None:
-        """Allow torques, or end them."""
-        if self.handle(Event.ENABLE if on else Event.DISABLE):
-            self._log.info(f'{"enabled again" if on else "disabled"} by ~/enable')
-            if on:
-                self._restart_law()
-
-    def reset(self) -> bool:
-        """Go on after a trip; return whether there was one."""
-        if tripped := self.handle(Event.RESET):
-            self._log.info('reset by ~/reset')
-            self._restart_law()
-        return tripped
-
-    def _restart_law(self, bumpless: bool = True) -> None:
-        if self.law is not None:
-            self.law.reset(bumpless, self._held if bumpless else None)
-            self.health.pause()
-
-    def handle(self, event: Event) -> bool:
-        """Handle an event; return whether it led to another state, and end torques if so."""
-        before = self.state
-        self.state = after = before.after(event)
-        if after is not before and before.sends_torque and not after.sends_torque and not (
-                self.simulated and after is State.WAITING_FOR_REFERENCE):
-            self.end_torque()
-        return after is not before
-
-    def end_torque(self) -> None:
-        """Send no torque from now on; in real time a last one of 0, for those who hold it."""
-        if self._held is not None and not self.simulated:
-            self._send((0.0,) * len(self._names))
-        self._held = None
+        return begins_again
 
     def answer(self, matched: bool) -> Answer | None:
         """
@@ -211,68 +168,113 @@ class ControlLoop:
         state, law = self._pending, self.law
         if state is None or law is None:
             return None
-        allowed = self.state.allows_torque
-        reference = self.motion.reference(
-            state.t, wait=self.simulated) if matched and allowed else None
-        if reference is None:
+        allowed = self.mode.allows_torque
+        points = self._desired(state) if allowed and matched else None
+        if points is None:
             self.motion.pass_over(state.t, driven=allowed)
-            self.handle(Event.NO_REFERENCE)
+            self.handle(Input.NO_REFERENCE)
             return None
-        try:
-            begins = self.motion.begin(*state, self.restart_duration)
-        except ParameterError as error:
-            raise RejectedMessage('overflow', str(error)) from None
-        if begins:
-            self._log.info(
-                'no torque was sent for a while: back to the reference from where the robot is '
-                f'within {self.restart_duration:g} s')
-        point, *ahead = self.motion.desired(state.t, reference)
-        sample = self._step(law, state, point, ahead)
+        sample = self._step(law, state, points)
         beyond = joint_beyond(sample.e, law.config.error_limit)
         if beyond is not None:
-            self._tripped = self._names[beyond]
-            self.handle(Event.ERROR_LIMIT)
-            self.end_torque()
-            self._log.error(
-                f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
-                'error_limit; no torque until ~/reset')
+            self._trip(beyond, sample.e)
             return None
         self._send(sample.tau)
         self._held, self._pending = sample.tau, None
-        return Answer(state, point, sample)
+        self._note(state.t, sample, law.config)
+        return Answer(state, points[0], sample)
 
-    def _step(self, law: Controller, state: JointSample, point: Point, ahead: list[Point]
-              ) -> Sample:
+    def _desired(self, state: JointSample) -> list[Point] | None:
+        """Return what is desired at a state and for each sample of delay, if it is known yet."""
+        try:
+            points = self.motion.desired(*state, self.simulated, self.restart_duration)
+        except ParameterError as error:
+            raise RejectedMessage('overflow', str(error)) from None
+        if self.motion.way_back_since == state.t and points is not None:
+            self._log.info(
+                'no torque was sent for a while: back to the reference from where the robot is '
+                f'within {self.restart_duration:g} s')
+        return points
+
+    def _step(self, law: Controller, state: JointSample, points: list[Point]) -> Sample:
         """
         Return the law's answer; if it has none that is finite, the law restarts.
 
         Simulated time waits for the answer: there, the law that restarted is asked again.
         """
         for _ in range(2 if self.simulated else 1):
-            sample = law.try_step(state.q, state.dq, *point, ahead)
+            sample = law.try_step(state.q, state.dq, *points[0], points[1:])
             if sample is not None:
                 return sample
             law.reset(bumpless=True, held=self._held)
         raise RejectedMessage('overflow', (
             f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
 
-    def note(self, answer: Answer) -> None:
+    def _trip(self, joint: int, e: Vector) -> None:
+        """Send no torque until a reset: an error is beyond its limit."""
+        self._tripped = self._names[joint]
+        self.handle(Input.ERROR_LIMIT)
+        self.end_torque()
+        self._log.error(f'the position errors {[float(f"{x:.4g}") for x in e]} rad exceed '
+                        'error_limit; no torque until ~/reset')
+
+    def _note(self, t: int, sample: Sample, config: ControllerConfig) -> None:
         """Note what a torque was made of, after it was sent."""
-        if self.motion.late(answer.state.t):
-            if self.handle(Event.HOLD):
+        if self.motion.late(t):
+            if self.handle(Input.HOLD):
                 self.reference_outages += 1
                 self._log.error(f'reference: nothing for {self._reference_timeout:g} s; holding '
                                 'the position')
         else:
-            self.handle(Event.LEAD_BACK if self.motion.leads_back else Event.FOLLOW)
-        assert self.law is not None
-        self.health.add(answer.sample, self.law.config)
+            self.handle(Input.FOLLOW if self.motion.way_back_since is None
+                        else Input.LEAD_BACK)
+        self.health.add(sample, config)
         if self.health.taken % _FORGET == 0:
-            self.motion.pass_over(answer.state.t, driven=True)
+            self.motion.pass_over(t, driven=True)
+
+    def check_silence(self, now: int, publishers: Callable[[], int]) -> None:
+        """Real time: end the torques at `now` [ns] if no state has come for too long."""
+        if self.watchdog.check(now, publishers):
+            self._pending = None
+            self.handle(Input.SILENCE)
+
+    def enable(self, on: bool) -> None:
+        """Allow torques, or end them."""
+        if self.handle(Input.ENABLE if on else Input.DISABLE):
+            self._log.info(f'{"enabled again" if on else "disabled"} by ~/enable')
+            if on:
+                self._restart_law()
+
+    def reset(self) -> bool:
+        """Go on after a trip; return whether there was one."""
+        if tripped := self.handle(Input.RESET):
+            self._log.info('reset by ~/reset')
+            self._restart_law()
+        return tripped
+
+    def _restart_law(self, bumpless: bool = True) -> None:
+        if self.law is not None:
+            self.law.reset(bumpless, self._held if bumpless else None)
+            self.health.pause()
+
+    def handle(self, event: Input) -> bool:
+        """Handle an input; return whether it led to another mode, and end torques if so."""
+        before = self.mode
+        self.mode = after = before.after(event)
+        if after is not before and before.sends_torque and not after.sends_torque and not (
+                self.simulated and after is Mode.WAITING_FOR_REFERENCE):
+            self.end_torque()
+        return after is not before
+
+    def end_torque(self) -> None:
+        """Send no torque from now on; in real time a last one of 0, for those who hold it."""
+        if self._held is not None and not self.simulated:
+            self._send((0.0,) * len(self._names))
+        self._held = None
 
     def status(self, now: int, rejected: Mapping[str, int], cause: str = '') -> tuple[int, str]:
         """
-        Return level (0 all is well, 1 warning, 2 error) and text of the present state.
+        Return level (0 all is well, 1 warning, 2 error) and text of the present mode.
 
         Parameters
         ----------
@@ -281,20 +283,17 @@ class ControlLoop:
 
         """
         problems = self.health.report(now, rejected, self.simulated, cause)
-        level, text = self._describe(now)
-        if level == 0 and problems:
-            return (max(problem[0] for problem in problems),
-                    f'running, but {"; ".join(text for _, text in problems)}')
-        return level, text
-
-    def _describe(self, now: int) -> tuple[int, str]:
-        tripped = (2, f'tripped: the position error of {self._tripped} exceeded error_limit; '
-                      'call ~/reset')
-        return {
-            State.TRIPPED: tripped, State.TRIPPED_AND_DISABLED: tripped,
-            State.DISABLED: (1, 'disabled; call ~/enable'),
-            State.NO_STATE: (2, f'no state for {seconds(self.watchdog.silence(now)):.1f} s'),
-            State.WAITING_FOR_STATE: (1, 'waiting for joint_states'),
-            State.WAITING_FOR_REFERENCE: (1, 'waiting for reference'),
-            State.HOLDING: (2, f'no reference for {self._reference_timeout:g} s; holding the '
-                            'position')}.get(self.state, (0, self.state.value))
+        if self.law is not None:
+            problems += [(1, text) for text in unsafe_settings(self.law.config)]
+        tripped = (f'tripped: the position error of {self._tripped} exceeded error_limit; '
+                   'call ~/reset')
+        wrong = {
+            Mode.TRIPPED: tripped, Mode.TRIPPED_AND_DISABLED: tripped,
+            Mode.NO_STATE: f'no state for {seconds(self.watchdog.silence(now)):.1f} s',
+            Mode.HOLDING: f'no reference for {self._reference_timeout:g} s; holding the position'}
+        if self.mode in wrong:
+            return 2, wrong[self.mode]
+        if not self.mode.sends_torque or not problems:
+            return int(not self.mode.sends_torque), self.mode.value
+        return (max(level for level, _ in problems),
+                f'running, but {"; ".join(text for _, text in problems)}')

@@ -9,7 +9,7 @@ before it. The clocks need not agree: delays are compared with the shortest one 
 
 from __future__ import annotations
 
-from ctc_chattering.monitoring.watchdog import BUSY
+from ctc_chattering.monitoring.controller_health import BUSY
 from ctc_chattering.numerics.time_grid import seconds
 
 #: Verdicts on stamps that are taken: the next one, one after an outage, one of a new run.

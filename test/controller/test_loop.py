@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.controller.loop import ControlLoop, JointSample
+from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.errors import RejectedMessage
-from ctc_chattering.monitoring.control_loop import ControlLoop, JointSample
-from ctc_chattering.monitoring.controller_state import State
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 import pytest
 
@@ -46,14 +46,13 @@ class Robot:
               ) -> list[list[float]]:
         """Send the state of sample k; return what was sent for it."""
         self.k, before = k, len(self.sent)
-        self.loop.take_state(JointSample(k * MS, q, ZERO), k * MS, self.simulated)
+        self.restarted = self.loop.take_state(
+            JointSample(k * MS, q, ZERO), k * MS, self.simulated)
         self.answer(matched)
         return self.sent[before:]
 
     def answer(self, matched: bool = True) -> None:
-        answer = self.loop.answer(matched)
-        if answer is not None:
-            self.loop.note(answer)
+        self.loop.answer(matched)
 
     def silence(self, k: int) -> list[list[float]]:
         """Let it be sample k without a state."""
@@ -137,7 +136,7 @@ def test_silence_ends_the_torques_and_the_next_state_restarts_the_law() -> None:
     assert robot.status() == (2, 'no state for 0.2 s')
     assert robot.loop.watchdog.outages == 1
     assert robot.state(301)
-    assert robot.loop.state is State.RESTARTING
+    assert robot.loop.mode is Mode.RESTARTING
     assert robot.loop.health.restarts == 1
     assert 'back to the reference' in robot.log.lines[-1]
     at_once = Robot(simulated=False)
@@ -153,13 +152,13 @@ def test_a_reference_that_is_late_is_held_and_followed_again() -> None:
     robot.reference(0, 50)
     for k in range(300):
         assert robot.state(k)
-        held = robot.loop.state is State.HOLDING
+        held = robot.loop.mode is Mode.HOLDING
         assert held == (k > 149)  # The last point is that of 49 ms; 0.1 s are granted.
     assert robot.status() == (2, 'no reference for 0.1 s; holding the position')
     assert robot.loop.reference_outages == 1
     robot.reference(290, 400)
     assert robot.state(300)
-    assert robot.loop.state is State.RUNNING
+    assert robot.loop.mode is Mode.RUNNING
 
 
 def test_a_position_error_trips_until_reset() -> None:
@@ -214,9 +213,9 @@ def test_time_that_goes_back_begins_a_new_run() -> None:
     with pytest.raises(RejectedMessage) as raised:
         robot.state(0)
     assert raised.value.kind == 'backward'
-    assert not robot.loop.restarted
+    assert not robot.restarted
     assert robot.state(1) == []  # Two in a row are believed; there is no reference yet.
-    assert robot.loop.restarted
+    assert robot.restarted
     robot.reference(0, 100)
     robot.answer()
     assert robot.sent[-1:] == law((0.1, 0.2), first=1)
@@ -243,7 +242,7 @@ def test_a_way_back_that_is_not_finite_is_none() -> None:
         robot.answer()
     assert raised.value.kind == 'overflow'
     assert robot.state(501)
-    assert robot.loop.state is State.RESTARTING
+    assert robot.loop.mode is Mode.RESTARTING
 
 
 def test_references_without_states_do_not_fill_the_memory() -> None:
@@ -254,3 +253,16 @@ def test_references_without_states_do_not_fill_the_memory() -> None:
     for k in range(10):
         robot.state(99_500 + k)
     assert len(robot.loop.motion) <= 1000
+
+
+def test_settings_with_which_the_law_is_unstable_are_reported() -> None:
+    """Check the level, while the law has these settings and runs."""
+    robot = Robot(simulated=True, law='integral', ki=[1e4, 1.0])
+    assert robot.status() == (1, 'waiting for joint_states')
+    robot.reference(0, 10)
+    robot.state(0)
+    assert robot.status() == (
+        1, 'running, but joint1: ki is 10000; the loop is unstable from 5000 on')
+    assert robot.loop.law is not None
+    robot.loop.law.configure(robot.config.changed({'ki': [1.0, 1.0]}))
+    assert robot.status() == (0, 'running')

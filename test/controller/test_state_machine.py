@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.monitoring.controller_state import Event, State, TRANSITIONS
+from ctc_chattering.controller.state_machine import Input, Mode, TRANSITIONS
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -22,51 +22,51 @@ EXPECTED = {
     'tripped and disabled': 'enable: tripped, reset: disabled'}
 
 
-def state(name: str) -> State:
-    return State[name.upper().replace(' ', '_')]
+def state(name: str) -> Mode:
+    return Mode[name.upper().replace(' ', '_')]
 
 
-def event(name: str) -> Event:
-    return Event[name.upper().replace(' ', '_')]
+def event(name: str) -> Input:
+    return Input[name.upper().replace(' ', '_')]
 
 
-CASES = [(name, x) for name in EXPECTED for x in Event]
+CASES = [(name, x) for name in EXPECTED for x in Input]
 
 
 @pytest.mark.parametrize(('name', 'happens'), CASES)
-def test_every_state_and_event(name: str, happens: Event) -> None:
+def test_every_state_and_event(name: str, happens: Input) -> None:
     after = dict(pair.split(': ') for pair in EXPECTED[name].split(', '))
     found = {event(key): state(value) for key, value in after.items()}
     assert state(name).after(happens) is found.get(happens, state(name))
 
 
 def test_the_table_has_all_states_and_all_can_be_reached() -> None:
-    assert set(TRANSITIONS) == set(State) == {state(name) for name in EXPECTED}
-    reached: set[State] = set()
-    ring = {State.WAITING_FOR_STATE}
+    assert set(TRANSITIONS) == set(Mode) == {state(name) for name in EXPECTED}
+    reached: set[Mode] = set()
+    ring = {Mode.WAITING_FOR_STATE}
     while ring:
         reached |= ring
         ring = {x for row in map(TRANSITIONS.__getitem__, ring) for x in row.values()} - reached
-    assert reached == set(State)
+    assert reached == set(Mode)
 
 
-@given(st.booleans(), st.lists(st.sampled_from(list(Event))))
+@given(st.booleans(), st.lists(st.sampled_from(list(Input))))
 def test_what_forbids_torques_is_undone_by_its_own_request_only(
-        enabled: bool, events: list[Event]) -> None:
+        enabled: bool, events: list[Input]) -> None:
     """Check two flags, written out, against the one state: tripped, and disabled."""
-    present = State.WAITING_FOR_STATE if enabled else State.DISABLED
+    present = Mode.WAITING_FOR_STATE if enabled else Mode.DISABLED
     tripped = False
     for x in events:
-        if x is Event.ERROR_LIMIT and present.allows_torque and present is not State.NO_STATE:
+        if x is Input.ERROR_LIMIT and present.allows_torque and present is not Mode.NO_STATE:
             tripped = True
-        elif x is Event.RESET:
+        elif x is Input.RESET:
             tripped = False
-        elif x in (Event.ENABLE, Event.DISABLE):
-            enabled = x is Event.ENABLE
+        elif x in (Input.ENABLE, Input.DISABLE):
+            enabled = x is Input.ENABLE
         present = present.after(x)
         assert present.allows_torque == (enabled and not tripped)
-        assert (present in (State.TRIPPED, State.TRIPPED_AND_DISABLED)) == tripped
+        assert (present in (Mode.TRIPPED, Mode.TRIPPED_AND_DISABLED)) == tripped
         if not present.allows_torque:
             assert not present.sends_torque
-        if x is Event.SILENCE:
+        if x is Input.SILENCE:
             assert not present.sends_torque

@@ -30,6 +30,11 @@ class DesiredMotion:
     period, delay : int
         Control period [ns], and number of samples that the law looks ahead.
 
+    Attributes
+    ----------
+    way_back_since : int or None
+        Instant at which the way back to the reference began [ns]; None where it is followed.
+
     """
 
     def __init__(self, grace: int, period: int, delay: int) -> None:
@@ -45,6 +50,7 @@ class DesiredMotion:
         """Forget when the robot was driven last: time begins again."""
         self._driven: int | None = None
         self._way_back: Transition | None = None
+        self.way_back_since: int | None = None
 
     def extend(self, times: Sequence[int], points: Sequence[Point], most: int | None = None
                ) -> None:
@@ -71,57 +77,49 @@ class DesiredMotion:
         if not driven and self._driven is None:
             self._driven = t
 
-    def reference(self, t: int, wait: bool) -> list[Point] | None:
+    def desired(self, t: int, q: Vector, dq: Vector, wait: bool, duration: float
+                ) -> list[Point] | None:
         """
-        Return the reference at `t` [ns] and one point for each sample of delay.
-
-        None if it is not known yet; with `wait` it must not be extrapolated either.
-        """
-        end = self._trajectory.end
-        if (wait and end is not None and t + self._lags[-1] > end
-                and not self._trajectory.ends_at_rest):
-            return None
-        points = [self._trajectory.at(t + lag) for lag in self._lags]
-        return None if points[0] is None else [point for point in points if point is not None]
-
-    def begin(self, t: int, q: Vector, dq: Vector, duration: float) -> bool:
-        """
-        Note that the robot is driven at `t` [ns]; return whether a way back begins there.
+        Return what is desired at `t` [ns], and one point for each sample of delay.
 
         Parameters
         ----------
         t : int
-            Instant [ns], for which there is a reference.
+            Instant [ns], from which on the robot is driven if there is a reference for it.
         q, dq : sequence of float, shape (n,)
             Position [rad] and velocity [rad/s] of the robot.
+        wait : bool
+            Whether the reference must not be extrapolated.
         duration : float
-            Time that the way back takes [s]; 0 for none.
+            Time that a way back takes [s]; 0 for none.
+
+        Returns
+        -------
+        list of (position, velocity, acceleration) or None
+            Each of shape (n,) [rad, rad/s, rad/s²]; None if the reference is not known yet.
 
         Raises
         ------
         ParameterError
-            If the way back is not finite.
+            If a way back begins that is not finite.
 
         """
-        paused = self._driven is not None and t - self._driven > PAUSE and duration > 0.0
-        if paused:
+        reference, last = self._trajectory, t + self._lags[-1]
+        if wait and (reference.end is None or last > reference.end) and not reference.ends_at_rest:
+            return None
+        points = [reference.at(t + lag) for lag in self._lags]
+        if points[0] is None:
+            return None
+        if self._driven is not None and t - self._driven > PAUSE and duration > 0.0:
             self._way_back = smooth_start(
-                cast('Motion', self._trajectory), t, (q, dq, (0.0,) * len(q)), duration)
+                cast('Motion', reference), t, (q, dq, (0.0,) * len(q)), duration)
+            self.way_back_since = t
         self._driven = t
-        return paused
-
-    def desired(self, t: int, reference: list[Point]) -> list[Point]:
-        """Return what is desired at `t` [ns] and after, where `reference` is what it returned."""
-        if self._way_back is not None and t >= self._way_back.end:
-            self._way_back = None
-        if self._way_back is None:
-            return reference
-        return [self._way_back.at(t + lag) for lag in self._lags]
-
-    @property
-    def leads_back(self) -> bool:
-        """Whether the motion is on the way back to the reference."""
-        return self._way_back is not None
+        if self._way_back is not None:
+            if t < self._way_back.end:
+                return [self._way_back.at(t + lag) for lag in self._lags]
+            self._way_back = self.way_back_since = None
+        return cast('list[Point]', points)
 
     def late(self, t: int) -> bool:
         """Return whether a chunk that should go on at `t` [ns] has not come within the grace."""

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 
-#: Likely cause of messages that come too late.
-BUSY = 'this computer is too busy, or processes are stopped'
 #: Time between two lines on short outages [ns].
 _BETWEEN = NANOSECONDS
-#: Reports that rates are the mean over: a total says nothing about the present.
-WINDOW = 3
 
 
 class Logger(Protocol):
@@ -117,83 +112,3 @@ class Watchdog:
         """Count a sample that goes on with the last message, however old."""
         self.stale += not self._fresh
         self._fresh = False
-
-
-class HealthMonitor:
-    """
-    Judges two kinds of faults by their rates over the last reports.
-
-    Parameters
-    ----------
-    events, part : str
-        What the faults are: such that disturb each time, none if '', and such of which a part is
-        normal.
-    warning, error : float
-        Fraction of `part` that is a warning, and an error, 0 to 1. Of the events any is a
-        warning, and one per second an error.
-    period : int
-        Control period, for the text [ns].
-
-    Attributes
-    ----------
-    cause : str
-        What is known to be the cause; '' where nothing is.
-
-    """
-
-    def __init__(self, events: str, part: str, warning: float, error: float, period: int) -> None:
-        self._events, self._part = events, part
-        self._warning, self._error = warning, error
-        self._period = period
-        self.cause = ''
-        #: Time [ns], events, faults of the other kind, and what those are a part of.
-        self._reports: deque[tuple[int, int, int, int]] = deque(maxlen=WINDOW + 1)
-        self._detail = ''
-
-    def note(self, now: int, events: int, part: int, whole: int, detail: str) -> None:
-        """
-        Take the totals at a report.
-
-        Parameters
-        ----------
-        now : int
-            Time of the report [ns].
-        events : int
-            Number of events so far.
-        part, whole : int
-            Number of faults of the other kind so far, and what the fraction is of.
-        detail : str
-            What else is known of the latter.
-
-        """
-        self._detail = detail
-        self._reports.append((now, events, part, whole))
-
-    def _increase(self, column: int) -> int:
-        """Return by how much a number has grown over the reports kept."""
-        return self._reports[-1][column] - self._reports[0][column] if self._reports else 0
-
-    @property
-    def events_per_second(self) -> float:
-        """Events per second over the last reports [1/s]."""
-        return self._increase(1) / max(seconds(self._increase(0)), 1e-9)
-
-    @property
-    def fraction(self) -> float:
-        """Fraction of the other faults over the last reports, 0 to 1."""
-        return self._increase(2) / max(self._increase(3), 1)
-
-    @property
-    def level(self) -> int:
-        """0 if all is well, 1 if a warning is due, 2 if an error is."""
-        if self.events_per_second >= 1.0 or self.fraction > self._error:
-            return 2
-        return int(self.events_per_second > 0.0 or self.fraction > self._warning)
-
-    def __str__(self) -> str:
-        """Return the rates and the likely cause on one line."""
-        detail = f' ({self._detail})' if self._detail else ''
-        events = f'{self.events_per_second:.2g} {self._events} per second, '
-        cause = self.cause or f'{BUSY}; control_period is {1e3 * seconds(self._period):g} ms'
-        return (f'{events if self._events else ""}{100.0 * self.fraction:.0f} % '
-                f'{self._part}{detail}: {cause}')

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ctc_chattering.controller.desired_motion import DesiredMotion, PAUSE
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.desired_motion import DesiredMotion, PAUSE
 from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,10 +26,11 @@ def following(times: Iterable[int], delay: int = 0) -> DesiredMotion:
     return motion
 
 
-def desired(motion: DesiredMotion, t: int) -> list[Point]:
-    reference = motion.reference(t, wait=False)
-    assert reference is not None
-    return motion.desired(t, reference)
+def desired(motion: DesiredMotion, t: int, q: tuple[float, float], duration: float,
+            dq: tuple[float, float] = ZERO) -> list[Point]:
+    points = motion.desired(t, q, dq, wait=False, duration=duration)
+    assert points is not None
+    return points
 
 
 @given(st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)), st.integers(PAUSE + 1, 100 * S),
@@ -41,42 +42,39 @@ def test_after_a_pause_the_error_begins_at_zero_and_the_way_is_within_the_hull(
     motion = following(
         [0, MS, 2 * MS, *(t0 + k * PAUSE for k in range(60 + delay))], delay)
     for t in (0, MS, 2 * MS):
-        assert not motion.begin(t, q, ZERO, duration)
-        assert desired(motion, t)[0] == REFERENCE.at(t)
-    assert motion.begin(t0, q, ZERO, duration)
-    assert desired(motion, t0)[0] == (q, ZERO, ZERO)
-    assert motion.leads_back
+        assert desired(motion, t, q, duration)[0] == REFERENCE.at(t)
+        assert motion.way_back_since is None
+    assert desired(motion, t0, q, duration)[0] == (q, ZERO, ZERO)
     for k in range(1, 60):
         t = t0 + k * PAUSE
-        assert not motion.begin(t, (9.0, 9.0), ZERO, duration)
-        for lag, found in enumerate(desired(motion, t)):
+        for lag, found in enumerate(desired(motion, t, (9.0, 9.0), duration)):
             for x, start, center in zip(found[0], q, ReferenceConfig().center):
                 assert min(start, center - 0.5) - 1e-9 <= x <= max(start, center + 0.5) + 1e-9
             if t + lag * PAUSE >= t0 + round(duration * S):
                 assert found == REFERENCE.at(t + lag * PAUSE)
-        assert motion.leads_back == (t < t0 + round(duration * S))
+        assert motion.way_back_since == (t0 if t < t0 + round(duration * S) else None)
 
 
 @pytest.mark.parametrize(('gap', 'duration'), [(PAUSE, 1.0), (5 * S, 0.0), (-5 * S, 1.0)])
 def test_without_a_pause_or_a_duration_nothing_is_replaced(gap: int, duration: float) -> None:
     motion = following((0, gap))
-    motion.begin(0, (9.0, 9.0), ZERO, duration)
-    assert not motion.begin(gap, (9.0, 9.0), ZERO, duration)
-    assert desired(motion, gap) == [REFERENCE.at(gap)]
+    desired(motion, 0, (9.0, 9.0), duration)
+    assert desired(motion, gap, (9.0, 9.0), duration) == [REFERENCE.at(gap)]
+    assert motion.way_back_since is None
 
 
 def test_a_controller_that_is_disabled_at_first_joins_a_reference_that_runs() -> None:
     motion = following((0, S, 2 * S, 2 * S + MS))
     for t in (0, S, 2 * S):
         motion.pass_over(t, driven=False)
-    assert motion.begin(2 * S + MS, (0.3, 0.4), ZERO, 1.0)
-    assert desired(motion, 2 * S + MS)[0][0] == (0.3, 0.4)
+    assert desired(motion, 2 * S + MS, (0.3, 0.4), 1.0)[0][0] == (0.3, 0.4)
+    assert motion.way_back_since == 2 * S + MS
 
 
 def test_a_way_back_that_is_not_finite_is_refused_and_the_next_one_taken() -> None:
     motion = following((0, S, S + MS))
-    motion.begin(0, ZERO, ZERO, 1.0)
+    desired(motion, 0, ZERO, 1.0)
     with pytest.raises(ParameterError):
-        motion.begin(S, (1.7e308, 0.0), (1.7e308, 0.0), 1.0)
-    assert desired(motion, S) == [REFERENCE.at(S)]
-    assert motion.begin(S + MS, (0.3, 0.4), ZERO, 1.0)
+        desired(motion, S, (1.7e308, 0.0), 1.0, (1.7e308, 0.0))
+    assert motion.way_back_since is None
+    assert desired(motion, S + MS, (0.3, 0.4), 1.0)[0] == ((0.3, 0.4), ZERO, ZERO)

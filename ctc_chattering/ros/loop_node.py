@@ -1,0 +1,108 @@
+"""A node of the control loop: its parameters, its scheduling, the description of its robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast, Generic, TypeVar
+
+from ctc_chattering.configuration.node_parameters import NODES, RealTimeSettings
+from ctc_chattering.configuration.parameter_file import Values
+from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.errors import CtcError
+from ctc_chattering.parameters import Config
+from ctc_chattering.ros.matching import MatchingSubscription
+from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.parameters import NodeParameters
+from ctc_chattering.ros.real_time import RealTime
+from ctc_chattering.ros.topics import ROBOT_DESCRIPTION
+from rclpy.publisher import Publisher
+from std_msgs.msg import String
+
+C = TypeVar('C', bound=Config)
+S = TypeVar('S', bound=Config)
+
+
+class LoopNode(BaseNode, Generic[C, S]):
+    """
+    A node with the parameters of `C` and `S`, and of real time.
+
+    A subclass calls `find_description` at the end of its construction.
+
+    Parameters
+    ----------
+    name : str
+        Of the executable.
+    values : mapping, optional
+        As `BaseNode` takes them.
+
+    Attributes
+    ----------
+    parameters : NodeParameters
+        Of the node.
+    problem : str
+        What is wrong with the robot's description: that it has not come, or why it was refused;
+        empty when all is well.
+
+    """
+
+    def __init__(self, name: str, values: Values | None) -> None:
+        super().__init__(name, values)
+        self.parameters = NodeParameters(self, NODES[name], self.on_change, self.check)
+        self.scheduling = RealTime(self.parameters.get(RealTimeSettings))
+        self.problem = ''
+
+    @property
+    def config(self) -> C:
+        """Return the configuration in force."""
+        return cast(C, self.parameters.configs[0])
+
+    @property
+    def settings(self) -> S:
+        """Return the node's other parameters in force."""
+        return cast(S, self.parameters.configs[1])
+
+    def on_change(self) -> None:
+        """Take what has been set."""
+
+    def check(self, configs: Sequence[Config]) -> None:
+        """Raise `CtcError` if what would be set is not allowed."""
+
+    def begin(self, description: str) -> None:
+        """Begin with a robot; its description is empty where none is needed."""
+
+    def matched(self, *publishers: Publisher) -> bool:
+        """Return whether all who should hear the first message of `publishers` would."""
+        return self.subscribers_matched(publishers, cast(Any, self.settings).wait_for)
+
+    def find_description(self) -> None:
+        """
+        Call `begin`, with the description at once, or when it comes on its topic.
+
+        A text from the topic that is refused is reported, and the next one waited for.
+
+        Raises
+        ------
+        CtcError
+            If the file cannot be read or is refused.
+
+        """
+        config = cast(Any, self.config)
+        if not config.described or config.description:
+            self.begin(read_description(config.description) if config.described else '')
+            return
+        self.problem = f'waiting for {ROBOT_DESCRIPTION}'
+        self.get_logger().info(self.problem)
+        MatchingSubscription(self, String, ROBOT_DESCRIPTION, self._on_description,
+                             qos(1, latched=True), raw=False)
+
+    def _on_description(self, message: String) -> None:
+        if not self.problem:
+            return
+        try:
+            self.begin(message.data)
+        except CtcError as error:
+            self.problem = f'{ROBOT_DESCRIPTION}: {error}'
+            self.get_logger().error(self.problem)
+            return
+        self.problem = ''
+        self.get_logger().info(f'{ROBOT_DESCRIPTION} has come')

@@ -1,0 +1,72 @@
+"""Outages, against time lines of which the truth is known."""
+
+from __future__ import annotations
+
+from ctc_chattering.controller.watchdog import Watchdog
+import pytest
+
+SECOND, MS = 10 ** 9, 10 ** 6
+
+
+class Log:
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str]] = []
+
+    def info(self, message: str) -> None:
+        self.lines.append(('info', message))
+
+    def warning(self, message: str) -> None:
+        self.lines.append(('warning', message))
+
+    def error(self, message: str) -> None:
+        self.lines.append(('error', message))
+
+
+def watched(out: range, publishers: int = 1) -> tuple[Watchdog, Log, list[int]]:
+    """Let a message come every millisecond of 5 s but `out`; return also when outages began."""
+    log = Log()
+    begins: list[int] = []
+    watchdog = Watchdog('topic', 'command', 'brakes on', SECOND // 2, log)
+    watchdog.timeout = 20 * MS
+    watchdog.feed(0)
+    for k in range(1, 5000):
+        if k not in out:
+            watchdog.feed(k * MS)
+        if watchdog.check(k * MS, lambda: publishers):
+            begins.append(k)
+        assert watchdog.out == (k in out and k - out.start >= 20)
+        watchdog.sample()
+    return watchdog, log, begins
+
+
+@pytest.mark.parametrize(('lasts', 'outages', 'lines'), [
+    (20, 0, []),
+    (50, 1, [('warning', 'topic: no command for 0.051 s; brakes on after 0.02 s')]),
+    (2000, 1, [('error', 'topic: no command for 0.5 s; brakes on'),
+               ('info', 'topic: commands again, after 2.0 s')])])
+def test_an_outage_is_found_once_and_reported(
+        lasts: int, outages: int, lines: list[tuple[str, str]]) -> None:
+    watchdog, log, begins = watched(range(2000, 2000 + lasts))
+    assert begins == [2020] * outages
+    assert watchdog.outages == outages
+    assert watchdog.stale == lasts
+    assert watchdog.longest == lasts * MS
+    assert log.lines == lines
+
+
+def test_without_a_publisher_an_outage_is_no_error() -> None:
+    _, log, _ = watched(range(2000, 6000), publishers=0)
+    assert log.lines == [('info', 'topic: its publisher has left; brakes on')]
+
+
+def test_short_outages_are_reported_once_a_second() -> None:
+    log = Log()
+    watchdog = Watchdog('topic', 'command', 'brakes on', SECOND, log)
+    watchdog.timeout = 20 * MS
+    for k in range(100):
+        watchdog.check(50 * k * MS, lambda: 1)
+        watchdog.feed(50 * k * MS)
+    assert watchdog.outages == 99
+    assert 4 <= len(log.lines) <= 5
