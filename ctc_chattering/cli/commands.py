@@ -28,8 +28,6 @@ from ctc_chattering.cli.presentation import (
 from ctc_chattering.cli.progress import Progress, progress_bar
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import parameter_table
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 
 #: Simulated duration of a run without an end [s].
@@ -120,23 +118,22 @@ def export(options: argparse.Namespace) -> int:
 def study(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
     from ctc_chattering.analysis.engine import compile_loop
-    from ctc_chattering.studies import law_study, study_files
-    from ctc_chattering.studies import study as switching_study
+    from ctc_chattering.studies import study_files
     from ctc_chattering.studies.cases import CASES
+    from ctc_chattering.studies.study import engines, run_cases
 
     jobs, engine, start = number_of_jobs(options.jobs), chosen_engine(options), time.monotonic()
     kind = study_files.LAWS if options.laws else study_files.SWITCHINGS
     out = prepare(options.out, kind.names, options.overwrite)
-    runs = law_study.run_laws(CASES, LAWS, jobs, engine) if options.laws else (
-        switching_study.run_cases(CASES, SWITCHINGS, jobs, engine))
     compile_loop((case.setup() for case in CASES), engine, _say)
-    outcomes = list(progress_bar(runs, desc=kind.name, unit='run', total=len(CASES) * len(
-        LAWS if options.laws else SWITCHINGS)))
+    outcomes = list(progress_bar(
+        run_cases(CASES, kind.variants, jobs, engine), desc=kind.name, unit='run',
+        total=len(CASES) * len(kind.variants)))
     print('drawing ...', flush=True)
     page = study_files.write_study(kind, outcomes, out, engine)
-    failed = sum(bool(outcome.failure) for outcome in outcomes)
+    failed = sum(bool(outcome.score.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
-          f'{switching_study.engines(outcomes)}.')
+          f'{engines(outcomes)}.')
     print_page(page)
     return 0
 
@@ -148,10 +145,12 @@ def compare(options: argparse.Namespace) -> int:
     from ctc_chattering.studies import comparison
     from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
     from ctc_chattering.studies.comparison_tables import to_markdown
-    from ctc_chattering.studies.measurement import over_ros, Runner, Simulation
+    from ctc_chattering.studies.score import Runner, Simulation
 
     engine = chosen.engine(options)
-    run: Runner = over_ros if options.ros else Simulation(engine)
+    run: Runner = Simulation(engine)
+    if options.ros:
+        from ctc_chattering.studies.over_ros import over_ros as run
     todo = comparison.tasks(
         [find_file(file) for file in options.files], chosen.backends(options),
         chosen.conditions(options), chosen.laws(options), chosen.budget(options))

@@ -73,7 +73,8 @@ def engine(options: argparse.Namespace) -> str | None:
 
 def budget(options: argparse.Namespace) -> Budget | None:
     """Return trials, seed and weights, or None without trials; raise `UsageError`."""
-    from ctc_chattering.studies.tuning import Budget, require_optuna, Weights
+    from ctc_chattering.studies.search import require_optuna
+    from ctc_chattering.studies.tuning import Budget, Weights
 
     try:
         weights = Weights(*map(float, options.weights.split(',')))
@@ -87,5 +88,5 @@ def budget(options: argparse.Namespace) -> Budget | None:
         raise UsageError('allowed: --trials from 1 on, --seed from 0 to 2**32 - 1')
     if options.ros:
         raise UsageError('--trials and --ros exclude each other: the simulation is tuned')
-    require_optuna()
+    require_optuna('--trials')
     return Budget(options.trials, options.seed, weights)

@@ -11,7 +11,7 @@ import importlib.metadata
 import json
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import ctc_chattering
 from ctc_chattering.analysis.engine import available, BATCH, engine_of, REFERENCE
@@ -25,6 +25,9 @@ from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.spec import MapSpec
 import pyarrow
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 #: Control steps of a chunk times the square of the number of joints, about a second of work; and
 #: how many steps of the compiled loop cost what one of the reference does.
 _STEPS, _REFERENCE = 4e6, 30
@@ -37,9 +40,9 @@ _OF_STEPS = ('control_period', 'integration_step')
 #: What computes a row, relative to the package.
 _SOURCES = ('errors.py', 'parameters.py', 'numerics', 'dynamics', 'trajectory', 'control',
             'simulation', 'configuration', 'batch', 'analysis/engine.py', 'analysis/metrics.py',
-            'analysis/result.py', 'studies/recommended.py', 'robustness/chunks.py',
-            'robustness/columns.py', 'robustness/evaluation.py', 'robustness/quantity.py',
-            'robustness/runs.py')
+            'analysis/result.py', 'studies/recommended.py', 'studies/score.py',
+            'robustness/chunks.py', 'robustness/columns.py', 'robustness/evaluation.py',
+            'robustness/quantity.py', 'robustness/runs.py')
 
 
 @cache
@@ -181,3 +184,26 @@ def row(runs: Runs, run: int, engine: str) -> dict[str, Any]:
         n = len(runs.spec.setup.controller.joint_names)
         return {**which, **refused(n, error, engine)}
     return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure, engine)}
+
+
+def check_versions(client: Client, version: str) -> None:
+    """
+    Check that all workers have this version of the package.
+
+    Raises
+    ------
+    CtcError
+        Naming a worker that has another, or none.
+
+    """
+    def installed() -> str:  # By value, for it must run where there is no such package.
+        try:
+            from ctc_chattering.robustness.chunks import version
+            return version()
+        except (ImportError, OSError) as error:
+            return f'none that makes maps ({error})'
+
+    for worker, found in client.run(installed).items():
+        if found != version:
+            raise CtcError(f'worker {worker} has ctc_chattering {found}, not {version}: install '
+                           'the same one everywhere')
