@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import partial
+from importlib.util import find_spec
 import sys
 import time
 
@@ -34,6 +35,8 @@ def run(options: argparse.Namespace) -> int:
     """Run `ctc map`."""
     if options.jobs is not None and options.scheduler is not None:
         raise UsageError('--jobs and --scheduler exclude each other: a cluster has its workers')
+    if find_spec('pandas') is None:  # It is needed at the end, and takes time to import.
+        raise ModuleNotFoundError(name='pandas')
     jobs = number_of_jobs(options.jobs)
     runs = Runs(read_spec(find_config(options.spec, folder=_FOLDER)))
     engine, reason = available(options.engine)

@@ -24,7 +24,7 @@ from ctc_chattering.identification import report as identification
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.identification.recommendation import recommend
-from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.lines import lines
 from ctc_chattering.robustness.report.page import write_map_page
 from ctc_chattering.robustness.tuning.files import write_page as write_search_page
@@ -96,7 +96,7 @@ def of_runs(name: str, out: Path) -> None:
 
 def map_of(name: str) -> MapData:
     failure = [[['', 'error'], ['error', '']], [['', ''], ['error', 'error']]]
-    return map_data(table_of(
+    return MapData(table_of(
         ('compensation', name), {name: [1.0, 2.0]}, {
             'error': [[[1.0, 2.0], [3.0, 1.0]]] * 2, 'failure': failure}, {f'{name}2': [1, 2]}),
         {name: 'rad'}, [f'{name}2'])
