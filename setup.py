@@ -54,8 +54,8 @@ setup(
         # `ctc tune`, and `ctc compare --trials`.
         'tune': ['optuna>=5', 'scipy>=1.15'],
         'test': ['dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco', 'numba',
-                 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow', 'pytest', 'pytest-xdist',
-                 'scipy>=1.15', 'viser>=1.1'],
+                 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow', 'pytest',
+                 'pytest-xdist', 'scipy>=1.15', 'viser>=1.1'],
         # The plugins that ament_flake8 of jazzy has.
         'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',
                  'flake8-import-order', 'flake8-quotes', 'mypy', 'pydocstyle', 'ruff',

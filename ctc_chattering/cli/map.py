@@ -105,7 +105,6 @@ def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directo
     with pool.workers(min(jobs, len(todo)), address) as client:
         count = pool.threads(client, show)
         print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
-        chunks.check_versions(client, version)
         there = len(runs) - sum(len(part) for _, part in todo)
         with progress_bar(total=len(runs), initial=there, desc='map', unit='run') as bar:
             def ended(error: BaseException) -> str:

@@ -11,7 +11,6 @@ import time
 from typing import Any
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.robustness.chunks import check_versions, version
 from ctc_chattering.studies import pool
 from ctc_chattering.studies.pool import computed, in_parallel, processes, threads, workers
 from distributed import LocalCluster
@@ -63,12 +62,6 @@ def test_results_come_in_the_order_of_their_tasks() -> None:
         assert list(each(late, [0.01, 0.0])) == [0.01, 0.0]
     assert list(in_parallel(late, [0.0, 0.01], 1)) == [0.0, 0.01]
     assert list(in_parallel(late, [], 2)) == []
-
-
-def test_workers_have_this_version(client: Any) -> None:
-    check_versions(client, version())
-    with pytest.raises(CtcError, match=r'^worker tcp://.* has ctc_chattering .*, not 0\.0\.0: '):
-        check_versions(client, '0.0.0')
 
 
 def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
