@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib.resources import files
-import math
 import os
 from typing import Any
 from urllib.parse import quote
 
+from ctc_chattering.analysis.number_format import in_html
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
@@ -55,20 +55,9 @@ def page(package: str, template: str, **values: Any) -> Markup:
     return Markup(_ENVIRONMENT.get_template(f'{package}/{template}').render(**values))
 
 
-def number(value: float | None) -> Markup:
-    """Return a number to three digits, with the exact value in the attribute."""
-    if value is None:
-        return Markup('<span class="none" title="none">–</span>')
-    if 1e-5 <= abs(value) < 1e7:
-        text = f'{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}'
-    else:
-        text = f'{value:.2e}' if value else '0'
-    return Markup('<data value="{!r}">{}</data>').format(value, text.replace('-', '−'))
-
-
 def _url(path: str) -> str:
     """Return the address of a file by its path relative to the page; never one with a scheme."""
     return quote(os.fsencode(path))
 
 
-_ENVIRONMENT.filters.update(number=number, url=_url)
+_ENVIRONMENT.filters.update(number=in_html, url=_url)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from itertools import cycle, groupby
-from typing import Any
 
+from ctc_chattering.analysis.number_format import number_text
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.control.controller import LAWS
 
@@ -80,13 +80,6 @@ def gains(result: Result) -> str:
     values = [f'{_SIGNS.get(key, key)} {number_text(value)}'
               for key, value in result.gains.items()]
     return ', '.join([*values, f'h {1e3 * result.config.control_period:g} ms'])
-
-
-def number_text(value: Any) -> str:
-    """Return a number, or several, once if they are the same."""
-    if not isinstance(value, (list, tuple)):
-        return f'{value:g}'
-    return f'{value[0]:g}' if len(set(value)) == 1 else '/'.join(f'{x:g}' for x in value)
 
 
 def _repeated(found: Sequence[str]) -> list[int]:

@@ -7,8 +7,8 @@ from math import inf
 from typing import Any
 
 from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.tables import print_columns
 from ctc_chattering.cli.options import check, find_file
-from ctc_chattering.cli.table import print_columns
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import given_by_user, ParameterError

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
+from ctc_chattering.analysis.number_format import measured
+from ctc_chattering.analysis.tables import print_columns
 from ctc_chattering.cli.options import check
-from ctc_chattering.cli.presentation import numbers
-from ctc_chattering.cli.table import print_columns
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.inertia_check import inertia_faults
 from ctc_chattering.dynamics.model_check import check_dynamics
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
         for x in findings])
     failed = [x for x in findings if not x.passed]
     for x in failed:
-        print(f'{x.name}: worst at q = {numbers(list(x.q))}, dq = {numbers(list(x.dq))}'
+        print(f'{x.name}: worst at q = {measured(list(x.q))}, dq = {measured(list(x.dq))}'
               + (f': {x.error}' if x.error else ''))
     for fault in inertia_faults(urdf, joints) if urdf else ():
         print(f'warning: {fault}')

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 import os
 from pathlib import Path
-from typing import Any
 
+from ctc_chattering.analysis.number_format import measured
 from ctc_chattering.analysis.result import Result, write_metrics
 from ctc_chattering.analysis.run_names import names
-from ctc_chattering.cli.table import print_columns
+from ctc_chattering.analysis.tables import print_columns
 
 #: Names in an output directory.
 FIGURES, METRICS, PAGE = 'figures', 'metrics.json', 'index.html'
@@ -42,18 +42,10 @@ def print_results(results: Sequence[Result]) -> None:
     notes = []
     for name, result in zip(names(results), results):
         m = result.metrics()
-        rows.append((name, *(numbers(m[key]) for key in (
+        rows.append((name, *(measured(m[key]) for key in (
             'rms_error_rad', 'max_error_norm1_rad', 'torque_variation_nm_per_s',
             'reaching_time_s'))))
         notes += [[f'{name}: {text}'] for text in m['notes']]
     print_columns(rows)
     if notes:
         print_columns(notes)
-
-
-def numbers(value: Any) -> str:
-    """Return a number, or some of them, in short."""
-    if value is None:
-        return '-'
-    items = value if isinstance(value, list) else [value]
-    return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
+from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.identification.excitation import Excitation, random_excitation
@@ -165,7 +166,7 @@ def best_excitation(config: ExcitationConfig, bounds: Bounds, model: Model, fric
         assert beyond is not None
         _, i, torque = beyond
         raise ParameterError(
-            f'peak torque of {config.joint_names[i]}', float(f'{torque:.4g}'),
+            f'peak torque of {config.joint_names[i]}', rounded(torque, 4),
             f'at most {effort[i]:g} N*m, its effort limit; of {draws} motions this one is the '
             'least: choose smaller limits or another centre')
     return best[1]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from ctc_chattering.analysis.number_format import with_interval
+
 #: The reason where the data would show a quantity, and do not.
 NONE = 'none shows'
 
@@ -41,9 +43,7 @@ class Number:
         """Return value, interval and unit, or the reason."""
         if self.value is None:
             return NONE if self.reason == NONE else f'not identifiable: {self.reason}'
-        interval = f' ± {self.half:.1g}' if self.half else ''
-        digits = _digits(self.value, self.half)
-        return f'{self.value:.{digits}g}{interval} {self.unit}'.strip()
+        return with_interval(self.value, self.half, self.unit)
 
     def or_zero(self) -> float:
         """Return the value, or 0 where there is none."""
@@ -56,10 +56,3 @@ class Number:
         return {'value': self.value, 'interval_95': [self.value - self.half,
                                                      self.value + self.half]} if self.half else {
             'value': self.value}
-
-
-def _digits(value: float, half: float) -> int:
-    """Return how many digits of a value its interval leaves, from 3 to 6."""
-    if not half or not value:
-        return 4
-    return int(min(max(len(f'{abs(value) / half:.0f}') + 1, 3), 6))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.recommendation import GAINS, Recommendation
@@ -100,4 +101,4 @@ def _reference(found: Identification, low: Array, high: Array) -> dict[str, Any]
 
 def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
     """Return values to some digits."""
-    return [float(f'{x:.{digits}g}') for x in np.asarray(values, float).tolist()]
+    return [rounded(x, digits) for x in np.asarray(values, float).tolist()]

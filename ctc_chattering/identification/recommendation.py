@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from math import floor, isfinite, log10
 
+from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
@@ -157,7 +158,7 @@ def _values(found: Identification, law: str, ka: Array, peak: Array, resolution:
         if longest else 'no lag of the drives shows'))
     values['friction_level'] = ([max(0.0, x.coulomb.or_zero()) for x in found.friction],
                                 'the Coulomb friction')
-    values['actuator_lag'] = ([float(f'{x:.3g}') for x in lag], 'the lag of the drives')
+    values['actuator_lag'] = ([rounded(x) for x in lag], 'the lag of the drives')
     if law == 'observer_feedback':
         late, slowest, most = max((lateness(float(x.max()), period, d), float(x.max()), d)
                                   for d, x in possible.items())
@@ -231,10 +232,10 @@ def _rounded_up(value: float) -> float:
     if value <= 0.0:
         return 0.0
     unit = 10.0 ** (floor(log10(value)) - 2)
-    return float(f'{np.ceil(value / unit - 1e-9) * unit:.6g}')
+    return rounded(float(np.ceil(value / unit - 1e-9) * unit), 6)
 
 
 def _rounded_down(value: float) -> float:
     """Return a value with two digits, at most as large."""
     unit = 10.0 ** (floor(log10(value)) - 1)
-    return float(f'{np.floor(value / unit + 1e-9) * unit:.6g}')
+    return rounded(float(np.floor(value / unit + 1e-9) * unit), 6)

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import columns, Table, write_text
+from ctc_chattering.analysis.number_format import shown
+from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.model_errors import Candidate
 from ctc_chattering.identification.numbers import Number
@@ -90,7 +92,7 @@ class Report:
         yield 'Time', list(self._time())
         yield 'Model', list(self._model())
         yield 'Chattering term', list(self.recommended.verdicts)
-        yield 'Gains', [f'{name} = {_shown(value)}: {why}'
+        yield 'Gains', [f'{name} = {shown(value)}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
         if self.validation:
             yield f'Validation on {self.validation.name}', [
@@ -112,7 +114,7 @@ class Report:
         elif len(timing.delays) > 1:
             yield 'delay not identifiable; the motion fits as well to ' + '; to '.join(
                 f'{delay} sample{"s"[:delay != 1]} with '
-                + (f'lags of {_shown(lags.tolist())} s' if lags.any() else 'no lag')
+                + (f'lags of {shown(lags.tolist())} s' if lags.any() else 'no lag')
                 for delay, lags in timing.delays.items())
         else:
             yield f'delay of the torque: {int(delay)} samples'
@@ -234,10 +236,3 @@ def _lag(lag: float, error: float) -> str:
     if not isfinite(error):
         return 'not identifiable'
     return f'{lag:.4g} ± {2.0 * error:.1g} s' if lag else f'none, within {2.0 * error:.1g} s'
-
-
-def _shown(value: object) -> str:
-    """Return a value of a parameter for a sentence."""
-    if isinstance(value, list):
-        return '[' + ', '.join(f'{x:.4g}' for x in value) + ']'
-    return f'{value:.4g}' if isinstance(value, float) else str(value)

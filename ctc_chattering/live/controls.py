@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.number_format import in_field
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 
@@ -106,7 +107,7 @@ class Controls:
             value = parameters.get(node, {}).get(name)
             if value is None:
                 continue
-            text = shown(value)
+            text = in_field(value)
             if self._values.get((node, name)) != text:
                 self._values[node, name] = field.value = text
         pacing = parameters.get('plant', {}).get('pacing')
@@ -127,12 +128,6 @@ class Controls:
     def remove(self) -> None:
         """Take them from the page."""
         self._folder.remove()
-
-
-def shown(value: Any) -> str:
-    """Return the value of a parameter, of any type, as a field has it."""
-    values = [value] if isinstance(value, str | bytes | int | float) else list(value)
-    return ', '.join(f'{x:.12g}' if isinstance(x, float) else str(x) for x in values)
 
 
 def numbers(text: str, count: int) -> list[float] | str:

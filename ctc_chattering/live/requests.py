@@ -7,8 +7,8 @@ import dataclasses
 import time
 from typing import Any
 
+from ctc_chattering.analysis.number_format import in_field
 from ctc_chattering.errors import CtcError, refused_as
-from ctc_chattering.live.controls import shown
 from ctc_chattering.ros.node import BaseNode
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter as RosParameter
@@ -58,7 +58,7 @@ class Requests:
         request = SetParameters.Request(parameters=[
             RosParameter(name, value=value).to_parameter_msg() for name, value in items])
         name, value = items[-1]
-        self._ask(f'{node}: {name} = {shown(value)}', SetParameters, f'{node}/set_parameters',
+        self._ask(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
                   request)
 
     def get(self, node: str, names: Sequence[str], use: Callable[[dict[str, Any]], None]) -> None:

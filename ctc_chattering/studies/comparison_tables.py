@@ -10,8 +10,8 @@ import itertools
 import json
 
 from ctc_chattering.analysis.markup import Markup
-from ctc_chattering.analysis.output import bold, markdown, markdown_table, Table
 from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.tables import bold, markdown, markdown_table, Table
 from ctc_chattering.studies.comparison import BASE, Outcome
 
 #: A number with the text that shows it.

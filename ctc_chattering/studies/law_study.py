@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import math
 
 from ctc_chattering.analysis.markup import fragment, Markup
-from ctc_chattering.analysis.output import bold, Table
+from ctc_chattering.analysis.tables import bold, Table
 from ctc_chattering.studies.study import CaseOutcome, engines, rows
 
 BASE = 'compensation'

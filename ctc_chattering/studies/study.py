@@ -19,7 +19,7 @@ import math
 from typing import NamedTuple
 
 from ctc_chattering.analysis.markup import fragment, Markup
-from ctc_chattering.analysis.output import bold, Table
+from ctc_chattering.analysis.tables import bold, Table
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case, KA

@@ -8,8 +8,9 @@ from pathlib import Path
 from types import ModuleType
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import markdown, markdown_table, write_text
+from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.analysis.tables import markdown, markdown_table
 from ctc_chattering.control.controller import LAWS as EVERY_LAW
 from ctc_chattering.control.switching import SWITCHINGS as EVERY_SWITCHING
 from ctc_chattering.studies import law_study, study

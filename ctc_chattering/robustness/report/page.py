@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import Table, two_lines
 from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.analysis.tables import Table, two_lines
 from ctc_chattering.robustness.report.axis import GridAxis, number
 from ctc_chattering.robustness.report.boundary import pooled, side
 from ctc_chattering.robustness.report.contrast import Contrast, contrast, passing

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import Table, write_text, writing
+from ctc_chattering.analysis.output import write_text, writing
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.tables import Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.figures import save_tune_figures

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from math import inf
 from typing import Any
 
-from ctc_chattering.analysis.output import columns
-from ctc_chattering.analysis.run_names import number_text
+from ctc_chattering.analysis.number_format import number_text
+from ctc_chattering.analysis.tables import columns
 from ctc_chattering.robustness.quantity import Uncertain
 from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
 from ctc_chattering.robustness.tuning.search import (

@@ -1,0 +1,62 @@
+"""Numbers as text: one place for how many digits are shown, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from markupsafe import Markup
+
+
+def rounded(value: float, digits: int = 3) -> float:
+    """Return a number to some digits."""
+    return float(f'{value:.{digits}g}')
+
+
+def shown(value: Any) -> str:
+    """Return the value of a parameter in a sentence: numbers to four digits, several in []."""
+    if isinstance(value, list):
+        return f'[{", ".join(f"{x:.4g}" for x in value)}]'
+    return f'{value:.4g}' if isinstance(value, float) else str(value)
+
+
+def measured(value: Any) -> str:
+    """Return a measured number, or one for each joint, to three digits; ``-`` for None."""
+    if value is None:
+        return '-'
+    items = value if isinstance(value, list) else [value]
+    return ' '.join(f'{x:.3g}' if abs(x) < 100.0 else f'{x:.0f}' for x in items)
+
+
+def number_text(value: float | Sequence[float]) -> str:
+    """Return a number, or several, once if they are the same."""
+    if not isinstance(value, (list, tuple)):
+        return f'{value:g}'
+    return f'{value[0]:g}' if len(set(value)) == 1 else '/'.join(f'{x:g}' for x in value)
+
+
+def with_interval(value: float, half: float, unit: str = '') -> str:
+    """Return a number to the digits that half its interval leaves, 3 to 6; 4 without one."""
+    digits = 4
+    if half and value:
+        digits = min(max(len(f'{abs(value) / half:.0f}') + 1, 3), 6)
+    interval = f' ± {half:.1g}' if half else ''
+    return f'{value:.{digits}g}{interval} {unit}'.strip()
+
+
+def in_field(value: Any) -> str:
+    """Return the value of a parameter, of any type, as a field has it."""
+    values = [value] if isinstance(value, str | bytes | int | float) else list(value)
+    return ', '.join(f'{x:.12g}' if isinstance(x, float) else str(x) for x in values)
+
+
+def in_html(value: float | None) -> Markup:
+    """Return a number to three digits, with the exact value in the attribute."""
+    if value is None:
+        return Markup('<span class="none" title="none">–</span>')
+    if 1e-5 <= abs(value) < 1e7:
+        text = f'{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}'
+    else:
+        text = f'{value:.2e}' if value else '0'
+    return Markup('<data value="{!r}">{}</data>').format(value, text.replace('-', '−'))
