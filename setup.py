@@ -49,13 +49,13 @@ setup(
         'mujoco': ['mujoco'],
         # The model urdf, of apt ros-jazzy-pinocchio; the robots of panda.yaml and ur5.yaml.
         'urdf': ['example-robot-data', 'pin'],
-        # `ctc map`; without numba it is slow.
-        'map': ['numba', 'dask[distributed]', 'pyarrow', 'scipy>=1.15'],
+        # `ctc map`, and several processes of the others; without numba it is slow.
+        'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.
         'tune': ['optuna>=5', 'scipy>=1.15'],
         'test': ['dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco', 'numba',
-                 'optuna>=5', 'pin', 'playwright', 'pyarrow', 'pytest', 'pytest-xdist',
-                 'scipy>=1.15', 'viser>=1.1'],
+                 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow', 'pytest',
+                 'pytest-xdist', 'scipy>=1.15', 'viser>=1.1'],
         # The plugins that ament_flake8 of jazzy has.
         'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',
                  'flake8-import-order', 'flake8-quotes', 'mypy', 'pydocstyle', 'ruff',

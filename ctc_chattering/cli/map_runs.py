@@ -14,11 +14,12 @@ from ctc_chattering.cli.progress import progress_bar
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
-from ctc_chattering.robustness import chunks, scheduler
+from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.lock import locked
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.shards import Directory, file_digest, TABLE
 from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.studies import pool
 import pyarrow
 
 
@@ -85,17 +86,16 @@ def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directo
     version, show = chunks.version(), partial(print, flush=True)
     if address is None:
         compile_loop([runs.spec.setup], engine, show)
-    with scheduler.workers(min(jobs, len(todo)), address) as client:
-        count = scheduler.threads(client, show)
+    with pool.workers(min(jobs, len(todo)), address) as client:
+        count = pool.threads(client, show)
         print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
-        scheduler.check_versions(client, version)
         there = len(runs) - sum(len(part) for _, part in todo)
         with progress_bar(total=len(runs), initial=there, desc='map', unit='run') as bar:
             def ended(error: BaseException) -> str:
                 return (f'{str(error) or "stopped"}; {bar.n} of {len(runs)} runs are in '
                         f'{directory.path}, the same command goes on')
             try:
-                for key, table in scheduler.computed(
+                for key, table in pool.computed(
                         client, chunks.compute, (runs, engine, version), todo,
                         partial(bar.write, file=sys.stderr)):
                     directory.write(key, table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from importlib.util import find_spec
 import os
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,8 @@ def check(option: str, value: float, minimum: float, exclusive: bool = False) ->
 
 
 def number_of_jobs(number: int | None) -> int:
-    """Return the number of processes; all processors by default."""
-    jobs = (os.cpu_count() or 1) if number is None else number
+    """Return the number of processes; by default all processors, or one without dask."""
+    default = os.cpu_count() or 1 if find_spec('distributed') else 1
+    jobs = default if number is None else number
     check('--jobs', jobs, 1)
     return jobs

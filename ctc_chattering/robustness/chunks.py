@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 import dataclasses
 from functools import cache
@@ -16,30 +15,27 @@ from typing import Any
 import ctc_chattering
 from ctc_chattering.analysis.engine import available, BATCH, engine_of, REFERENCE
 from ctc_chattering.analysis.result import finite
-from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness import columns
 from ctc_chattering.robustness.evaluation import evaluate, refused
-from ctc_chattering.robustness.quantity import applied
 from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.spec import MapSpec
 import pyarrow
 
-#: Control steps of a chunk times the square of the number of joints, about a second of work; and
-#: how many steps of the compiled loop cost what one of the reference does.
+#: Control steps of a chunk, with the step of the file, times the square of the number of joints,
+#: about a second of work; and how many steps of the compiled loop cost what one of the reference
+#: does.
 _STEPS, _REFERENCE = 4e6, 30
 #: Number of chunks, where there are as many runs, so that as many workers have work.
 _FEWEST = 64
 #: Packages whose versions are noted with the results.
 _PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
-#: Parameters on which the number of steps of a run depends.
-_OF_STEPS = ('control_period', 'integration_step')
 #: What computes a row, relative to the package.
 _SOURCES = ('errors.py', 'parameters.py', 'numerics', 'dynamics', 'trajectory', 'control',
             'simulation', 'configuration', 'batch', 'analysis/engine.py', 'analysis/metrics.py',
-            'analysis/result.py', 'studies/recommended.py', 'robustness/chunks.py',
-            'robustness/columns.py', 'robustness/evaluation.py', 'robustness/quantity.py',
-            'robustness/runs.py')
+            'analysis/result.py', 'studies/recommended.py', 'studies/score.py',
+            'robustness/chunks.py', 'robustness/columns.py', 'robustness/evaluation.py',
+            'robustness/quantity.py', 'robustness/runs.py')
 
 
 @cache
@@ -121,22 +117,10 @@ def chunks(runs: Runs, engine: str) -> list[range]:
     spec = runs.spec
     used = [x for x, _ in engines(runs, engine).values()]
     cost = sum(_REFERENCE if x == REFERENCE else 1 for x in used) / len(used)
-    steps = max(map(_steps, [spec.setup, *_with_other_steps(spec)]))
-    n = len(spec.setup.controller.joint_names)
+    n, plant = len(spec.setup.controller.joint_names), spec.setup.plant
+    steps = plant.duration / min(plant.control_period, plant.integration_step)
     size = max(1, min(int(_STEPS / (n ** 2 * cost * steps)), -(-len(runs) // _FEWEST)))
     return [range(k, min(k + size, len(runs))) for k in range(0, len(runs), size)]
-
-
-def _steps(setup: Setup) -> float:
-    plant = setup.plant
-    return plant.duration / min(plant.control_period, plant.integration_step)
-
-
-def _with_other_steps(spec: MapSpec) -> Iterator[Setup]:
-    """Yield the file with each value of an axis that changes the number of steps."""
-    for axis in spec.axes:
-        if any(target.name in _OF_STEPS for _, target in axis.targets):
-            yield from (applied(spec.setup, [(axis, x)]) for x in axis.values)
 
 
 def compute(runs: Runs, engine: str, made_by: str, chunk: range) -> pyarrow.Table:

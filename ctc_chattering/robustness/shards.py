@@ -7,7 +7,7 @@ files only. The name of a chunk's file is its key and the digest of its bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import hashlib
 import json
@@ -135,16 +135,13 @@ class Directory:
             If a chunk is missing or damaged; nothing is written then.
 
         """
-        schema = schema.with_metadata(self._metadata())
-        path = self.path / TABLE
-        with (_replacing(path) as temporary,
-              parquet.ParquetWriter(temporary, schema, **_FORMAT) as writer):
-            for group in _groups(self._tables(parts, schema)):
-                writer.write_table(group)
+        rows = pyarrow.concat_tables(self._tables(parts, schema)).combine_chunks()
+        with _replacing(self.path / TABLE) as temporary:
+            parquet.write_table(rows.replace_schema_metadata(self._metadata()), temporary,
+                                row_group_size=_GROUP, **_FORMAT)
         for left in (self.path / SHARDS).glob('.*'):
             left.unlink(missing_ok=True)
-        with refused_as(f'{path}: cannot be read'):
-            return _rows(path, range(parts[0][1].start, parts[-1][1].stop), schema)
+        return rows
 
     def _tables(self, parts: Sequence[Part], schema: pyarrow.Schema) -> Iterator[pyarrow.Table]:
         """Yield the rows of each chunk."""
@@ -208,22 +205,6 @@ def _rows(source: Any, runs: range, schema: pyarrow.Schema) -> pyarrow.Table:
     if not np.array_equal(table['run'], runs):
         raise ValueError(f'its {len(table)} rows are not runs {runs.start} to {runs.stop - 1}')
     return table
-
-
-def _groups(tables: Iterable[pyarrow.Table]) -> Iterator[pyarrow.Table]:
-    """Yield rows in groups of one size, but for the last, in whatever tables they come."""
-    waiting, count = [], 0
-    for table in tables:
-        waiting.append(table)
-        count += len(table)
-        if count >= _GROUP:
-            rows = pyarrow.concat_tables(waiting)
-            cut = count - count % _GROUP
-            for start in range(0, cut, _GROUP):
-                yield rows.slice(start, _GROUP).combine_chunks()
-            waiting, count = [rows.slice(cut)], count - cut
-    if count:
-        yield pyarrow.concat_tables(waiting).combine_chunks()
 
 
 def file_digest(path: Path) -> str:

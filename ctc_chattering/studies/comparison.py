@@ -8,7 +8,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.engine import engine_text
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Overrides, Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
@@ -16,16 +15,10 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.studies import tuning
 from ctc_chattering.studies.conditions import ALL, Condition, condition, CONDITIONS
-from ctc_chattering.studies.measurement import (
-    measure,
-    Measurement,
-    merged,
-    over_simulation,
-    Runner,
-    Simulation,
-)
 from ctc_chattering.studies.pool import in_parallel
 from ctc_chattering.studies.recommended import recommended
+from ctc_chattering.studies.score import over_simulation, Runner, Score, score, worst
+from ctc_chattering.studies.search import Numbers, search
 from ctc_chattering.studies.tuning import Budget
 
 #: Where gains come from.
@@ -119,14 +112,10 @@ class Outcome:
         Names.
     runs : tuple of mapping
         The overrides of each run.
-    found : Measurement or None
-        The worst of the runs; None if one diverged.
-    failure : str
-        Why; empty if none did.
+    score : Score
+        The worst of the runs.
     cost : float or None
         Cost, where there is a budget.
-    engine : str
-        What simulated it, as `engine_text` says it; empty if it ran over ROS.
 
     """
 
@@ -135,10 +124,8 @@ class Outcome:
     backend: str
     joints: tuple[str, ...]
     runs: tuple[Overrides, ...]
-    found: Measurement | None
-    failure: str = ''
+    score: Score
     cost: float | None = None
-    engine: str = ''
 
 
 def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
@@ -158,7 +145,7 @@ def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
     Raises
     ------
     CtcError
-        If parameters are not allowed; before anything is run. If `BASE` diverges.
+        If parameters are not allowed; before anything is run. If `BASE` has no numbers.
 
     """
     for task in todo:
@@ -187,49 +174,63 @@ def setups(todo: Sequence[Task]) -> Iterator[Setup]:
 
 
 def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
-    """Run a task, after a search for gains if its variant is to be tuned."""
-    runs = runs_of(task)
+    """
+    Run a task, after a search for gains if its variant is to be tuned.
+
+    Raises
+    ------
+    CtcError
+        If `BASE` has no numbers.
+
+    """
+    runs, budget = runs_of(task), task.budget
     setup = parameter_file.load(task.path, runs[0])
-    base = _base(task._replace(variant=BASE), run) if task.budget else None
-    values = _tuned(task, setup, runs, base, run) if (
-        base and task.variant.settings == TUNED) else {}
-    engine = engine_text(setup, run.engine) if isinstance(run, Simulation) else ''
-    outcome = Outcome(task, setup.plant.experiment, setup.plant.plant_backend,
-                      setup.plant.joint_names, _with(runs, values), None, engine=engine)
-    try:
-        found = base if base and task.variant == BASE else measure(
-            task.path, outcome.runs, run)
-    except CtcError as error:
-        if task.variant == BASE:
-            raise
-        return dataclasses.replace(outcome, failure=str(error))
-    return dataclasses.replace(outcome, found=found, cost=base and task.budget and tuning.cost(
-        found, base, task.budget.weights))
+    base = _base(task._replace(variant=BASE), run) if budget else None
+    if budget and base and task.variant.settings == TUNED:
+        runs = _with(runs, _tuned(task, budget, base, run))
+    found = base if base and task.variant == BASE else _scored(task.path, runs, run)
+    if found.failure and task.variant == BASE:
+        raise CtcError(f'{task.path}: {found.failure}')
+    return Outcome(
+        task, setup.plant.experiment, setup.plant.plant_backend, setup.plant.joint_names, runs,
+        found, tuning.cost(found, base, budget.weights) if budget and base and not found.failure
+        else None)
 
 
 @lru_cache(maxsize=4)
-def _base(task: Task, run: Runner) -> Measurement:
+def _base(task: Task, run: Runner) -> Score:
     """Return the numbers of `BASE`, which is that of all variants of a robot and condition."""
-    return measure(task.path, runs_of(task), run)
+    return _scored(task.path, runs_of(task), run)
 
 
-def _tuned(task: Task, setup: Setup, runs: tuple[Overrides, ...], base: Measurement, run: Runner
-           ) -> dict[str, Any]:
+def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
+    """Return the numbers of the worst of some runs of a file, joint by joint."""
+    return worst(score(parameter_file.load(path, x), run=run) for x in runs)
+
+
+def _tuned(task: Task, budget: Budget, base: Score, run: Runner) -> dict[str, Any]:
     """Return the best gains that the budget finds, as parameters of the controller."""
-    budget, config, friction = task.budget, setup.controller, setup.plant.coulomb_friction
-    assert budget
+    runs = runs_of(task)
+    setup = parameter_file.load(task.path, runs[0])
+    config, friction = setup.controller, setup.plant.coulomb_friction
+    costs: list[float] = []
 
-    def objective(numbers: dict[str, float]) -> float:
-        values = tuning.gains(numbers, config, friction)
-        try:
-            found = measure(task.path, _with(runs, values), run)
-        except CtcError:
-            return tuning.DIVERGED
-        return tuning.cost(found, base, budget.weights)
+    def answers(batch: list[Numbers]) -> Iterator[tuple[list[float], Numbers]]:
+        for numbers in batch:
+            found = _scored(task.path, _with(runs, tuning.gains(numbers, config, friction)), run)
+            costs.append(tuning.cost(found, base, budget.weights))
+            yield costs[-1:], {}
 
-    first = tuning.starts(config, friction, recommended(setup))
-    best = tuning.search(objective, tuning.space(config), first, budget)
-    return tuning.gains(best, config, friction)
+    tried = search(answers, tuning.space(config),
+                   tuning.starts(config, friction, recommended(setup)), budget.trials, budget.seed)
+    return tuning.gains(tried[costs.index(min(costs))], config, friction)
+
+
+def merged(*parts: Overrides) -> Overrides:
+    """Return overrides by node and parameter; later ones win."""
+    nodes = dict.fromkeys(node for part in parts for node in part)
+    return {node: {name: value for part in parts for name, value in part.get(node, {}).items()}
+            for node in nodes}
 
 
 def _with(runs: tuple[Overrides, ...], values: dict[str, Any]) -> tuple[Overrides, ...]:

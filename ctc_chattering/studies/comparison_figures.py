@@ -40,8 +40,8 @@ def errors(group: Sequence[Outcome]) -> Figure:
         f'{heading(group[0])}: error and torque variation (number: joint)', 1, (1.0, 1.0),
         0.36 * len(group) + 0.3, left=2.9)
     for column, (quantity, unit, values) in enumerate((
-            ('RMS error', 'rad', [x.found.rms if x.found else () for x in group]),
-            ('torque variation', 'N·m/s', [x.found.variation if x.found else () for x in group]))):
+            ('RMS error', 'rad', [x.score.rms for x in group]),
+            ('torque variation', 'N·m/s', [x.score.variation for x in group]))):
         ax = drawing.panel(figure, grid[0, column], f'{quantity}, 5 s to 10 s', '')
         ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(group) - 0.4, -0.6))
         for y, (outcome, row) in enumerate(zip(group, values)):
@@ -51,7 +51,7 @@ def errors(group: Sequence[Outcome]) -> Figure:
             for i, x in enumerate(row, 1):
                 ax.text(x, y, str(i), color='white', fontsize=8, weight='bold', ha='center',
                         va='center_baseline')
-            if not outcome.found:
+            if outcome.score.failure:
                 ax.text(0.5, y, 'diverged', ha='center', va='center', fontsize=9,
                         color='#444444', transform=ax.get_yaxis_transform())
         drawing.decades(ax, 'x', [x for row in values for x in row])
@@ -72,11 +72,12 @@ def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
                            heading(group[0]).rpartition(', ')[2], 'RMS error [rad]')
         ax.set(xlabel='torque variation [N·m/s]', xscale='log', yscale='log')
         for x in group:
-            if x.found:
-                ax.plot([_mean(x.found.variation)], [_mean(x.found.rms)],
+            if not x.score.failure:
+                ax.plot([_mean(x.score.variation)], [_mean(x.score.rms)],
                         **look[x.task.variant])
         for axis, key in (('x', 'variation'), ('y', 'rms')):
-            drawing.decades(ax, axis, [_mean(getattr(x.found, key)) for x in group if x.found])
+            drawing.decades(ax, axis, [_mean(getattr(x.score, key)) for x in group
+                                       if not x.score.failure])
     handles = [Line2D([], [], label=label(variant), **style) for variant, style in look.items()]
     _legend_below(figure, handles)
     return figure

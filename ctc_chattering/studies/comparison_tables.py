@@ -28,7 +28,7 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
     for group in groups(outcomes):
         joints = group[0].joints
         title = bold(heading(group[0]))
-        engines = ' and '.join(dict.fromkeys(x.engine for x in group if x.engine))
+        engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
         engine, scored = f'; engine {engines}' if engines else '', group[0].cost is not None
         yield Table(
             title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
@@ -54,8 +54,7 @@ def heading(outcome: Outcome) -> str:
 
 def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the first table; the smallest is the best."""
-    found, original = outcome.found, base.found
-    assert found and original
+    found, original = outcome.score, base.score
     least = min(a / b if b else float('inf') for a, b in zip(original.rms, found.rms))
     ratio = '' if outcome.task.variant == BASE else f'{least:.3g}×' if least < 10.0 else (
         f'{least:.0f}×')
@@ -68,8 +67,7 @@ def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
 
 def _changes(outcome: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the second table."""
-    found = outcome.found
-    assert found
+    found = outcome.score
     return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}')]
             for a, b, c in zip(found.variation, found.step, found.rate)]
 
@@ -77,7 +75,7 @@ def _changes(outcome: Outcome) -> list[list[Number]]:
 def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
           ) -> list[list[str]]:
     """Return the rows of a table, the smallest number of every column bold."""
-    content = [cells(x) if x.found else [] for x in group]
+    content = [[] if x.score.failure else cells(x) for x in group]
     complete = [row for row in content if row]
     best = [[min(value for value, _ in numbers) for numbers in zip(*column)]
             for column in zip(*complete)]
@@ -106,12 +104,15 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
         'rms_error', 'torque_variation_per_s', 'max_torque_step', 'max_torque_rate_per_s',
         'max_torque', 'cost', 'trials', 'seed', 'failure', 'controller', 'engine'))
     for x in outcomes:
-        task, budget = x.task, x.task.budget
+        task, budget, found = x.task, x.task.budget, x.score
+        numbers: list[tuple[object, ...]] = list(zip(
+            found.rms, found.variation, found.step, found.rate, found.peak)) or [
+                ('',) * 5] * len(x.joints)
         for i, joint in enumerate(x.joints):
             writer.writerow((
                 x.experiment, x.backend, task.condition.name if task.condition else '',
-                *task.variant, joint, *([row[i] for row in x.found] if x.found else [''] * 5),
+                *task.variant, joint, *numbers[i],
                 '' if x.cost is None else x.cost, budget.trials if budget else '',
-                budget.seed if budget else '', x.failure, json.dumps(
-                    finite(x.runs[0].get('controller', {})), sort_keys=True), x.engine))
+                budget.seed if budget else '', found.failure, json.dumps(
+                    finite(x.runs[0].get('controller', {})), sort_keys=True), found.engine))
     return text.getvalue()

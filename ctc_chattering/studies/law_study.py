@@ -8,41 +8,23 @@ which condition, and what to take instead.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
-import itertools
 import math
 
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.tables import bold, Table
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.pool import in_parallel
-from ctc_chattering.studies.recommended import recommended_setup
-from ctc_chattering.studies.study import engines, Outcome, rows, run_setup
+from ctc_chattering.studies.study import CaseOutcome, engines, rows
 
 BASE = 'compensation'
 
 
-def run_laws(cases: Sequence[Case], laws: Sequence[str] = LAWS, jobs: int = 1,
-             engine: str | None = None) -> Iterator[Outcome]:
-    """Yield the outcome of every case under every law; arguments as of `study.run_cases`."""
-    yield from in_parallel(partial(_evaluate, engine=engine),
-                           list(itertools.product(cases, laws)), jobs)
-
-
-def _evaluate(task: tuple[Case, str], engine: str | None) -> Outcome:
-    case, law = task
-    return run_setup(case, law, recommended_setup(case.setup(), law), engine)
-
-
-def ratio(outcome: Outcome, base: Outcome) -> float:
+def ratio(outcome: CaseOutcome, base: CaseOutcome) -> float:
     """Return the RMS error over that of `base`, of the joint where it is larger; inf: diverged."""
-    if outcome.error is None or base.error is None:
+    if outcome.score.failure or base.score.failure:
         return math.inf
-    return max(mine / theirs for mine, theirs in zip(outcome.error, base.error))
+    return max(mine / theirs for mine, theirs in zip(outcome.score.rms, base.score.rms))
 
 
-def about(outcomes: Sequence[Outcome]) -> Markup:
+def about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the table shows."""
     return fragment(
         'Output of <code>ctc study --laws</code>: RMS error of each law with its recommended '
@@ -54,7 +36,7 @@ def about(outcomes: Sequence[Outcome]) -> Markup:
         '1 %; inf: diverged. {{ engines }}.', base=BASE, engines=engines(outcomes))
 
 
-def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
+def tables(outcomes: Sequence[CaseOutcome]) -> Iterator[Table]:
     """Yield the table of ratios; a law that is worse than `compensation` in a case is bold."""
     table = [{o.variant: o for o in row} for row in rows(outcomes)]
     laws = [law for law in table[0] if law != BASE]

@@ -1,19 +1,34 @@
-"""Many independent calculations, in one process or several."""
+"""Tasks computed by dask: by processes of this machine, or by a cluster that is there."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from multiprocessing import get_context
+from functools import partial
+from itertools import islice
+import logging
+from multiprocessing import resource_tracker
 import signal
-from typing import Any, TypeVar
+import sys
+from typing import Any, TYPE_CHECKING, TypeVar
+from uuid import uuid4
 
 from ctc_chattering.errors import CtcError
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 T = TypeVar('T')
 R = TypeVar('R')
+_LOST = 'the scheduler is lost'
+#: Tasks in flight per thread: the next ones wait at the worker while results are on their way.
+_IN_FLIGHT = 4
+#: Time to connect [s].
+_CONNECT = 10
+#: Time without a result after which to look whether there are workers [s].
+_LOOK = 1.0
+#: What dask logs besides what is raised.
+_LOGS = ('distributed', 'distributed.client')
 
 
 def in_parallel(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Iterator[R]:
@@ -32,37 +47,185 @@ def in_parallel(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> It
     Raises
     ------
     CtcError
-        If a process was killed.
+        As `computed` raises it.
 
     """
-    with processes(jobs) as each:
+    with processes(min(jobs, len(tasks))) as each:
         yield from each(function, tasks)
 
 
 @contextmanager
 def processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """Yield a `map` over processes, 1 for this one alone, for several calls of it."""
+    if jobs <= 1:
+        yield map
+        return
+    with workers(jobs) as client:
+        yield partial(_in_order, client)
+
+
+def _in_order(client: Client, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[R]:
+    """Yield what `function` makes of every task, in their order."""
+    call = uuid4().hex
+    named = [(f'{call}-{k}', task) for k, task in enumerate(tasks)]
+    done, found = computed(client, function, (), named), dict[str, R]()
+    for name, _ in named:
+        while name not in found:
+            found.update([next(done)])
+        yield found.pop(name)
+
+
+@contextmanager
+def workers(jobs: int, address: str | None = None) -> Iterator[Client]:
     """
-    Yield a `map` over processes, for several calls of it; with `chunksize` tasks at a time.
+    Yield a client of processes that compute.
 
     Parameters
     ----------
     jobs : int
-        Processes; 1 for this one alone.
+        Processes of this machine, one thread each; one that is killed is replaced.
+    address : str, optional
+        Of the scheduler of a cluster, in place of them; ``tcp://host:port``.
 
     Raises
     ------
     CtcError
-        If a process was killed.
+        If there is no scheduler at the address.
 
     """
-    if jobs == 1:
-        yield lambda function, tasks, chunksize=1: map(function, tasks)  # noqa: ARG005
+    import dask
+    from distributed import Client, LocalCluster
+    for name in _LOGS:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    if address is not None:
+        with _connected(address) as client:
+            yield client
         return
+    settings = {'distributed.worker.profile.enabled': False,
+                'distributed.comm.timeouts.connect': f'{_CONNECT}s'}
+    with dask.config.set(settings):
+        with _without_interrupts():
+            cluster = LocalCluster(
+                n_workers=jobs, threads_per_worker=1, memory_limit=0, dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+                scheduler_kwargs={'dashboard_address': '127.0.0.1:0'})
+        with cluster, Client(cluster, set_as_default=False) as client:
+            yield client
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    """Yield a client of the scheduler at an address."""
+    from distributed import Client
+    from distributed.comm.addressing import parse_address, parse_host_port
     try:
-        # A fork of a process that has threads may wait for ever for what they hold. The processes
-        # leave Ctrl-C to this one.
-        with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
-                                 (signal.SIGINT, signal.SIG_IGN)) as pool:
-            yield pool.map
-    except BrokenProcessPool:
-        raise CtcError('a process of the study was killed; try fewer --jobs') from None
+        parse_host_port(parse_address(address)[1])
+        client = Client(address, timeout=_CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        text = ' '.join(str(error).split())
+        raise CtcError(f'--scheduler {address}: no scheduler answers: {text}') from None
+    with client:
+        yield client
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """
+    Leave Ctrl-C to this thread alone.
+
+    Threads inherit the mask of the thread that starts them, and processes that of a thread: those
+    of the workers do not get the signal, those that replace killed ones neither.
+    """
+    resource_tracker.ensure_running()  # When it starts, it would unmask the signal.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def show(line: str) -> None:
+    """Print a line that is no result."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def threads(client: Client, say: Callable[[str], None] = show) -> int:
+    """Return the number of threads that compute; with none, `say` a line and wait for one."""
+    found: int = sum(client.nthreads().values())
+    if not found:
+        say(f'waiting for workers at {client.scheduler.address}')
+        while not found:
+            client.wait_for_workers(1)
+            found = sum(client.nthreads().values())
+    return found
+
+
+def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any],
+             tasks: Iterable[tuple[str, Any]], say: Callable[[str], None] = show
+             ) -> Iterator[tuple[str, Any]]:
+    """
+    Yield name and result of every task, in the order in which they are done.
+
+    A bounded number is in flight, whatever the number of tasks. The task of a worker that is
+    killed goes to another.
+
+    Parameters
+    ----------
+    client : Client
+        As `workers` yields it.
+    function : callable
+        Of a module's top level; called with the elements of `shared`, then that of the task.
+    shared : sequence
+        Sent to every worker once.
+    tasks : iterable of (str, object)
+        Name and argument. Equal names mean equal results.
+    say : callable
+        Takes a line when there is no worker.
+
+    Raises
+    ------
+    CtcError
+        If a task raises one, kills one worker after the other, or the scheduler is lost.
+
+    """
+    from distributed import as_completed
+    try:
+        common = client.submit(tuple, shared, pure=False)
+        done, waiting = as_completed(loop=client.loop), iter(tasks)
+        while True:
+            room = _IN_FLIGHT * threads(client, say) - done.count()
+            for name, task in islice(waiting, max(0, room)):
+                done.add(client.submit(_called, function, common, task, key=name))
+            if done.is_empty():
+                return
+            with done.thread_condition:
+                ready = done.thread_condition.wait_for(done.has_ready, _LOOK)
+            if ready:
+                futures = done.next_batch(block=False)
+                for future in futures:
+                    _check(future)
+                for future, result in zip(futures, client.gather(futures)):
+                    yield future.key, result
+                    future.release()
+    except OSError:
+        raise CtcError(_LOST) from None
+
+
+def _called(function: Callable[..., Any], shared: Sequence[Any], task: Any) -> Any:
+    return function(*shared, task)
+
+
+def _check(future: Any) -> None:
+    """Raise `CtcError` unless a task that is done has a result."""
+    from distributed import KilledWorker
+    if future.status == 'error':
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            raise CtcError(f'{error.allowed_failures + 1} workers were killed while they computed '
+                           'the same task; is there enough memory?')
+        if isinstance(error, CtcError):
+            raise error
+        text = ' '.join(str(error).split())
+        raise CtcError(f'a worker failed: {type(error).__name__}: {text}') from error
+    if future.status != 'finished':
+        raise CtcError(_LOST)

@@ -1,7 +1,7 @@
 """
-Comparison of the switchings over the cases of `cases.py`.
+Switchings, or laws with their recommended settings, over the cases of `cases.py`.
 
-A run is a pure function of the case and the switching, so that the numbers depend neither on the
+A run is a pure function of the case and the variant, so that the numbers depend neither on the
 number of processes nor on their order. `study_files` writes them.
 """
 
@@ -16,87 +16,56 @@ import io
 import itertools
 import json
 import math
+from typing import NamedTuple
 
-from ctc_chattering.analysis.engine import engine_text, simulated_by
 from ctc_chattering.analysis.markup import fragment, Markup
-from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.tables import bold, Table
 from ctc_chattering.configuration.parameter_file import Setup
-from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError
+from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case, KA
 from ctc_chattering.studies.pool import in_parallel
+from ctc_chattering.studies.recommended import recommended_setup
+from ctc_chattering.studies.score import Score, score, Simulation
 
 #: What the tables show: attribute, heading, unit, format.
-QUANTITIES = (('error', 'RMS e', 'rad', '.2e'),
+QUANTITIES = (('rms', 'RMS e', 'rad', '.2e'),
               ('variation', 'torque variation', 'N·m/s', '.0f'))
-Pair = tuple[float, float]
 
 
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """
-    One run; the numbers are None if it diverged, and are of the second half of the run.
-
-    Attributes
-    ----------
-    case : Case
-        What was run.
-    variant : str
-        Switching, or law.
-    control_period, ka
-        h [s], gains [N·m].
-    error, variation : (float, float), optional
-        True RMS error [rad] and torque variation [N·m/s] of joints 1 and 2.
-    failure : str
-        Why it ended early; empty if it did not.
-    engine : str
-        What simulated it, as `engine_text` says it.
-
-    """
+class CaseOutcome(NamedTuple):
+    """A case under a switching or law, h [s] and gains [N·m] of it, and its numbers."""
 
     case: Case
     variant: str
     control_period: float
     ka: tuple[float, ...]
-    error: Pair | None = None
-    variation: Pair | None = None
-    failure: str = ''
-    engine: str = ''
+    score: Score
 
 
-def evaluate(case: Case, switching: str, setup: Setup, engine: str | None = None) -> Outcome:
-    """Run `setup`, which is ``case.setup()``, under `switching`; return its numbers."""
-    controller = setup.controller.changed({'switching': switching})
-    return run_setup(case, switching, dataclasses.replace(setup, controller=controller), engine)
+def setup_of(case: Case, variant: str) -> Setup:
+    """Return a case under a switching, or under a law with its recommended settings."""
+    setup = case.setup()
+    if variant in LAWS:
+        return recommended_setup(setup, variant)
+    return dataclasses.replace(setup, controller=setup.controller.changed({'switching': variant}))
 
 
-def run_setup(case: Case, variant: str, setup: Setup, engine: str | None = None) -> Outcome:
-    """Run `setup`, made of a case for a switching or a law; return its numbers."""
+def evaluate(task: tuple[Case, str], engine: str | None = None) -> CaseOutcome:
+    """Run a case under a variant; the numbers are of the second half of the run."""
+    setup = setup_of(*task)
     controller, end = setup.controller, setup.plant.duration
-    outcome = Outcome(case, variant, controller.control_period, controller.ka,
-                      engine=engine_text(setup, engine))
-    try:
-        run = simulated_by(setup, engine, truth=True).run
-    except CtcError as failure:
-        return dataclasses.replace(outcome, failure=str(failure))
-    m = metrics(run, (0.5 * end, end))
-    return dataclasses.replace(outcome, error=tuple(m['rms_error_rad']),
-                               variation=tuple(m['torque_variation_nm_per_s']))
+    return CaseOutcome(*task, controller.control_period, controller.ka, score(
+        setup, (0.5 * end, end), Simulation(engine), across_gaps=True))
 
 
-def _evaluate(task: tuple[Case, str, Setup], engine: str | None) -> Outcome:
-    return evaluate(*task, engine)
-
-
-def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, jobs: int = 1,
-              engine: str | None = None) -> Iterator[Outcome]:
+def run_cases(cases: Sequence[Case], variants: Sequence[str], jobs: int = 1,
+              engine: str | None = None) -> Iterator[CaseOutcome]:
     """
-    Yield the outcome of every case under every switching.
+    Yield the outcome of every case under every variant.
 
     Parameters
     ----------
-    cases, switchings
+    cases, variants
         What to run; the outcomes are in this order, case by case.
     jobs : int
         Processes; 1 for this one alone.
@@ -109,25 +78,25 @@ def run_cases(cases: Sequence[Case], switchings: Sequence[str] = SWITCHINGS, job
         If the parameters of a case are not allowed; before anything is run.
 
     """
-    setups = [case.setup() for case in cases]
-    tasks = [(case, switching, setup)
-             for case, setup in zip(cases, setups) for switching in switchings]
-    yield from in_parallel(partial(_evaluate, engine=engine), tasks, jobs)
+    for case in cases:
+        case.setup()
+    yield from in_parallel(partial(evaluate, engine=engine),
+                           list(itertools.product(cases, variants)), jobs)
 
 
-def rows(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
+def rows(outcomes: Sequence[CaseOutcome]) -> list[list[CaseOutcome]]:
     """Return the outcomes case by case."""
     return [list(group) for _, group in itertools.groupby(
         outcomes, lambda outcome: (outcome.case.group, outcome.case.name))]
 
 
-def engines(outcomes: Sequence[Outcome]) -> str:
+def engines(outcomes: Sequence[CaseOutcome]) -> str:
     """Return what simulated how many of the runs."""
-    counts = Counter(o.engine for o in outcomes)
+    counts = Counter(o.score.engine for o in outcomes)
     return 'Runs by engine: ' + ', '.join(f'{name} {n}' for name, n in counts.items())
 
 
-def to_csv(outcomes: Sequence[Outcome], variant: str = 'switching') -> str:
+def to_csv(outcomes: Sequence[CaseOutcome], variant: str = 'switching') -> str:
     """
     Return one line per run, with a header; numbers in full, empty where there is none.
 
@@ -148,12 +117,13 @@ def to_csv(outcomes: Sequence[Outcome], variant: str = 'switching') -> str:
     for o in outcomes:
         writer.writerow((
             o.case.group, o.case.name, o.case.x, o.variant, o.control_period, *o.ka,
-            *(o.error or ('', '')), *(o.variation or ('', '')), o.failure, o.case.file,
-            json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True), o.engine))
+            *(o.score.rms or ('', '')), *(o.score.variation or ('', '')), o.score.failure,
+            o.case.file,
+            json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True), o.score.engine))
     return text.getvalue()
 
 
-def about(outcomes: Sequence[Outcome]) -> Markup:
+def about(outcomes: Sequence[CaseOutcome]) -> Markup:
     """Return what the tables show."""
     return fragment(
         'Output of <code>ctc study</code>. True errors and torques sent, joints 1 / 2, over the '
@@ -162,7 +132,7 @@ def about(outcomes: Sequence[Outcome]) -> Markup:
         ka=f'{KA:g}', engines=engines(outcomes))
 
 
-def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
+def tables(outcomes: Sequence[CaseOutcome]) -> Iterator[Table]:
     """Yield a table for each group of cases, and the ranking of the switchings."""
     heads = ['case', 'quantity', *dict.fromkeys(o.variant for o in outcomes)]
     for group, members in itertools.groupby(rows(outcomes), lambda row: row[0].case.group):
@@ -170,10 +140,10 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
     yield _ranking(rows(outcomes))
 
 
-def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
+def _lines(row: Sequence[CaseOutcome]) -> Iterator[list[str]]:
     """Yield a line of cells for each quantity of one case."""
     for k, (key, quantity, unit, form) in enumerate(QUANTITIES):
-        texts = [[format(x, form) for x in getattr(o, key) or ()] for o in row]
+        texts = [[format(x, form) for x in getattr(o.score, key)] for o in row]
         columns = list(zip(*filter(None, texts)))
         best = [min(column, key=float) if len(set(column)) > 1 else '' for column in columns]
         cells = [Markup(' / ').join(bold(x) if x == y else x for x, y in zip(text, best))
@@ -181,12 +151,12 @@ def _lines(row: Sequence[Outcome]) -> Iterator[list[str]]:
         yield ['' if k else row[0].case.name, f'{quantity} [{unit}]', *cells]
 
 
-def _ranking(table: Sequence[Sequence[Outcome]]) -> Table:
+def _ranking(table: Sequence[Sequence[CaseOutcome]]) -> Table:
     """Return how often each switching is best and worst."""
     counts = Counter(('runs that diverged', o.variant) for row in table for o in row
-                     if o.failure)
+                     if o.score.failure)
     for row, (key, quantity, _, _), joint in itertools.product(table, QUANTITIES, (0, 1)):
-        ranked = sorted(row, key=lambda o: (getattr(o, key) or (math.inf, math.inf))[joint])
+        ranked = sorted(row, key=lambda o: (getattr(o.score, key) or (math.inf, math.inf))[joint])
         counts[f'smallest {quantity}', ranked[0].variant] += 1
         counts[f'largest {quantity}', ranked[-1].variant] += 1
     heads = [*(f'{extreme} {quantity}' for extreme in ('smallest', 'largest')

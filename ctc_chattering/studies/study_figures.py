@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.engine import simulated_by
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.studies import study
 from ctc_chattering.studies.cases import BASIC, Case, GAIN, NOISE, PERIOD, SHORT_NOISE
-from ctc_chattering.studies.study import Outcome
+from ctc_chattering.studies.score import Simulation
+from ctc_chattering.studies.study import CaseOutcome, setup_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -34,13 +34,14 @@ STYLES: dict[str, dict[str, Any]] = {
         *zip(LAW_COLOURS, zip(LAW_COLOURS.values(), itertools.cycle('soD^vP<X>'), itertools.cycle(
             ('-', '-', _DASHED, _BROKEN, '-.', _DOTTED)))))}
 #: Attribute of an outcome, and its title and unit.
-QUANTITIES = (('error', 'RMS error of joint 2', 'rad'),
+QUANTITIES = (('rms', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
 #: The slice drawn of the time domain: friction of joint 2 changes its sign at 7.75 s [s].
 SLICE = (7.70, 7.85)
 
 
-def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel: str) -> Figure:
+def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xlabel: str
+          ) -> Figure:
     """Draw both quantities against the abscissa of the cases in `groups`, one panel row each."""
     figure, grid = drawing.sheet(title, len(groups), (1.0, 1.0), 3.1)
     _legend(figure, outcomes)
@@ -53,13 +54,13 @@ def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel
         ax.set(xlabel=xlabel, xscale='log', yscale='log')
         for variant, style in _styles(outcomes).items():
             points = [(o.case.x, value[1]) for o in mine
-                      if o.variant == variant and o.case.x and (value := getattr(o, key))]
+                      if o.variant == variant and o.case.x and (value := getattr(o.score, key))]
             ax.plot([x for x, _ in points], [y for _, y in points], **style, linewidth=1.5,
                     markersize=5.5, markeredgewidth=0.6)
         xs = sorted({o.case.x for o in mine if o.case.x})
         ax.set_xticks(xs, [f'{x:g}' for x in xs])  # Those that were run, and no others.
         ax.set_xticks([], minor=True)
-        failed = [f'{o.variant} at {o.case.x:g}' for o in mine if o.failure]
+        failed = [f'{o.variant} at {o.case.x:g}' for o in mine if o.score.failure]
         if failed:
             drawing.label(ax, 0.01, 0.04, 'diverged: ' + ', '.join(failed))
     for column in (0, 1):
@@ -67,7 +68,7 @@ def sweep(outcomes: Sequence[Outcome], groups: Sequence[str], title: str, xlabel
     return figure
 
 
-def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
+def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     """Draw both quantities of every case in `outcomes`, a line per case, a mark per variant."""
     table, look = study.rows(outcomes), _styles(outcomes)
     figure, grid = drawing.sheet(title, 1, (1.0, 1.0),
@@ -80,7 +81,7 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
         ax = drawing.panel(figure, grid[0, column], name, '')
         ax.set(xlabel=f'{name} [{unit}]', xscale='log', ylim=(len(table) - 0.4, -0.6))
         for y, row in enumerate(table):
-            values = {o.variant: value[1] for o in row if (value := getattr(o, key))}
+            values = {o.variant: value[1] for o in row if (value := getattr(o.score, key))}
             if values:
                 ax.plot([min(values.values()), max(values.values())], [y, y], color='#dddddd',
                         linewidth=5.0, zorder=1, solid_capstyle='round')
@@ -89,14 +90,14 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
                     ax.plot([values[variant]], [y + (k + 0.5) / len(look) * 0.8 - 0.4], **style,
                             markersize=5.0 if style['marker'] == 'D' else 6.0,
                             markeredgewidth=0.6, zorder=3)
-            failed = [o.variant for o in row if o.failure]
+            failed = [o.variant for o in row if o.score.failure]
             if failed:
                 ax.text(0.995, y, 'diverged: ' + ', '.join(failed), ha='right', va='center',
                         fontsize=7.5, color='#444444', transform=ax.get_yaxis_transform())
         for y, (before, case) in enumerate(itertools.pairwise(cases)):
             if case.group != before.group:
                 ax.axhline(y + 0.5, color='#999999', linewidth=0.6)
-        drawing.decades(ax, 'x', [x[1] for o in outcomes if (x := getattr(o, key))])
+        drawing.decades(ax, 'x', [x[1] for o in outcomes if (x := getattr(o.score, key))])
         ax.set_yticks(range(len(table)), [''] * len(table) if column else names)
         ax.tick_params(axis='y', length=0, labelsize=8)
     return figure
@@ -105,18 +106,16 @@ def overview(outcomes: Sequence[Outcome], title: str) -> Figure:
 def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS, engine: str | None = None
                ) -> Figure:
     """Draw v and the chattering term of joint 2 over `SLICE`, one column per switching."""
-    setup = case.setup()
-    ka = setup.controller.ka[1]
+    ka = case.setup().controller.ka[1]
     figure, _ = drawing.sheet(
         f'Filtered error and chattering term of joint 2, ka = {ka:g} N·m, 1 kHz, clean', 2,
         (1.0,) * len(switchings), 2.2)
     grid = figure.add_gridspec(2, len(switchings), left=0.07, right=0.985, bottom=0.09, top=0.86,
                                hspace=0.14, wspace=0.09)
-    plant = setup.plant.changed({'duration': round(SLICE[1] + 0.01, 3)})
     for column, switching in enumerate(switchings):
-        controller = setup.controller.changed({'switching': switching})
-        result = simulated_by(
-            dataclasses.replace(setup, plant=plant, controller=controller), engine)
+        setup = setup_of(case, switching)
+        plant = setup.plant.changed({'duration': round(SLICE[1] + 0.01, 3)})
+        result = Simulation(engine, truth=False)(dataclasses.replace(setup, plant=plant))
         run = result.run
         part = within(run.t, SLICE)
         t, v = run.t[part], run.v[part, 1]
@@ -139,7 +138,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS, engine: str |
     return figure
 
 
-def save_study_figures(outcomes: Sequence[Outcome], directory: Path, engine: str | None = None
+def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, engine: str | None = None
                        ) -> list[drawing.FigureFile]:
     """
     Write the figures of a study as PNG; return them in the order in which to show them.
@@ -147,7 +146,7 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path, engine: str
     Parameters
     ----------
     outcomes : sequence of Outcome
-        Result of `run_cases` or `run_laws`; a figure without any of its cases is left out.
+        Result of `run_cases`; a figure without any of its cases is left out.
     directory : Path
         Created if necessary.
     engine : str, optional
@@ -162,7 +161,7 @@ def save_study_figures(outcomes: Sequence[Outcome], directory: Path, engine: str
     return drawing.save(_all(outcomes, engine), directory, ('png',))
 
 
-def _all(outcomes: Sequence[Outcome], engine: str | None) -> Iterator[tuple[str, Figure, str]]:
+def _all(outcomes: Sequence[CaseOutcome], engine: str | None) -> Iterator[tuple[str, Figure, str]]:
     groups = {o.case.group for o in outcomes}
     laws = outcomes[0].variant in LAW_COLOURS
     basic = [o for o in outcomes if o.case.group == BASIC]
@@ -186,13 +185,13 @@ def _all(outcomes: Sequence[Outcome], engine: str | None) -> Iterator[tuple[str,
             'One imperfection at a time, joint 2.')
 
 
-def _styles(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
+def _styles(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, Any]]:
     """Return the looks of the variants of outcomes."""
     variants = {o.variant for o in outcomes}
     return {name: style for name, style in STYLES.items() if name in variants}
 
 
-def _legend(figure: Figure, outcomes: Sequence[Outcome]) -> None:
+def _legend(figure: Figure, outcomes: Sequence[CaseOutcome]) -> None:
     handles = [Line2D([], [], label=name, **style) for name, style in _styles(outcomes).items()]
     few = len(handles) <= 5
     figure.legend(handles=handles, loc='upper right', ncol=len(handles) if few else 5,

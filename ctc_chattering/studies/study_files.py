@@ -11,8 +11,10 @@ from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.tables import markdown, markdown_table
+from ctc_chattering.control.controller import LAWS as EVERY_LAW
+from ctc_chattering.control.switching import SWITCHINGS as EVERY_SWITCHING
 from ctc_chattering.studies import law_study, study
-from ctc_chattering.studies.study import Outcome, to_csv
+from ctc_chattering.studies.study import CaseOutcome, to_csv
 from ctc_chattering.studies.study_figures import save_study_figures
 
 
@@ -23,8 +25,8 @@ class Kind:
 
     Attributes
     ----------
-    variants : str
-        What is compared.
+    what, variants : str, tuple of str
+        What is compared, and all of them.
     name, figures : str
         Of its files, without their endings, and of the directory of its figures.
     module : module
@@ -32,7 +34,8 @@ class Kind:
 
     """
 
-    variants: str
+    what: str
+    variants: Sequence[str]
     name: str
     figures: str
     module: ModuleType
@@ -43,15 +46,15 @@ class Kind:
         return (f'{self.name}.md', f'{self.name}.csv', f'{self.name}.html', self.figures)
 
 
-SWITCHINGS = Kind('switching', 'study', 'figures', study)
-LAWS = Kind('law', 'laws', 'laws_figures', law_study)
+SWITCHINGS = Kind('switching', EVERY_SWITCHING, 'study', 'figures', study)
+LAWS = Kind('law', EVERY_LAW, 'laws', 'laws_figures', law_study)
 
 
-def write_study(kind: Kind, outcomes: Sequence[Outcome], out: Path, engine: str | None = None
+def write_study(kind: Kind, outcomes: Sequence[CaseOutcome], out: Path, engine: str | None = None
                 ) -> Path:
     """Write everything into `out` and return the page; raise `CtcError` if that cannot be done."""
     text, table, page = (out / name for name in kind.names[:3])
-    write_text(table, to_csv(outcomes, kind.variants))
+    write_text(table, to_csv(outcomes, kind.what))
     figures = save_study_figures(outcomes, out / kind.figures, engine)
     write_text(text, to_markdown(kind, outcomes, figures, out))
     write_sections(page, _title(kind), figures, [(x, x) for x in kind.names[:2]],
@@ -59,7 +62,7 @@ def write_study(kind: Kind, outcomes: Sequence[Outcome], out: Path, engine: str 
     return page
 
 
-def to_markdown(kind: Kind, outcomes: Sequence[Outcome], figures: Sequence[FigureFile] = (),
+def to_markdown(kind: Kind, outcomes: Sequence[CaseOutcome], figures: Sequence[FigureFile] = (),
                 out: Path = Path()) -> str:
     """Return all tables, and the figures below `out`."""
     lines = [f'# {_title(kind)}', '', markdown(kind.module.about(outcomes))]
@@ -75,4 +78,4 @@ def to_markdown(kind: Kind, outcomes: Sequence[Outcome], figures: Sequence[Figur
 
 
 def _title(kind: Kind) -> str:
-    return f'Study of the {kind.variants}s'
+    return f'Study of the {kind.what}s'

@@ -1,5 +1,5 @@
 """
-Search for the gains of a law by Optuna, with the same budget and cost for every law.
+The gains of a law as numbers to be searched, and their cost in a comparison.
 
 The cost of gains is the mean over the joints of the weighted sum of ``ln(x / x_0)``, where x is
 the RMS error, the torque variation or the largest torque rate, and x_0 the same under
@@ -10,18 +10,15 @@ robots of every size: where joints differ, a number times what the file has for 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 import math
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.errors import UsageError
-from ctc_chattering.studies.measurement import Measurement
+from ctc_chattering.studies.score import Score
 
 #: Cost of gains with which a run diverges; larger than that of any run that does not.
 DIVERGED = 1e3
-#: Most trials before the sampler uses what it found.
-_AT_RANDOM = 10
 #: Added to both sides of a ratio, so that 0 is allowed.
 _TINY = 1e-12
 
@@ -148,59 +145,13 @@ def _scales(name: str, product: float, config: ControllerConfig, friction: tuple
             'adaptation_gain': tuple(x or 1.0 for x in friction)}.get(name, (1.0,) * n)
 
 
-def cost(found: Measurement, base: Measurement, weights: Weights) -> float:
+def cost(found: Score, base: Score, weights: Weights) -> float:
     """Return the cost of what was found, relative to `base`."""
+    if found.failure:
+        return DIVERGED
     total = 0.0
     for weight, mine, theirs in zip(weights, (found.rms, found.variation, found.rate),
                                     (base.rms, base.variation, base.rate)):
         total += weight * sum(math.log((x + _TINY) / (y + _TINY))
                               for x, y in zip(mine, theirs)) / len(mine)
     return min(total, DIVERGED) if math.isfinite(total) else DIVERGED
-
-
-def search(objective: Callable[[dict[str, float]], float], ranges: Mapping[str, Range],
-           first: list[dict[str, float]], budget: Budget) -> dict[str, float]:
-    """
-    Return the numbers with the smallest cost among the trials of a budget.
-
-    Parameters
-    ----------
-    objective : callable
-        Cost of numbers; `DIVERGED` for those with which nothing can be done.
-    ranges : mapping
-        Where to search.
-    first : list of mapping
-        Numbers with which to begin.
-    budget : Budget
-        Trials, those of `first` included, and seed.
-
-    Raises
-    ------
-    UsageError
-        If Optuna is not installed.
-
-    """
-    optuna = require_optuna()
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(
-        n_startup_trials=max(1, min(_AT_RANDOM, budget.trials // 4)), seed=budget.seed))
-    for numbers in first:
-        study.enqueue_trial(numbers)
-
-    def trial(chosen: Any) -> float:
-        return objective({name: chosen.suggest_float(name, x.low, x.high, log=True)
-                          for name, x in ranges.items()})
-
-    study.optimize(trial, n_trials=budget.trials)
-    best: dict[str, float] = study.best_params
-    return best
-
-
-def require_optuna(what: str = '--trials') -> Any:
-    """Return the library, or raise `UsageError` that says how to install it."""
-    try:
-        import optuna
-    except ImportError:
-        raise UsageError(f"{what} needs Optuna: pip install optuna, or '.[tune]' from the "
-                         'checkout') from None
-    return optuna

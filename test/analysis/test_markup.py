@@ -25,7 +25,7 @@ from ctc_chattering.identification.regression.identify import identify
 from ctc_chattering.identification.report import results as identification
 from ctc_chattering.identification.report.perturbation import perturbation
 from ctc_chattering.identification.report.recommendation import recommend
-from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.lines import lines
 from ctc_chattering.robustness.report.page import write_map_page
 from ctc_chattering.robustness.tuning.files import write_page as write_search_page
@@ -35,14 +35,14 @@ from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.studies.comparison import BASE, Outcome, Task, Variant
 from ctc_chattering.studies.comparison_files import write_page as write_comparison_page
 from ctc_chattering.studies.comparison_tables import to_markdown
-from ctc_chattering.studies.measurement import Measurement
+from ctc_chattering.studies.score import Score
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from identified_bags import short
 from jinja2 import UndefinedError
 from map_tables import table_of
 import numpy as np
 import pytest
-from tunings import one_process, short_spec
+from tunings import short_spec
 
 #: What runs, closes, or breaks something, wherever it is not text.
 HOSTILE = ('<script>alert(1)</script>"><iframe srcdoc="<script>alert(1)</script>"></iframe>'
@@ -97,7 +97,7 @@ def of_runs(name: str, out: Path) -> None:
 
 def map_of(name: str) -> MapData:
     failure = [[['', 'error'], ['error', '']], [['', ''], ['error', 'error']]]
-    return map_data(table_of(
+    return MapData(table_of(
         ('compensation', name), {name: [1.0, 2.0]}, {
             'error': [[[1.0, 2.0], [3.0, 1.0]]] * 2, 'failure': failure}, {f'{name}2': [1, 2]}),
         {name: 'rad'}, [f'{name}2'])
@@ -111,7 +111,7 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return tune(Evaluation(short_spec(duration=0.1), 100.0, REFERENCE, one_process), 1, 1)
+    return tune(Evaluation(short_spec(duration=0.1), 100.0, REFERENCE, map), 1, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:
@@ -140,9 +140,9 @@ def of_an_identification(name: str, out: Path) -> None:
 
 
 def outcomes(name: str) -> list[Outcome]:
-    measured = Measurement((1e-3, 2e-3), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0))
+    measured = Score((1e-3, 2e-3), (), (1.0, 2.0), (0.1, 0.2), (3.0, 4.0), (9.0, 9.0), engine=name)
     return [Outcome(Task(Path('friction'), None, None, variant, None), name, 'builtin',
-                    (f'1{name}', f'2{name}'), (), measured, engine=name)
+                    (f'1{name}', f'2{name}'), (), measured)
             for variant in (BASE, Variant('chattering', 'sign', 'file'))]
 
 

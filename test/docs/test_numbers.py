@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import itertools
 from pathlib import Path
 
@@ -16,8 +15,8 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.recommended import recommended_setup
-from ctc_chattering.studies.study import evaluate, Outcome, run_setup, to_csv
+from ctc_chattering.studies.score import Score
+from ctc_chattering.studies.study import CaseOutcome, evaluate, to_csv
 from ctc_chattering.studies.study_files import LAWS as LAW_KIND
 from ctc_chattering.studies.study_files import SWITCHINGS as SWITCHING_KIND
 from ctc_chattering.studies.study_files import to_markdown
@@ -34,18 +33,18 @@ CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Like a rea
                    'Torque rate limit', 'Velocity of encoders'), 0.25
 
 
-def documented(text: str, variant: str) -> list[Outcome]:
+def documented(text: str, variant: str) -> list[CaseOutcome]:
     """Return the outcomes that a CSV of docs/study has, in order."""
     known = {(case.group, case.name): case for case in cases.CASES}
 
-    def pair(line: dict[str, str], name: str) -> tuple[float, float] | None:
-        texts = line[name.format(1)], line[name.format(2)]
-        return (float(texts[0]), float(texts[1])) if all(texts) else None
+    def pair(line: dict[str, str], name: str) -> tuple[float, ...]:
+        return tuple(float(x) for k in (1, 2) if (x := line[name.format(k)]))
 
-    return [Outcome(
+    return [CaseOutcome(
         known[line['group'], line['case']], line[variant], float(line['control_period_s']),
-        (float(line['ka_1_nm']), float(line['ka_2_nm'])), pair(line, 'rms_error_{}_rad'),
-        pair(line, 'torque_variation_{}_nm_per_s'), line['failure'], line['engine'])
+        (float(line['ka_1_nm']), float(line['ka_2_nm'])), Score(
+            pair(line, 'rms_error_{}_rad'), (), pair(line, 'torque_variation_{}_nm_per_s'),
+            failure=line['failure'], engine=line['engine']))
         for line in csv.DictReader(text.splitlines())]
 
 
@@ -60,21 +59,19 @@ SAMPLE = [
         'implicit_observer', 'sign', 'boundary_layer', 'implicit')))]
 
 
-def name_of(row: Outcome) -> str:
+def name_of(row: CaseOutcome) -> str:
     return f'{row.case.group}: {row.case.name}, {row.variant}'
 
 
-def check(row: Outcome, engine: str | None = None) -> None:
+def check(row: CaseOutcome, engine: str | None = None) -> None:
     """Compare a row with a run of today."""
-    setup = row.case.setup()
-    again = evaluate(row.case, row.variant, setup, engine) if row.variant in SWITCHINGS else (
-        run_setup(row.case, row.variant, recommended_setup(setup, row.variant), engine))
-    if row.failure:
+    again, expected = evaluate((row.case, row.variant), engine).score, row.score
+    if expected.failure:
         assert again.failure
         return
     tolerance = CHANGE if row.case.group in CHAOTIC else TOLERANCE
-    assert again.error == pytest.approx(row.error, rel=tolerance)
-    assert again.variation == pytest.approx(row.variation, rel=tolerance)
+    assert again.rms == pytest.approx(expected.rms, rel=tolerance)
+    assert again.variation == pytest.approx(expected.variation, rel=tolerance)
 
 
 def test_the_study_has_every_case_and_both_files_have_the_same_numbers() -> None:
@@ -96,14 +93,14 @@ def test_the_study_of_laws_has_every_case_and_both_files_have_the_same_numbers()
 
 
 @pytest.mark.parametrize('row', [*SAMPLE[::8], *LAW_SAMPLE[::3]], ids=name_of)
-def test_a_row_of_the_study(row: Outcome) -> None:
+def test_a_row_of_the_study(row: CaseOutcome) -> None:
     """Check it with the loop that `ctc study` did not use for most rows."""
     check(row, REFERENCE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('row', [*ROWS, *LAW_ROWS], ids=name_of)
-def test_every_row_of_the_study(row: Outcome) -> None:
+def test_every_row_of_the_study(row: CaseOutcome) -> None:
     check(row)
 
 
@@ -115,7 +112,7 @@ def test_a_stale_row_is_found() -> None:
     stale = Case(case.name, case.group, {**case.overrides, 'controller': {
         **case.overrides['controller'], 'anti_windup': False}})
     with pytest.raises(AssertionError):
-        check(dataclasses.replace(row, case=stale))
+        check(row._replace(case=stale))
 
 
 def table(text: str, head: str) -> list[list[str]]:
@@ -141,6 +138,6 @@ def test_the_recommended_switchings_are_those_of_the_study() -> None:
     theory = (DOCS / 'theory.md').read_text(encoding='utf-8')
     rows = {row[0]: row[1:3] for row in table(theory, '| `switching` | RMS')}
     for row in (row for row in ROWS if (row.case.group, row.case.name) == (cases.BASIC, 'clean')):
-        assert row.error and row.variation
+        assert not row.score.failure
         assert rows[row.variant] == [
-            f'{row.error[1]:.1e}'.replace('e-0', 'e-'), f'{row.variation[1]:.0f}']
+            f'{row.score.rms[1]:.1e}'.replace('e-0', 'e-'), f'{row.score.variation[1]:.0f}']

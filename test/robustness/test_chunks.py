@@ -37,13 +37,6 @@ def test_few_runs_give_work_to_many_workers(count: int, expected: list[int]) -> 
     assert sizes(runs(**few), BATCH) == expected
 
 
-def test_the_shortest_period_or_step_of_an_axis_counts() -> None:
-    long = {'duration': 100.0, 'uncertain': None, 'repeats': 500, 'laws': ['compensation']}
-    for name in ('control_period', 'plant.integration_step'):
-        axes = {'x': {'parameter': name, 'values': [5e-4, 1e-3]}}
-        assert sizes(runs(**long, axes=axes), BATCH) == [5] * 200
-
-
 def test_laws_that_take_the_reference_make_chunks_smaller() -> None:
     elastic = {'plant': {'joint_stiffness': [1e4, 1e4], 'motor_inertia': [0.1, 0.1]}}
     made = runs(overrides=elastic, duration=1.0, axes=None, laws=['compensation'],

@@ -12,10 +12,11 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness.columns import of_results
-from ctc_chattering.robustness.evaluation import evaluate, limits, refused
+from ctc_chattering.robustness.evaluation import evaluate, refused
 from ctc_chattering.robustness.spec import Failure
-from ctc_chattering.robustness.tuning.runs import measured
+from ctc_chattering.robustness.tuning.runs import scores_of
 from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.studies.score import limits
 from map_specs import ON_TRACK
 import numpy as np
 import pytest
@@ -138,15 +139,14 @@ def test_what_the_machine_cannot_do_is_no_failure_of_the_run(
     """Check a map and a search for gains; what a model of one's own computes does count."""
     monkeypatch.setattr(Broken, 'error', error)
     made = broken()
-    tuned = (made, WINDOW, REFERENCE)
     if kind is None:
         assert evaluate(made, WINDOW, NONE, REFERENCE)['failure'] == 'diverged'
-        assert 'no more' in measured(tuned).failure
+        assert 'no more' in scores_of(WINDOW, REFERENCE, [made])[0].failure
         return
     with pytest.raises(kind, match=f'^the run failed: {error.__name__}: no more$'):
         evaluate(made, WINDOW, NONE, REFERENCE)
     with pytest.raises(kind):
-        measured(tuned)
+        scores_of(WINDOW, REFERENCE, [made])
 
 
 def broken() -> Setup:

@@ -10,7 +10,7 @@ import re
 from ctc_chattering.analysis.engine import ENGINES, simulated_by
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Overrides
+from ctc_chattering.configuration.parameter_file import Overrides, Setup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
@@ -29,8 +29,8 @@ from ctc_chattering.studies.comparison import (
 )
 from ctc_chattering.studies.comparison_files import write_parameters
 from ctc_chattering.studies.conditions import CONDITIONS
-from ctc_chattering.studies.measurement import Measurement, over_simulation, Simulation
 from ctc_chattering.studies.recommended import recommended
+from ctc_chattering.studies.score import over_simulation, PER_JOINT, Score, Simulation
 from ctc_chattering.studies.tuning import Budget, cost, Weights
 from ctc_commands import ctc, ctc_process, refused
 import numpy as np
@@ -49,8 +49,8 @@ class Recorder:
     def __init__(self) -> None:
         self.results: list[Result] = []
 
-    def __call__(self, path: Path, overrides: Overrides) -> Result:
-        self.results.append(over_simulation(path, overrides))
+    def __call__(self, setup: Setup) -> Result:
+        self.results.append(over_simulation(setup))
         return self.results[-1]
 
 
@@ -89,9 +89,13 @@ def assert_gains(outcomes: list[Outcome]) -> None:
             assert least >= claimed, outcome
 
 
-def measured(outcome: Outcome) -> Measurement:
-    assert outcome.found
-    return outcome.found
+def measured(outcome: Outcome) -> Score:
+    assert not outcome.score.failure
+    return outcome.score
+
+
+def simulated_with(path: Path, overrides: Overrides) -> Result:
+    return over_simulation(parameter_file.load(path, overrides))
 
 
 @pytest.fixture(scope='module')
@@ -181,30 +185,31 @@ def cells(line: str) -> list[str]:
 
 
 def test_every_variant_is_run_and_a_backend_left_out_is_the_file_s() -> None:
-    seen: list[Overrides] = []
+    seen: list[Setup] = []
     file = CONFIG / 'friction.yaml'
     result = simulated(parameter_file.load(file))
 
-    def run(path: Path, overrides: Overrides) -> Result:
-        assert path == file
-        seen.append(overrides)
+    def run(setup: Setup) -> Result:
+        seen.append(setup)
         return result
 
     outcomes = list(compare(tasks([file], [None], [None]), 1, run))
     assert {x.backend for x in outcomes} == {'builtin'}
-    assert [x['controller'] for x in seen[:-1]] == [
+    assert [x.runs[0]['controller'] for x in outcomes[:-1]] == [
         {'law': law, **({'switching': switching} if switching else {})}
         for law in LAWS for switching in (SWITCHINGS if law == 'chattering' else [''])]
-    assert seen[-1]['controller'] == recommended(parameter_file.load(file))
-    assert not any(x['plant'] for x in seen)
+    assert outcomes[-1].runs[0]['controller'] == recommended(parameter_file.load(file))
+    assert [x.controller for x in seen] == [
+        parameter_file.load(file, x.runs[0]).controller for x in outcomes]
+    assert not any(x.runs[0]['plant'] for x in outcomes)
 
 
 def made_up(variant: Variant, rms: float, variation: float, failure: str = '') -> Outcome:
     """Return the outcome of a made-up run of the two-link arm."""
-    found = Measurement((rms, 2.0 * rms), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0))
+    found = Score((rms, 2.0 * rms), (), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0))
     task = Task(CONFIG / 'friction.yaml', None, None, variant, None)
     return Outcome(task, 'friction', 'builtin', ('joint1', 'joint2'), ({},),
-                   None if failure else found, failure)
+                   Score(failure=failure) if failure else found)
 
 
 def test_the_smallest_of_a_column_is_bold_whoever_has_it() -> None:
@@ -252,7 +257,7 @@ def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
 def test_a_condition_is_measured_by_the_true_error(arm: Path) -> None:
     """Check it with encoders so coarse that the measured error would be another one."""
     over = {'plant': {'encoder_resolution': [0.01, 0.01]}}
-    true, seen = over_simulation(arm, over), simulated_by(parameter_file.load(arm, over))
+    true, seen = simulated_with(arm, over), simulated_by(parameter_file.load(arm, over))
     assert (true.run.tau == seen.run.tau).all()
     assert np.abs(true.run.q - seen.run.q).max() == pytest.approx(0.005, rel=0.05)
     assert seen.run.q == pytest.approx(0.01 * np.round(seen.run.q / 0.01), abs=1e-9)
@@ -268,7 +273,7 @@ def test_tuned_gains_are_the_best_of_their_trials_and_reproducible(arm: Path) ->
     base = measured(outcomes[0])
     for outcome in outcomes:
         assert outcome.cost == cost(measured(outcome), base, Weights())
-        again = over_simulation(arm, outcome.runs[0]).metrics()
+        again = simulated_with(arm, outcome.runs[0]).metrics()
         assert tuple(again['rms_error_rad']) == measured(outcome).rms
     assert outcomes[0].cost == 0.0
     assert (outcomes[1].cost or 0.0) <= 0.0  # The first trial has the gains of the file.
@@ -282,10 +287,10 @@ def test_both_engines_measure_the_same(arm: Path) -> None:
     todo = tasks([file], [None], ['clean'], ['chattering', 'integral', 'observer_feedback'])
     found = [list(compare(todo, 1, Simulation(engine))) for engine in ENGINES]
     for one, other in zip(*found, strict=True):
-        assert (one.engine, other.engine) == ENGINES
+        assert (one.score.engine, other.score.engine) == ENGINES
         rel = 0.1 if one.task.variant.switching == 'sign' else 5e-3
-        for a, b in zip(measured(one), measured(other)):
-            assert a == pytest.approx(b, rel=rel)
+        for name in (*PER_JOINT, 'peak'):
+            assert getattr(one.score, name) == pytest.approx(getattr(other.score, name), rel=rel)
 
 
 def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
@@ -301,7 +306,7 @@ def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
     lines = comparison_tables.to_csv(outcomes).splitlines()
     assert lines[0].endswith(',controller,engine')
     assert [x.rpartition(',')[2] for x in lines[1:]] == engines
-    over_ros = dataclasses.replace(outcomes[0], engine='')
+    over_ros = dataclasses.replace(outcomes[0], score=outcomes[0].score._replace(engine=''))
     assert 'engine' not in comparison_tables.to_markdown([over_ros])
 
 
@@ -328,19 +333,19 @@ def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> Non
     assert [x.name for x in paths] == [
         f'friction_builtin_real_arm_slotine_li_tuned_model_{x}.yaml' for x in ('0.9', '1.1')]
     for path, run in zip(paths, outcome.runs):
-        one, other = over_simulation(path, {}).run, over_simulation(arm, run).run
+        one, other = simulated_with(path, {}).run, simulated_with(arm, run).run
         assert (one.tau == other.tau).all()
 
 
 def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
-    def run(path: Path, overrides: Overrides) -> Result:
-        if overrides['controller']['law'] == 'integral':
+    def run(setup: Setup) -> Result:
+        if setup.controller.law == 'integral':
             raise CtcError('the motion diverged')
-        return over_simulation(path, overrides)
+        return over_simulation(setup)
 
     todo = tasks([arm], [None], ['clean'], ['integral', 'pd_gravity'])
     outcomes = list(compare(todo, 1, run))
-    assert [x.failure for x in outcomes] == ['', 'the motion diverged', '']
+    assert [x.score.failure for x in outcomes] == ['', 'the motion diverged', '']
     assert '| integral |  | file | diverged |' in comparison_tables.to_markdown(outcomes)
     csv = comparison_tables.to_csv(outcomes).splitlines()
     assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,,,the motion')
@@ -349,7 +354,7 @@ def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
 def test_a_run_that_ends_too_early_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'short.yaml'
     file.write_text('plant: {ros__parameters: {duration: 0.01}}')
-    with pytest.raises(CtcError, match='the run ends before the evaluated interval, 5 s to 10 s'):
+    with pytest.raises(CtcError, match=r'short\.yaml: fewer than two samples from 5 s to 10 s'):
         next(compare(tasks([file], [None], [None])))
 
 

@@ -12,9 +12,10 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.law_study import ratio, run_laws
+from ctc_chattering.studies.law_study import ratio
 from ctc_chattering.studies.recommended import recommended_setup
-from ctc_chattering.studies.study import Outcome
+from ctc_chattering.studies.score import Score
+from ctc_chattering.studies.study import CaseOutcome, run_cases
 from ctc_chattering.studies.study_files import LAWS as LAW_KIND
 from ctc_chattering.studies.study_files import to_markdown
 import pytest
@@ -24,14 +25,15 @@ LAG = Case('2 ms', 'Drive lag', {
     'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
 
 
-def made_up(law: str, first: float, second: float) -> Outcome:
+def made_up(law: str, first: float, second: float) -> CaseOutcome:
     """Return the outcome of a run that was not made."""
-    return Outcome(LAG, law, 1e-3, (12.0, 12.0), (first, second), (1.0, 1.0))
+    return CaseOutcome(LAG, law, 1e-3, (12.0, 12.0), Score(
+        rms=(first, second), variation=(1.0, 1.0)))
 
 
 def test_the_numbers_are_those_of_the_simulation() -> None:
     """Check two laws against a simulation of their own, on drives that the law knows."""
-    found = list(run_laws([LAG], ('compensation', 'observer_feedback')))
+    found = list(run_cases([LAG], ('compensation', 'observer_feedback')))
     setup = LAG.setup()
     errors = []
     for law in ({'law': 'compensation'}, {
@@ -41,13 +43,14 @@ def test_the_numbers_are_those_of_the_simulation() -> None:
         run = simulate(setup.plant, setup.controller.changed(law), setup.reference, truth=True)
         errors.append(metrics(run, (0.5, 1.0))['rms_error_rad'])
     for o, error in zip(found, errors, strict=True):
-        assert o.error == pytest.approx(error, rel=5e-3)
+        assert o.score.rms == pytest.approx(error, rel=5e-3)
     assert ratio(found[1], found[0]) == pytest.approx(
         max(a / b for a, b in zip(errors[1], errors[0])), rel=5e-3)
 
 
 def test_what_is_worse_is_bold() -> None:
-    failed = Outcome(LAG, 'super_twisting', 1e-3, (12.0, 12.0), failure='diverged')
+    failed = CaseOutcome(
+        LAG, 'super_twisting', 1e-3, (12.0, 12.0), Score(failure='diverged'))
     text = to_markdown(LAW_KIND, [
         made_up('compensation', 2.0, 4.0), made_up('integral', 1.0, 3.0),
         made_up('pd_gravity', 1.0, 5.0), failed])

@@ -12,7 +12,8 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.study import evaluate, Outcome, run_cases, to_csv
+from ctc_chattering.studies.score import Score
+from ctc_chattering.studies.study import CaseOutcome, evaluate, run_cases, to_csv
 from ctc_chattering.studies.study_files import SWITCHINGS as KIND
 from ctc_chattering.studies.study_files import to_markdown
 import pytest
@@ -46,9 +47,9 @@ def basic_case(name: str) -> Case:
 
 def measured(case: Case, switching: str) -> tuple[float, float]:
     """Return RMS e2 and torque variation of joint 2."""
-    outcome = evaluate(case, switching, case.setup())
-    assert outcome.error and outcome.variation, outcome.failure
-    return outcome.error[1], outcome.variation[1]
+    found = evaluate((case, switching)).score
+    assert not found.failure
+    return found.rms[1], found.variation[1]
 
 
 @pytest.mark.parametrize('engine', ENGINES)
@@ -100,16 +101,17 @@ def test_diverging_run_is_reported() -> None:
         '/**': {'control_period': 0.01}, 'controller': {'kv': [1e4, 1e4]},
         'plant': {'duration': 2.0, 'torque_saturation': [float('inf')] * 2}}, x=1.0)
     outcomes = list(run_cases((SHORT[0], unstable), TWO))
-    assert [bool(o.failure) for o in outcomes] == [False, False, True, True]
-    assert outcomes[2].error is None
+    assert [bool(o.score.failure) for o in outcomes] == [False, False, True, True]
+    assert outcomes[2].score.rms == ()
     line = list(csv.DictReader(io.StringIO(to_csv(outcomes))))[3]
     assert line['rms_error_2_rad'] == '' and '\n' not in line['failure'] and line['failure']
     assert '| diverged | diverged |' in to_markdown(KIND, outcomes)
 
 
-def outcome(switching: str, error: float, variation: float) -> Outcome:
+def outcome(switching: str, error: float, variation: float) -> CaseOutcome:
     """Return the outcome of a made-up run; both joints have the same numbers."""
-    return Outcome(SHORT[0], switching, 1e-3, (12.0, 12.0), (error, error), (variation, variation))
+    return CaseOutcome(SHORT[0], switching, 1e-3, (12.0, 12.0), Score(
+        rms=(error, error), variation=(variation, variation)))
 
 
 def test_best_of_a_row_and_ranking() -> None:
@@ -159,7 +161,7 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert error.startswith('ctc study: --jobs: 0 is not allowed') and error.count('\n') == 1
     assert not (tmp_path / 'a').exists()
     with pytest.raises(CtcError, match='kp'):
-        list(run_cases([Case('bad', 'Gain', {'controller': {'kp': [-1.0, 1.0]}})], jobs=2))
+        list(run_cases([Case('bad', 'Gain', {'controller': {'kp': [-1.0, 1.0]}})], TWO, 2))
 
 
 def test_the_cases() -> None:

@@ -12,9 +12,10 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
 from ctc_chattering.studies import tuning
 from ctc_chattering.studies.comparison import Variant, variants
-from ctc_chattering.studies.measurement import Measurement, worst
 from ctc_chattering.studies.recommended import recommended
-from ctc_chattering.studies.tuning import Budget, cost, DIVERGED, gains, Range, space, Weights
+from ctc_chattering.studies.score import Score, worst
+from ctc_chattering.studies.search import Numbers, require_optuna, search
+from ctc_chattering.studies.tuning import cost, DIVERGED, gains, Range, space, Weights
 import numpy as np
 from processes import CONFIG
 import pytest
@@ -35,20 +36,21 @@ class Recorder:
     def __init__(self) -> None:
         self.asked: list[dict[str, float]] = []
 
-    def __call__(self, numbers: dict[str, float]) -> float:
-        self.asked.append(numbers)
-        return bowl(numbers)
+    def __call__(self, batch: list[Numbers]) -> list[tuple[list[float], Numbers]]:
+        self.asked += batch
+        return [([bowl(numbers)], {}) for numbers in batch]
 
 
 def searched(seed: int, trials: int = 40) -> tuple[Recorder, dict[str, float]]:
     found = Recorder()
-    return found, tuning.search(found, RANGES, [{'x': 1.0, 'y': 1.0}], Budget(trials, seed))
+    tried = search(found, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed)
+    assert tried == found.asked
+    return found, min(tried, key=bowl)
 
 
 def test_the_optimum_is_found() -> None:
     """Check against as many trials at random: their best of many repetitions is worse."""
-    found, best = searched(0)
-    assert bowl(best) == min(map(bowl, found.asked))
+    _, best = searched(0)
     draw = random.Random(0)
     blind = sorted(min(bowl({name: r.low * (r.high / r.low) ** draw.random()
                              for name, r in RANGES.items()}) for _ in range(40))
@@ -71,8 +73,8 @@ def test_a_single_trial_is_the_first_one() -> None:
     assert searched(0, 1)[1] == {'x': 1.0, 'y': 1.0}
 
 
-def measurement(rms: float, variation: float, rate: float) -> Measurement:
-    return Measurement((rms, 2.0 * rms), (variation,) * 2, (1.0, 1.0), (rate,) * 2, (5.0, 5.0))
+def measurement(rms: float, variation: float, rate: float) -> Score:
+    return Score((rms, 2.0 * rms), (), (variation,) * 2, (1.0, 1.0), (rate,) * 2, (5.0, 5.0))
 
 
 def test_the_cost_is_the_mean_of_weighted_logarithms() -> None:
@@ -150,7 +152,7 @@ def test_without_optuna_it_is_said_how_to_get_it(
         monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, 'optuna', None)
     with pytest.raises(UsageError, match=r'pip install optuna'):
-        tuning.require_optuna()
+        require_optuna('it')
     assert main(['compare', 'friction', '--trials', '2']) == 2
     assert capsys.readouterr().err == (
         "ctc compare: --trials needs Optuna: pip install optuna, or '.[tune]' from the checkout\n")

@@ -39,3 +39,8 @@ def until_there(begun: str, task: str) -> int:
     while not Path(task).exists():
         time.sleep(0.01)
     return 2
+
+
+def late(time_taken: float) -> float:
+    time.sleep(time_taken)
+    return time_taken

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -10,13 +9,6 @@ from typing import Any
 from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.robustness.tuning.runs import Evaluation, tune, Tuning
 from ctc_chattering.robustness.tuning.spec import parse_tune, TuneSpec
-
-
-def one_process(function: Callable[[Any], Any], tasks: list[Any], chunksize: int = 1
-                ) -> Iterator[Any]:
-    """Map in this process."""
-    assert chunksize > 0
-    return map(function, tasks)
 
 
 def short_spec(**more: Any) -> TuneSpec:
@@ -32,4 +24,4 @@ def short_spec(**more: Any) -> TuneSpec:
 def short_tuning(torque_limit: float = 5e3, percentile: float = 100.0) -> Tuning:
     """Return a search of 12 trials."""
     found = short_spec(tune={'torque_limit': torque_limit})
-    return tune(Evaluation(found, percentile, REFERENCE, one_process), 12, 1)
+    return tune(Evaluation(found, percentile, REFERENCE, map), 12, 1)

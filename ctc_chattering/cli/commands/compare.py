@@ -62,12 +62,14 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.studies import comparison
     from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
     from ctc_chattering.studies.comparison_tables import to_markdown
-    from ctc_chattering.studies.measurement import over_ros, Runner, Simulation
+    from ctc_chattering.studies.score import Runner, Simulation
 
     if options.engine and options.ros:
         raise UsageError('--engine and --ros exclude each other: the nodes run, no simulation')
     engine = chosen_engine(options)
-    runner: Runner = over_ros if options.ros else Simulation(engine)
+    runner: Runner = Simulation(engine)
+    if options.ros:
+        from ctc_chattering.studies.over_ros import over_ros as runner
     todo = comparison.tasks([find_file(file) for file in options.files], _backends(options),
                             options.condition or [None], _laws(options), _budget(options))
     if options.out is not None:
@@ -103,7 +105,8 @@ def _laws(options: argparse.Namespace) -> list[str]:
 
 def _budget(options: argparse.Namespace) -> Budget | None:
     """Return trials, seed and weights, or None without trials; raise `UsageError`."""
-    from ctc_chattering.studies.tuning import Budget, require_optuna, Weights
+    from ctc_chattering.studies.search import require_optuna
+    from ctc_chattering.studies.tuning import Budget, Weights
 
     try:
         weights = Weights(*map(float, options.weights.split(',')))
@@ -117,5 +120,5 @@ def _budget(options: argparse.Namespace) -> Budget | None:
         raise UsageError('allowed: --trials from 1 on, --seed from 0 to 2**32 - 1')
     if options.ros:
         raise UsageError('--trials and --ros exclude each other: the simulation is tuned')
-    require_optuna()
+    require_optuna('--trials')
     return Budget(options.trials, options.seed, weights)

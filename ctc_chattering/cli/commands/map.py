@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from importlib.util import find_spec
 
 from ctc_chattering.cli.options import add_engine_option, add_jobs, add_output, number_of_jobs
 from ctc_chattering.configuration.package_share import find_config
@@ -38,6 +39,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.jobs is not None and options.scheduler is not None:
         raise UsageError('--jobs and --scheduler exclude each other: a cluster has its workers')
+    if find_spec('pandas') is None:  # It is needed at the end, and takes time to import.
+        raise ModuleNotFoundError(name='pandas')
     jobs = number_of_jobs(options.jobs)
     runs = Runs(read_spec(find_config(options.spec, folder=_FOLDER)))
     engine, reason = available(options.engine)

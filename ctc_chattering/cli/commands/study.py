@@ -15,8 +15,6 @@ from ctc_chattering.cli.options import (
     number_of_jobs,
 )
 from ctc_chattering.cli.presentation import print_page
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.switching import SWITCHINGS
 
 DETAILS = ('Simulate them and write study.md, study.csv, figures and study.html; with --laws, '
            'laws.md, laws.csv, laws_figures and laws.html.')
@@ -35,21 +33,21 @@ def run(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
     from ctc_chattering.analysis.engine import compile_loop
     from ctc_chattering.cli.progress import progress_bar
-    from ctc_chattering.studies import law_study, study, study_files
+    from ctc_chattering.studies import study_files
     from ctc_chattering.studies.cases import CASES
+    from ctc_chattering.studies.study import engines, run_cases
 
     jobs, engine, start = number_of_jobs(options.jobs), chosen_engine(options), time.monotonic()
     kind = study_files.LAWS if options.laws else study_files.SWITCHINGS
     out = prepare(options.out, kind.names, options.overwrite)
-    runs = law_study.run_laws(CASES, LAWS, jobs, engine) if options.laws else (
-        study.run_cases(CASES, SWITCHINGS, jobs, engine))
     compile_loop((case.setup() for case in CASES), engine, say)
-    outcomes = list(progress_bar(runs, desc=kind.name, unit='run', total=len(CASES) * len(
-        LAWS if options.laws else SWITCHINGS)))
+    outcomes = list(progress_bar(
+        run_cases(CASES, kind.variants, jobs, engine), desc=kind.name, unit='run',
+        total=len(CASES) * len(kind.variants)))
     print('drawing ...', flush=True)
     page = study_files.write_study(kind, outcomes, out, engine)
-    failed = sum(bool(outcome.failure) for outcome in outcomes)
+    failed = sum(bool(outcome.score.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
-          f'{study.engines(outcomes)}.')
+          f'{engines(outcomes)}.')
     print_page(page)
     return 0

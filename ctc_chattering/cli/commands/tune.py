@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.robustness.tuning import report
     from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
     from ctc_chattering.robustness.tuning.runs import Evaluation, tune
-    from ctc_chattering.studies.tuning import require_optuna
+    from ctc_chattering.studies.search import require_optuna
 
     require_optuna('ctc tune')
     check('--trials', options.trials, 1)
@@ -144,10 +144,10 @@ def _map(jobs: int, runs: int) -> Iterator[Callable[..., Iterator[Any]]]:
     from ctc_chattering.studies.pool import processes
 
     with processes(jobs) as each, progress_bar(total=runs, desc='tune', unit='run') as bar:
-        def counted(function: Callable[[Any], Any], tasks: list[Any], chunksize: int
-                    ) -> Iterator[Any]:
-            bar.total = max(bar.total, bar.n + len(tasks))
-            for found in each(function, tasks, chunksize=chunksize):
-                bar.update()
+        def counted(function: Callable[[Any], list[Any]], tasks: list[list[Any]]
+                    ) -> Iterator[list[Any]]:
+            bar.total = max(bar.total, bar.n + sum(map(len, tasks)))
+            for found in each(function, tasks):
+                bar.update(len(found))
                 yield found
         yield counted

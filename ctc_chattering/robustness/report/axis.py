@@ -40,7 +40,11 @@ class GridAxis:
 
     def at(self, k: int) -> str:
         """Return the value with this index, in words."""
-        return f'{self.name} {number(self.values[k])} {self.unit}'.rstrip()
+        return self.text(self.values[k])
+
+    def text(self, value: float) -> str:
+        """Return a value in words."""
+        return f'{self.name} {number(value)} {self.unit}'.rstrip()
 
     @cached_property
     def scale(self) -> str:

@@ -7,7 +7,7 @@ import itertools
 
 from ctc_chattering.robustness.report.axis import number
 from ctc_chattering.robustness.report.boundary import LEVEL, passing_ranges
-from ctc_chattering.robustness.report.data import Counts, MapData, spaced
+from ctc_chattering.robustness.report.data import MapData, spaced
 import numpy as np
 import numpy.typing as npt
 
@@ -49,22 +49,20 @@ class Contrast:
 
 def contrast(data: MapData, variant: int, base: int) -> Contrast:
     """Return a variant against another."""
-    rows, others = _rows(data, variant), _rows(data, base)
-    both = (rows >= 0) & (others >= 0)
-    mine, other = rows[both], others[both]
-    failed, failed_other = data.failure[mine] >= 0, data.failure[other] >= 0
-    error, original = data.error[mine], data.error[other]
+    both = data.of(variant).merge(data.of(base), suffixes=('', '_base'), on=[
+        *(axis.name for axis in data.axes), 'repeat'])
+    failed, failed_base = both['failure'] != '', both['failure_base'] != ''
+    error, original = both['error'], both['error_base']
     usable = np.isfinite(error) & np.isfinite(original) & (original > 0.0)
-    ratio = np.divide(error, original, out=np.zeros(len(error)), where=usable)
-    worst = int(mine[np.argmax(ratio)]) if len(mine) else 0
+    ratio = (error / original).where(usable, 0.0).to_numpy()
+    worst = both.iloc[int(ratio.argmax())] if len(both) else {'run': 0}
     p = data.probability
     alone = (p[variant] >= LEVEL) & (p[base] < LEVEL)
     return Contrast(
-        len(mine), int((failed & ~failed_other).sum()), int((failed_other & ~failed).sum()),
+        len(both), int((failed & ~failed_base).sum()), int((failed_base & ~failed).sum()),
         extent(data, alone) if data.axes else '', int((error > original).sum()),
-        float(ratio.max(initial=0.0)), int(data.run[worst]), ', '.join(
-            axis.at(int(k)) for axis, k in zip(data.axes, np.unravel_index(
-                data.point[worst], data.shape) if data.axes else ())))
+        float(ratio.max(initial=0.0)), int(worst['run']), ', '.join(
+            axis.text(worst[axis.name]) for axis in data.axes if axis.name in worst))
 
 
 def extent(data: MapData, points: npt.NDArray[np.bool_]) -> str:
@@ -111,12 +109,3 @@ def _ranges(values: tuple[float, ...], probability: npt.NDArray[np.float64]) -> 
 
 def _span(low: float, high: float) -> str:
     return number(low) if low == high else f'{number(low)} to {number(high)}'
-
-
-def _rows(data: MapData, variant: int) -> Counts:
-    """Return the row of every point and draw, shape (points times draws,); -1 without a run."""
-    mine = np.flatnonzero(data.variant == variant)
-    draws = int(data.draw.max()) + 1
-    found = np.full(int(np.prod(data.shape, dtype=np.int64)) * draws, -1, np.int64)
-    found[data.point[mine] * draws + data.draw[mine]] = mine
-    return found

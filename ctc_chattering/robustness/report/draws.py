@@ -10,7 +10,6 @@ from ctc_chattering.robustness.report.lines import legend_beside, names_on, styl
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 import numpy as np
-from scipy.stats import spearmanr  # type: ignore[import-untyped]
 
 #: Colours of `KINDS`.
 KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#56B4E9', '#7B5EA7', '#b5b5b5')
@@ -22,12 +21,13 @@ def distributions(data: MapData) -> Figure:
     """Draw the share of runs with an error up to a value."""
     figure, grid = drawing.sheet('Distribution of the error', 1, (3.4, 1.0), 3.6)
     ax = drawing.panel(figure, grid[0, 0], '', 'share of runs with this error or less')
-    known = data.error[np.isfinite(data.error) & (data.error > 0.0)]
+    error = data.rows['error'].to_numpy()
+    known = error[np.isfinite(error) & (error > 0.0)]
     if len(known):
         ax.set(xscale='log', xlim=(known.min() / 1.3, known.max() * 1.3))
     end = ax.get_xlim()[1]
     for v, style in enumerate(styles(data)):
-        mine = np.sort(data.error[data.variant == v])
+        mine = np.sort(data.of(v)['error'])
         steps = np.array(spaced(len(mine), _STEPS))
         reached = (steps + 1.0) / len(mine)
         known = mine[steps] < np.inf
@@ -46,7 +46,7 @@ def shares(data: MapData) -> Figure:
     left = min(4.0, 0.5 + 0.075 * max(map(len, data.variants)))
     figure, grid = drawing.sheet('Failures by kind', 1, (4.0, 1.0), 0.36 * n + 0.4, left=left)
     ax = drawing.panel(figure, grid[0, 0], '', '')
-    runs = np.bincount(data.variant, minlength=n)
+    runs = np.array([len(data.of(v)) for v in range(n)])
     ax.set_axisbelow(True)
     ax.grid(False, axis='y')
     before = np.zeros(n)
@@ -67,7 +67,7 @@ def shares(data: MapData) -> Figure:
 
 def correlations(data: MapData) -> Figure:
     """Draw Spearman's rank correlation of the error with each axis and uncertain parameter."""
-    names, n = list(data.columns), len(data.variants)
+    names, n = data.columns, len(data.variants)
     columns = min(n, 3)
     left = min(3.0, 0.4 + 0.075 * max(map(len, names)))
     figure, grid = drawing.sheet('What the error depends on', -(-n // columns), (1.0,) * columns,
@@ -92,11 +92,5 @@ def rank_correlations(data: MapData) -> Array:
 
     A run without an error counts as the largest; nan where one of both never changes.
     """
-    found = np.full((len(data.variants), len(data.columns)), np.nan)
-    for v in range(len(data.variants)):
-        mine = data.variant == v
-        error = data.error[mine]
-        for k, column in enumerate(data.columns.values()):
-            if len(np.unique(error)) > 1 and len(np.unique(column[mine])) > 1:
-                found[v, k] = spearmanr(column[mine], error).statistic
-    return found
+    ranks = [data.of(v)[[*data.columns, 'error']].rank() for v in range(len(data.variants))]
+    return np.array([x.corr()['error'][data.columns] for x in ranks])

@@ -148,7 +148,7 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
     yield 'failures', shares(data), (
         'Share of all runs that fail, by the first kind that applies, and the interval of 95 % of '
         'their sum' + (' for other draws, which all points share.' if data.axes else ' (Wilson).'))
-    if (len(data.columns) > 1 or data.uncertain) and len(np.unique(data.error)) > 1:
+    if (len(data.columns) > 1 or data.uncertain) and data.rows['error'].nunique() > 1:
         yield 'dependence', correlations(data), _correlation_caption(data)
 
 

@@ -70,7 +70,7 @@ def _lead(data: MapData) -> str:
     points = f'over {axes}: {_many(int(np.prod(data.shape)), "point")}, ' if axes else ''
     return (f'{_many(len(data.variants), "law")} {points or "with "}'
             f'{_many(data.repeats, "draw")}{" each" if axes else ""}, '
-            f'{_many(len(data.variant), "run")} in all.')
+            f'{_many(len(data.rows), "run")} in all.')
 
 
 def _failures(data: MapData) -> Table:
@@ -82,7 +82,7 @@ def _failures(data: MapData) -> Table:
     rows = []
     for v, name in enumerate(data.variants):
         runs = int(_runs(data)[v])
-        error = np.sort(data.error[data.variant == v])
+        error = np.sort(data.of(v)['error'])
         middle, high = (error[int(np.ceil(q * runs)) - 1] for q in (0.5, 0.95))
         rows.append([name, f'{runs}', *(_share(*data.of_draws(v, kind)) for kind in (None, *used)),
                      two_lines(_error(middle), _error(high))])
@@ -137,14 +137,14 @@ def _boundaries(data: MapData) -> Iterator[Table]:
 
 def _summary(data: MapData, facts: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return axes, draws, seeds and engines, then the `facts` of nothing of these."""
-    first, last = data.seeds
+    seeds, engines = data.rows['seed'], data.rows['engine'].value_counts(sort=False)
     lines = {axis.label: ': '.join(filter(None, (_values(axis), facts.get(axis.name))))
              for axis in (*data.axes, *data.fixed)}
     lines |= {name: facts.get(name, 'drawn') for name in data.uncertain}
     lines['runs'] = (f'{_many(data.repeats, "run")} of each law'
                      + (' at each point' if data.axes else '')
-                     + f'; seeds of the noise {first} to {last}')
-    lines['engines'] = ', '.join(f'{name}: {_many(n, "run")}' for name, n in data.engines.items())
+                     + f'; seeds of the noise {seeds.min()} to {seeds.max()}')
+    lines['engines'] = ', '.join(f'{name}: {_many(n, "run")}' for name, n in engines.items())
     lines |= {name: text for name, text in facts.items() if name not in data.columns}
     return list(lines.items())
 
@@ -155,7 +155,7 @@ def _values(axis: GridAxis) -> str:
 
 
 def _runs(data: MapData) -> Counts:
-    return np.bincount(data.variant, minlength=len(data.variants))
+    return np.array([len(data.of(v)) for v in range(len(data.variants))])
 
 
 def _share(failures: Counts, runs: Counts) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from ctc_chattering.robustness.quantity import Quantity, Uncertain
 from ctc_chattering.robustness.report.axis import number
-from ctc_chattering.robustness.report.data import map_data
+from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.figures import save_map_figures
 from ctc_chattering.robustness.report.page import write_map_page
 from ctc_chattering.robustness.shards import FIGURES, JSON, PAGE, TABLE
@@ -39,7 +39,7 @@ def write_report(spec: MapSpec, table: Any, directory: Path) -> Path:
         If a file cannot be written.
 
     """
-    data = map_data(table, {x.name: x.unit for x in spec.axes}, [x.name for x in spec.uncertain])
+    data = MapData(table, {x.name: x.unit for x in spec.axes}, [x.name for x in spec.uncertain])
     figures = save_map_figures(data, directory / FIGURES)
     write_map_page(data, figures, directory / PAGE, facts(spec),
                    {TABLE: 'a row a run', JSON: 'the spec, versions and counts'})

@@ -18,7 +18,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.figures import save_tune_figures
 from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
-from ctc_chattering.robustness.tuning.search import Score
+from ctc_chattering.robustness.tuning.search import OverDraws
 from ctc_chattering.robustness.tuning.spec import Draws, TuneSpec
 
 #: Names in the directory.
@@ -103,7 +103,7 @@ def _candidate(x: Candidate) -> dict[str, Any]:
             'fresh': _score(x.fresh)}
 
 
-def _score(x: Score) -> dict[str, Any]:
+def _score(x: OverDraws) -> dict[str, Any]:
     return {'error_rad': x.error, 'torque_variation_nm_per_s': x.variation,
             'max_torque_nm': list(x.torque), 'max_torque_rate_nm_per_s': list(x.rate),
             'runs': len(x.runs), 'violating_runs': {name: n for name, n in x.violating.items()

@@ -13,8 +13,8 @@ from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
 from ctc_chattering.robustness.tuning.search import (
     CONSTRAINTS,
     DIVERGED,
+    OverDraws,
     RATE,
-    Score,
     TORQUE,
     Trial,
 )
@@ -68,7 +68,7 @@ def trials_text(trials: Sequence[Trial]) -> str:
     return f'in some run {", ".join(broken)}; {kept} of {len(trials)} keep all limits'
 
 
-def violations_text(score: Score) -> str:
+def violations_text(score: OverDraws) -> str:
     """Return what runs violate, with their number; empty for nothing."""
     return ', '.join(f'{name}: {n} of {len(score.runs)}'
                      for name, n in score.violating.items() if n)

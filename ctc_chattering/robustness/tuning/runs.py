@@ -4,33 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import dataclasses
-from itertools import count
-from math import inf, isfinite
+from functools import partial
+from itertools import chain, count
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.engine import simulated_by
-from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.errors import CtcError, MachineError, refused_as
-from ctc_chattering.robustness.tuning.search import (
-    front,
-    knee,
-    Measured,
-    Score,
-    score,
-    search,
-    Trial,
-)
+from ctc_chattering.robustness.tuning.search import front, knee, over_draws, OverDraws, Trial
 from ctc_chattering.robustness.tuning.spec import Draws, TuneSpec
 from ctc_chattering.studies.recommended import recommended, recommended_setup
+from ctc_chattering.studies.score import Score, score, Simulation
+from ctc_chattering.studies.search import Numbers, search
 from ctc_chattering.studies.tuning import Range, starts
-import numpy as np
 
 #: Law that docs/laws.md recommends for real arms.
 _BEST = 'observer_feedback'
-#: Runs that a process gets at once.
-_CHUNK = 8
+#: Runs that a process gets at once; trials that are asked for at once, and most at random first.
+_CHUNK, _GROUP, _AT_RANDOM = 8, 10, 30
 
 
 class Candidate(NamedTuple):
@@ -43,15 +33,15 @@ class Candidate(NamedTuple):
         Shown.
     values : mapping
         Parameters of the controller in place of those of the file.
-    drawn, fresh : Score
+    drawn, fresh : OverDraws
         On the draws of the search, and on fresh ones.
 
     """
 
     name: str
     values: Mapping[str, Any]
-    drawn: Score
-    fresh: Score
+    drawn: OverDraws
+    fresh: OverDraws
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,25 +86,9 @@ class Tuning:
     fresh: Draws
 
 
-def measured(task: tuple[Setup, tuple[float, float], str]) -> Measured:
-    """Run a setup by an engine; return the numbers of its true motion in a window."""
-    setup, window, engine = task
-    try:
-        with refused_as('the run failed'), np.errstate(all='ignore'):
-            run = simulated_by(setup, engine, truth=True).run
-    except MachineError:
-        raise
-    except CtcError as error:
-        return Measured(inf, inf, (), (), str(error))
-    period = setup.controller.control_period
-    found = metrics(run, window, period=period)
-    whole = metrics(run, (0.0, setup.plant.duration), period=period)
-    largest = max(found['rms_error_rad'])
-    if not isfinite(largest):
-        return Measured(inf, inf, (), (), 'the error is not finite')
-    return Measured(largest, max(found['torque_variation_nm_per_s']),
-                    tuple(np.abs(run.tau).max(axis=0).tolist()),
-                    tuple(whole['max_torque_rate_nm_per_s']))
+def scores_of(window: tuple[float, float], engine: str, setups: Sequence[Setup]) -> list[Score]:
+    """Run setups by an engine; return the numbers of their true motion in a window."""
+    return [score(setup, window, Simulation(engine)) for setup in setups]
 
 
 class Evaluation(NamedTuple):
@@ -130,7 +104,7 @@ class Evaluation(NamedTuple):
     engine : str
         `BATCH` or `REFERENCE`; it has the robot of the spec.
     each : callable
-        Map of a function over tasks in their order, with `chunksize` of them at a time.
+        Map of a function over tasks, in their order.
 
     """
 
@@ -139,13 +113,15 @@ class Evaluation(NamedTuple):
     engine: str
     each: Callable[..., Iterator[Any]]
 
-    def scores(self, candidates: Iterable[Mapping[str, Any]], draws: Draws) -> list[Score]:
+    def scores(self, candidates: Iterable[Mapping[str, Any]], draws: Draws) -> list[OverDraws]:
         """Return what candidates, parameters of the controller, do over the same draws."""
         spec, n = self.spec, len(draws.setups)
-        tasks = [(dataclasses.replace(setup, controller=setup.controller.changed(values)),
-                  spec.window, self.engine) for values in candidates for setup in draws.setups]
-        runs: list[Measured] = list(self.each(measured, tasks, chunksize=_CHUNK))
-        return [score(runs[k:k + n], spec.limits, self.percentile)
+        setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
+                  for values in candidates for setup in draws.setups]
+        runs = list(chain.from_iterable(self.each(
+            partial(scores_of, spec.window, self.engine),
+            [setups[k:k + _CHUNK] for k in range(0, len(setups), _CHUNK)])))
+        return [over_draws(runs[k:k + n], spec.limits, self.percentile)
                 for k in range(0, len(runs), n)]
 
 
@@ -172,8 +148,14 @@ def tune(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
     drawn, fresh = spec.draws(), spec.fresh_draws()
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
                    recommended(spec.setup))
-    found = search(lambda batch: evaluation.scores(map(spec.gains, batch), drawn), spec.ranges,
-                   [_within(x, spec.ranges) for x in first], trials, seed)
+    found: list[Trial] = []
+
+    def answers(batch: list[Numbers]) -> Iterator[tuple[tuple[float, float], dict[str, float]]]:
+        found.extend(map(Trial, batch, evaluation.scores(map(spec.gains, batch), drawn)))
+        return ((x.score.objectives, x.score.excess) for x in found[-len(batch):])
+
+    search(answers, spec.ranges, [_within(x, spec.ranges) for x in first], trials, seed, 2, _GROUP,
+           _AT_RANDOM)
     chosen = front([trial.score for trial in found])
     values = [spec.gains(found[k].numbers) for k in chosen]
     others = references(spec)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.robustness.report.contrast import contrast, extent, passing
-from ctc_chattering.robustness.report.data import map_data
+from ctc_chattering.robustness.report.data import MapData
 from map_tables import made_up, table_of
 import numpy as np
 import pyarrow as pa
@@ -21,14 +21,14 @@ def grid(failures: Any, errors: Any = None, axes: Any = None) -> Any:
     table = table_of(LAWS, axes, {
         'error': np.full(failures.shape, 0.01) if errors is None else errors,
         'failure': np.where(failures, 'error', '')})
-    return map_data(table, {name: {'a': 'N*m'}.get(name, '') for name in axes})
+    return MapData(table, {name: {'a': 'N*m'}.get(name, '') for name in axes})
 
 
 def test_runs_are_compared_one_by_one() -> None:
     """Check counts against pairs of rows, some without a partner."""
     table = made_up({'friction': [2.0, 10.0], 'ka': [1.0, 12.0, 40.0]}, 6)
     table = table.take(pa.array(np.random.default_rng(0).permutation(len(table))[:150]))
-    data = map_data(table, {'friction': '', 'ka': ''})
+    data = MapData(table, {'friction': '', 'ka': ''})
     rows = {(row['variant'], row['point'], row['repeat']): row['failure'] != ''
             for row in table.to_pylist()}
     base = {key[1:]: failed for key, failed in rows.items() if key[0] == 'compensation'}
@@ -77,7 +77,7 @@ def test_the_loss_is_that_of_the_worst_pair_of_rows() -> None:
     table = made_up({'friction': [2.0, 10.0], 'ka': [1.0, 12.0]}, 6)
     random = np.random.default_rng(2)
     table = table.take(pa.array(random.permutation(len(table))))
-    data = map_data(table, {'friction': '', 'ka': ''})
+    data = MapData(table, {'friction': '', 'ka': ''})
     rows = {(row['variant'], row['point'], row['repeat']): row for row in table.to_pylist()}
     base = data.variants.index('compensation')
     for v, name in enumerate(data.variants):

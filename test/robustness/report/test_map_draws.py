@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ctc_chattering.robustness.report.boundary import pooled
-from ctc_chattering.robustness.report.data import KINDS, map_data, MapData
+from ctc_chattering.robustness.report.data import KINDS, MapData
 from ctc_chattering.robustness.report.draws import (
     correlations,
     distributions,
@@ -22,15 +22,15 @@ pytestmark = pytest.mark.filterwarnings('error')
 
 @pytest.fixture(scope='module')
 def data() -> MapData:
-    found = map_data(made_up({'ka': [4.0, 30.0]}, 40), {'ka': 'N*m'}, ('model', 'noise'))
-    assert len(np.unique(found.failure)) > 3
+    found = MapData(made_up({'ka': [4.0, 30.0]}, 40), {'ka': 'N*m'}, ('model', 'noise'))
+    assert found.rows['failure'].nunique() > 3
     return found
 
 
 def test_distributions_are_those_of_scipy(data: MapData) -> None:
     (ax,) = distributions(data).axes
     for v, line in enumerate(ax.lines):
-        mine = data.error[data.variant == v]
+        mine = data.of(v)['error'].to_numpy()
         expected = ecdf(mine[np.isfinite(mine)]).cdf
         part = np.isfinite(mine).mean()
         x, y = np.asarray(line.get_data())
@@ -43,7 +43,7 @@ def test_distributions_are_those_of_scipy(data: MapData) -> None:
 
 def test_a_long_distribution_is_thinned() -> None:
     error = np.random.default_rng(0).permutation(np.arange(1.0, 5001.0))
-    data = map_data(table_of(('compensation',), {}, {
+    data = MapData(table_of(('compensation',), {}, {
         'error': error.reshape(1, 1, -1), 'failure': np.full((1, 1, 5000), '')}), {})
     x, y = np.asarray(distributions(data).axes[0].lines[0].get_data())
     assert len(x) <= 1001
@@ -56,28 +56,28 @@ def test_bars_are_the_shares_of_the_kinds(data: MapData) -> None:
     bars = [x for x in ax.patches if isinstance(x, Rectangle)]
     for kind, colour in enumerate(KIND_COLOURS):
         mine = [bar for bar in bars if same(bar, colour)]
-        counts = [int((data.failure[data.variant == v] == kind).sum())
+        counts = [int((data.of(v)['failure'] == KINDS[kind]).sum())
                   for v in range(len(data.variants))]
         assert [bar.get_width() for bar in mine] == pytest.approx(
             [n / 80 for n in counts] if any(counts) else [])
-        worse = [int(((data.failure >= 0) & (data.failure < kind) & (data.variant == v)).sum())
+        worse = [int(data.of(v)['failure'].isin(KINDS[:kind]).sum())
                  for v in range(len(data.variants))]
         assert [bar.get_x() for bar in mine] == pytest.approx([n / 80 for n in worse][:len(mine)])
     legend = ax.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == [
-        kind for k, kind in enumerate(KINDS) if (data.failure == k).any()]
-    (interval,), draw = ax.collections, np.unique(data.draw)[:, np.newaxis]
+        kind for kind in KINDS if (data.rows['failure'] == kind).any()]
+    (interval,) = ax.collections
     for v, segment in enumerate(interval.get_segments()):  # type: ignore[attr-defined]
-        mine = (data.draw == draw)[:, data.variant == v]
-        failed = (mine & (data.failure[data.variant == v] >= 0)).sum(axis=1)
-        assert segment[:, 0] == pytest.approx(pooled(failed, mine.sum(axis=1)))
+        rows = data.of(v)
+        draws = [rows['failure'][rows['repeat'] == k] != '' for k in rows['repeat'].unique()]
+        assert segment[:, 0] == pytest.approx(pooled([x.sum() for x in draws], [*map(len, draws)]))
     assert [text.get_text() for text in ax.get_yticklabels()] == list(data.variants)
 
 
 def test_one_draw_has_no_interval() -> None:
     """Check that there is no bar, and no warning."""
-    data = map_data(made_up({'ka': [1.0, 8.0, 40.0]}, 1), {'ka': ''})
+    data = MapData(made_up({'ka': [1.0, 8.0, 40.0]}, 1), {'ka': ''})
     (interval,) = shares(data).axes[0].collections
     assert not any(len(x) for x in interval.get_segments())  # type: ignore[attr-defined]
 
@@ -92,7 +92,7 @@ def test_correlations_have_spearmans_closed_form() -> None:
     random, n = np.random.default_rng(5), 30
     model, error = random.random(n), random.random(n)
     error[np.argmax(error)] = np.nan
-    data = map_data(table_of(('compensation', 'chattering sign'), {}, {
+    data = MapData(table_of(('compensation', 'chattering sign'), {}, {
         'error': np.stack([error, np.full(n, 0.5)])[np.newaxis],
         'failure': np.where(np.isnan([error, np.zeros(n)]), 'diverged', '')[np.newaxis]},
         {'model': model, 'same': np.ones(n)}), {}, ('model', 'same'))
@@ -114,7 +114,7 @@ def test_bars_are_the_correlations(data: MapData) -> None:
 
 
 def test_without_axes_the_figure_shows_what_chance_gives() -> None:
-    data = map_data(made_up({}, 65), {}, ('model', 'noise'))
+    data = MapData(made_up({}, 65), {}, ('model', 'noise'))
     ax = correlations(data).axes[0]
     band = next(x for x in ax.patches if isinstance(x, Rectangle))
     assert (band.get_x(), band.get_width()) == pytest.approx((-1.96 / 8.0, 2 * 1.96 / 8.0))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.robustness.report import figures as map_figures
-from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.draws import correlations, distributions, shares
 from ctc_chattering.robustness.report.figures import error_map, failure_map, gain_map
 from ctc_chattering.robustness.report.lines import bands, lines
@@ -36,8 +36,8 @@ SOME = ('compensation', 'chattering sign', 'chattering implicit')
 def data_of(*names: str, repeats: int = 5, variants: tuple[str, ...] = SOME, **axes: Any
             ) -> MapData:
     axes = {name: AXES[name] for name in names} | axes
-    return map_data(made_up(axes, repeats, variants=variants),
-                    {name: UNITS[name] for name in axes}, ('model', 'noise'))
+    return MapData(made_up(axes, repeats, variants=variants),
+                   {name: UNITS[name] for name in axes}, ('model', 'noise'))
 
 
 def panels(figure: Figure) -> list[Axes]:
@@ -109,7 +109,7 @@ def test_cells_are_at_their_values(figure: Figure) -> None:
 def test_gains_are_decades_and_extremes_are_named() -> None:
     median = np.array([[1e-2, 1e-2, 1e-2, np.nan, np.nan, 1e-3],
                        [1e-3, 1e-1, np.nan, 1e-3, np.nan, 1e-3]])
-    data = map_data(table_of(SOME[:2], {'a': [1., 2.], 'b': [1., 2., 3.]}, {
+    data = MapData(table_of(SOME[:2], {'a': [1., 2.], 'b': [1., 2., 3.]}, {
         'error': median.T[..., np.newaxis], 'failure': np.where(
             np.isnan(median), 'diverged', '').T[..., np.newaxis]}), {'a': '', 'b': ''})
     figure = gain_map(data)
@@ -138,7 +138,7 @@ def test_the_boundary_and_its_interval() -> None:
     failure = np.full((3, 5, 1, n), '', object)
     for j, k in enumerate(counts):
         failure[:, j, :, :k] = 'error'
-    data = map_data(table_of(('chattering sign',), {'a': range(3), 'b': range(5)}, {
+    data = MapData(table_of(('chattering sign',), {'a': range(3), 'b': range(5)}, {
         'error': np.ones((15, 1, n)), 'failure': failure.reshape(15, 1, n)}), {'a': '', 'b': ''})
     figure = failure_map(data)
     (ax,) = panels(figure)
@@ -157,7 +157,7 @@ def test_the_boundary_and_its_interval() -> None:
 
 def test_half_of_the_runs_is_a_failure() -> None:
     failure = np.array([['', ''], ['error', ''], ['error', 'error'], ['error', 'error']])
-    data = map_data(table_of(('compensation',), {'a': [0., 1.], 'b': [0., 1.]}, {
+    data = MapData(table_of(('compensation',), {'a': [0., 1.], 'b': [0., 1.]}, {
         'error': np.ones((4, 1, 2)), 'failure': failure[:, np.newaxis]}), {'a': '', 'b': ''})
     (ax,) = panels(failure_map(data))
     (line,) = (x for x in ax.collections if isinstance(x, ContourSet))
@@ -173,7 +173,7 @@ def test_refused_and_missing_cells_have_colours_of_their_own() -> None:
     error[0, 1, 0], failure[0, 1, 0] = np.nan, 'refused'  # One of two runs only.
     table = table_of(variants, {'a': [1., 2.], 'b': [1., 2., 3.]},
                      {'error': error, 'failure': failure})
-    data = map_data(table.slice(0, 20), {'a': '', 'b': ''})
+    data = MapData(table.slice(0, 20), {'a': '', 'b': ''})
     for draw in (error_map, failure_map):
         figure = draw(data)
         first, second = panels(figure)
@@ -217,7 +217,7 @@ CASES: dict[str, Any] = {
         'ka', variants=tuple(LAWS), repeats=4, rate=[5e-4, 1e-3, 2e-3], delay=[0., 1.])),
     'one law, 2x2, one run': lambda: error_map(data_of(
         variants=('chattering sign',), repeats=1, friction=[5e-4, 2e-3], ka=[1.0, 100.0])),
-    'all diverged': lambda: gain_map(map_data(table_of(SOME, {'a': [0., 1., 10.], 'b': range(9)}, {
+    'all diverged': lambda: gain_map(MapData(table_of(SOME, {'a': [0., 1., 10.], 'b': range(9)}, {
         'error': np.full((27, 3, 1), np.nan), 'failure': np.full((27, 3, 1), 'diverged')}),
         {'a': 'N*m', 'b': ''})),
     'lines': lambda: lines(data_of('ka', variants=tuple(LAWS))),

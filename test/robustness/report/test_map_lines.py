@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.lines import bands, lines, styles
 from map_tables import made_up
 import numpy as np
@@ -15,7 +15,7 @@ KA = np.geomspace(1.0, 40.0, 7)
 
 @pytest.fixture(scope='module')
 def data() -> MapData:
-    found = map_data(made_up({'ka': KA}, 9), {'ka': 'N*m'})
+    found = MapData(made_up({'ka': KA}, 9), {'ka': 'N*m'})
     assert np.isinf(found.median).any()
     return found
 
@@ -69,7 +69,7 @@ def test_styles_differ_without_colour(data: MapData) -> None:
 
 def test_a_map_in_which_all_runs_diverged() -> None:
     table = made_up({'ka': [400.0, 800.0]}, 2, variants=('chattering sign',))
-    data = map_data(table, {'ka': ''})
+    data = MapData(table, {'ka': ''})
     assert np.isinf(data.median).all()
     above = lines(data).axes[0]
     assert [len(np.asarray(line.get_xdata())) for line in above.lines

@@ -8,7 +8,7 @@ from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.errors import CtcError
-from ctc_chattering.robustness.report.data import map_data, MapData
+from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.page import write_map_page
 from map_tables import made_up, table_of
 import numpy as np
@@ -71,7 +71,7 @@ def table() -> Any:
 
 @pytest.fixture
 def page(table: Any, tmp_path: Path) -> Page:
-    return written(map_data(table, UNITS, ('model', 'noise')), tmp_path,
+    return written(MapData(table, UNITS, ('model', 'noise')), tmp_path,
                    {'a run fails if': 'error > 0.005 rad & more', 'ka': 'gain',
                     'model': 'uniform'})
 
@@ -104,9 +104,9 @@ def test_the_table_has_the_shares_of_the_rows(table: Any, page: Page) -> None:
 
 
 def test_points_are_undecided_without_enough_runs(tmp_path: Path) -> None:
-    data = map_data(made_up(AXES, 3), UNITS)
+    data = MapData(made_up(AXES, 3), UNITS)
     assert {line[-1] for line in written(data, tmp_path).tables[0][1:]} == {'0 / 12 / 0'}
-    assert {line[-1] for line in written(map_data(made_up(AXES, 5), UNITS), tmp_path).tables[0][1:]
+    assert {line[-1] for line in written(MapData(made_up(AXES, 5), UNITS), tmp_path).tables[0][1:]
             } - {'0 / 12 / 0'}
 
 
@@ -115,9 +115,9 @@ def test_the_worst_law_comes_first(tmp_path: Path) -> None:
     failure[0, 1] = 'error'
     failure[:, 2] = 'diverged'
     failure[1, 0, 0] = 'error'
-    data = map_data(table_of(('compensation', 'chattering sign', 'observer_feedback'),
-                             {'ka': [1.0, 2.0]}, {'error': np.ones((2, 3, 4)),
-                                                  'failure': failure}), {'ka': 'N*m'})
+    data = MapData(table_of(
+        ('compensation', 'chattering sign', 'observer_feedback'), {'ka': [1.0, 2.0]},
+        {'error': np.ones((2, 3, 4)), 'failure': failure}), {'ka': 'N*m'})
     page = written(data, tmp_path)
     bad = [text for text in page.texts['p'] if ' fails where compensation does not' in text]
     assert bad[0].startswith('observer_feedback fails where compensation does not in 7 of 8 runs; '
@@ -134,7 +134,7 @@ def test_the_worst_law_comes_first(tmp_path: Path) -> None:
 
 def test_a_law_that_is_nowhere_worse(tmp_path: Path) -> None:
     failure = np.array([[['error', 'error'], ['', 'error']]])
-    data = map_data(table_of(('compensation', 'chattering sign'), {}, {
+    data = MapData(table_of(('compensation', 'chattering sign'), {}, {
         'error': [[[2.0, 2.0], [1.0, 2.0]]], 'failure': failure}), {})
     page = written(data, tmp_path)
     assert ('chattering sign nowhere; compensation fails where it does not in 1 of 2 runs.'
@@ -164,7 +164,7 @@ def test_what_was_run(page: Page) -> None:
 
 
 def test_draws_only_and_no_base(tmp_path: Path) -> None:
-    page = written(map_data(made_up({}, 1200, variants=('chattering sign',)), {}), tmp_path)
+    page = written(MapData(made_up({}, 1200, variants=('chattering sign',)), {}), tmp_path)
     assert page.texts['p'][0] == ('1 law with 1\N{NARROW NO-BREAK SPACE}200 draws, '
                                   '1\N{NARROW NO-BREAK SPACE}200 runs in all.')
     assert not any('worse than' in text for text in page.texts['h3'])
@@ -173,7 +173,7 @@ def test_draws_only_and_no_base(tmp_path: Path) -> None:
 
 
 def test_no_failure_and_one_value(tmp_path: Path) -> None:
-    data = map_data(table_of(('compensation',), {'ka': [3.0]}, {
+    data = MapData(table_of(('compensation',), {'ka': [3.0]}, {
         'error': [[[1e-5, 1e-4]]], 'failure': [[['', '']]]}), {'ka': 'N*m'})
     page = written(data, tmp_path)
     assert page.texts['h1'] == ['No run fails']
@@ -183,7 +183,7 @@ def test_no_failure_and_one_value(tmp_path: Path) -> None:
 
 def test_texts_are_escaped_and_nothing_is_fetched(tmp_path: Path) -> None:
     name = '<b>$x & y</b>'
-    data = map_data(table_of(('compensation', name), {'ka': [1.0, 2.0]}, {
+    data = MapData(table_of(('compensation', name), {'ka': [1.0, 2.0]}, {
         'error': np.ones((2, 2, 1)), 'failure': [[[''], ['error']]] * 2}), {'ka': '<i>'})
     page = written(data, tmp_path, {'<u>': '<s>'})
     assert page.tables[0][2][0] == name
@@ -194,14 +194,14 @@ def test_texts_are_escaped_and_nothing_is_fetched(tmp_path: Path) -> None:
 
 def test_a_page_that_cannot_be_written(table: Any, tmp_path: Path) -> None:
     with pytest.raises(CtcError, match=r'^cannot write '):
-        write_map_page(map_data(table, UNITS), [], tmp_path, {}, {})
+        write_map_page(MapData(table, UNITS), [], tmp_path, {}, {})
 
 
 def test_a_single_run_away_from_the_median_is_named(tmp_path: Path) -> None:
     error = np.full((2, 2, 9), 1e-2)
     error[:, 1] = 1e-3
     error[1, 1, 4] = 12.0
-    data = map_data(table_of(('compensation', 'observer_feedback'), {'ka': [1.0, 20.0]}, {
+    data = MapData(table_of(('compensation', 'observer_feedback'), {'ka': [1.0, 20.0]}, {
         'error': error, 'failure': np.where(error > 1.0, 'error', '')}), {'ka': 'N*m'})
     (text,) = [x for x in written(data, tmp_path).texts['p'] if x.startswith('observer_feedback ')]
     assert text.endswith('In 1 run its error is the larger one, up to 1200 times as large in '
@@ -212,6 +212,6 @@ def test_a_single_run_away_from_the_median_is_named(tmp_path: Path) -> None:
     (4.567e-5, '4.57e−5'), (1.234e-12, '1.23e−12'), (7.54, '7.54'), (12.3, '1.23e1'),
     (np.nan, 'diverged')])
 def test_errors_in_the_table(error: float, text: str, tmp_path: Path) -> None:
-    data = map_data(table_of(('compensation',), {}, {
+    data = MapData(table_of(('compensation',), {}, {
         'error': [[[error]]], 'failure': [[['']]]}), {})
     assert written(data, tmp_path).tables[0][1][-1] == f'{text}\n{text}'

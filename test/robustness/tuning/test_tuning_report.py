@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from math import inf
 
 from ctc_chattering.robustness.quantity import read_uncertain
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.runs import Tuning
-from ctc_chattering.robustness.tuning.search import Limits, Measured, score, Trial
+from ctc_chattering.robustness.tuning.search import Limits, over_draws, Trial
+from ctc_chattering.studies.score import Score
 from ctc_chattering.studies.tuning import Range
 import pytest
 from tunings import short_tuning
 
-GONE = Measured(inf, inf, (), (), 'no torque at t = 1 s')
+GONE = Score(failure='no torque at t = 1 s')
 
 
 def trial(*torques: float, rate: float = 0.0, diverged: int = 0) -> Trial:
-    runs = [Measured(1.0, 1.0, (x,), (rate,)) for x in torques] + [GONE] * diverged
-    return Trial({}, score(runs, Limits((10.0,), (100.0,)), 100.0))
+    runs = [Score((1.0,), variation=(1.0,), peak=(x,), peak_rate=(rate,)) for x in torques]
+    return Trial({}, over_draws(runs + [GONE] * diverged, Limits((10.0,), (100.0,)), 100.0))
 
 
 def test_trials_are_counted_under_each_limit_that_they_violate() -> None:

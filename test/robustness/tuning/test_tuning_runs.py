@@ -2,65 +2,65 @@
 
 from __future__ import annotations
 
-from functools import partial
+import dataclasses
 from math import inf
 
 from ctc_chattering.analysis.engine import BATCH, REFERENCE
 from ctc_chattering.robustness.tuning.runs import (
     Candidate,
     Evaluation,
-    measured,
     recommended_point,
     references,
+    scores_of,
     tune,
     Tuning,
 )
-from ctc_chattering.robustness.tuning.search import Limits, Measured, score
+from ctc_chattering.robustness.tuning.search import Limits, over_draws
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies.pool import processes
 from ctc_chattering.studies.recommended import recommended_setup
+from ctc_chattering.studies.score import Score
 import numpy as np
 import pytest
-from tunings import one_process, short_spec, short_tuning
+from tunings import short_spec, short_tuning
 
 
 def test_the_numbers_of_a_run_are_those_of_its_samples() -> None:
     setup = short_spec().setup
-    found = measured((setup, (0.25, 0.5), REFERENCE))
+    (found,) = scores_of((0.25, 0.5), REFERENCE, [setup])
     run = simulate(setup.plant, setup.controller, setup.reference, truth=True)
     inside = run.t >= 0.25 - 1e-9
     e, tau = (run.q_d - run.q)[inside], run.tau[inside]
     assert found.error == pytest.approx(np.sqrt((e ** 2).mean(axis=0)).max())
     steps = np.abs(np.diff(tau, axis=0)).sum(axis=0) / 0.25
-    assert found.variation == pytest.approx(steps.max())
-    assert found.torque == pytest.approx(np.abs(run.tau).max(axis=0))
-    assert found.rate == pytest.approx(np.abs(np.diff(run.tau, axis=0)).max(axis=0) / 5e-3)
+    assert found.most_variation == pytest.approx(steps.max())
+    assert found.peak == pytest.approx(np.abs(run.tau).max(axis=0))
+    assert found.peak_rate == pytest.approx(np.abs(np.diff(run.tau, axis=0)).max(axis=0) / 5e-3)
     assert not found.failure
 
 
 def test_both_engines_give_the_same_numbers() -> None:
     setup = short_spec().setup
-    found, other = (measured((setup, (0.25, 0.5), engine)) for engine in (BATCH, REFERENCE))
+    found, other = (scores_of((0.25, 0.5), engine, [setup])[0] for engine in (BATCH, REFERENCE))
     assert found.error == pytest.approx(other.error, rel=1e-6)
     assert found.variation == pytest.approx(other.variation, rel=1e-6)
-    assert found.torque == pytest.approx(other.torque, rel=1e-6)
+    assert found.peak == pytest.approx(other.peak, rel=1e-6)
 
 
 def test_a_run_that_diverges_says_why() -> None:
     setup = short_spec(overrides={'controller': {'error_limit': [1e-8, 1e-8]}}).setup
-    found = measured((setup, (0.25, 0.5), REFERENCE))
-    assert (found.error, found.torque) == (inf, ())
+    (found,) = scores_of((0.25, 0.5), REFERENCE, [setup])
+    assert (found.error, found.peak) == (inf, ())
     assert 'exceeds error_limit' in found.failure
 
 
 def test_a_candidate_is_evaluated_on_every_draw() -> None:
     found = short_spec()
     draws, values = found.draws(), {'kp': [50.0, 60.0]}
-    (mine, other) = Evaluation(found, 100.0, REFERENCE, one_process).scores(
+    (mine, other) = Evaluation(found, 100.0, REFERENCE, map).scores(
         [values, {}], draws)
-    assert mine.runs == tuple(
-        measured((setup.__class__(**{**vars(setup), 'controller': setup.controller.changed(
-            values)}), found.window, REFERENCE)) for setup in draws.setups)
+    assert list(mine.runs) == scores_of(found.window, REFERENCE, [dataclasses.replace(
+        setup, controller=setup.controller.changed(values)) for setup in draws.setups])
     assert mine.error == max(x.error for x in mine.runs)
     assert other.runs != mine.runs
 
@@ -108,7 +108,8 @@ def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> Non
 
 
 def candidate(error: float, variation: float, torque: float) -> Candidate:
-    found = score([Measured(error, variation, (torque,), (0.0,))], Limits((1.0,), (inf,)), 100.0)
+    run = Score((error,), variation=(variation,), peak=(torque,), peak_rate=(0.0,))
+    found = over_draws([run], Limits((1.0,), (inf,)), 100.0)
     return Candidate('', {}, found, found)
 
 
@@ -126,8 +127,3 @@ def test_limits_that_nothing_keeps_leave_no_front() -> None:
     assert (result.points, result.knee, result.front) == ((), None, ())
     assert len(result.trials) == 12
     assert [x.fresh.allowed for x in result.others] == [False] * 3
-
-
-def test_the_map_of_one_process_takes_chunks() -> None:
-    with processes(1) as each:
-        assert list(each(partial(pow, 2), [1, 2, 3], chunksize=2)) == [2, 4, 8]

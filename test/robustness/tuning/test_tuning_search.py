@@ -13,13 +13,13 @@ from ctc_chattering.robustness.tuning.search import (
     front,
     knee,
     Limits,
-    Measured,
+    over_draws,
+    OverDraws,
     percentile_of,
-    Score,
-    score,
-    search,
     Trial,
 )
+from ctc_chattering.studies.score import Score
+from ctc_chattering.studies.search import Numbers, search
 from ctc_chattering.studies.tuning import Range
 import optuna
 import pytest
@@ -29,16 +29,17 @@ RANGES = {'x': Range(0.1, 1e3), 'y': Range(1e-3, 10.0)}
 
 
 def run(error: float = 1.0, variation: float = 1.0, torque: tuple[float, ...] = (1.0, 2.0),
-        rate: tuple[float, ...] = (3.0, 4.0)) -> Measured:
-    return Measured(error, variation, torque, rate)
+        rate: tuple[float, ...] = (3.0, 4.0)) -> Score:
+    return Score((error,), variation=(variation,), peak=torque, peak_rate=rate)
 
 
-GONE = Measured(inf, inf, (), (), 'diverged at t = 1 s')
+GONE = Score(failure='diverged at t = 1 s')
 
 
-def point(error: float, variation: float, allowed: bool = True) -> Score:
+def point(error: float, variation: float, allowed: bool = True) -> OverDraws:
     torque = 1.0 if allowed else 9.0
-    return score([run(error, variation, (torque, torque))], Limits((5.0, 5.0), (inf, inf)), 100.0)
+    return over_draws(
+        [run(error, variation, (torque, torque))], Limits((5.0, 5.0), (inf, inf)), 100.0)
 
 
 @pytest.mark.parametrize('n', [1, 3, 20, 32])
@@ -52,32 +53,31 @@ def test_a_percentile_is_the_least_value_that_so_many_do_not_exceed(n: int) -> N
 def test_a_score_has_the_worst_of_what_is_limited_and_the_percentile_of_the_rest() -> None:
     runs = [run(1.0, 40.0), run(2.0, 30.0, (7.0, 1.0)), run(3.0, 20.0, (1.0, 1.0), (8.0, 2.0)),
             run(4.0, 10.0)]
-    found = score(runs, Limits((10.0, 2.0), (4.0, 100.0)), 75.0)
+    found = over_draws(runs, Limits((10.0, 2.0), (4.0, 100.0)), 75.0)
     assert (found.error, found.variation) == (3.0, 30.0)
     assert (found.torque, found.rate) == ((7.0, 2.0), (8.0, 4.0))
     assert found.excess == pytest.approx(
         {'diverged': 0.0, 'torque': 0.0, 'torque rate': 1.0}, abs=1e-8)
     assert found.violating == {'diverged': 0, 'torque': 0, 'torque rate': 1}
     assert not found.allowed
-    assert score(runs, FREE, 75.0).allowed
-    assert score(runs, FREE, 100.0).error == 4.0
+    assert over_draws(runs, FREE, 75.0).allowed
+    assert over_draws(runs, FREE, 100.0).error == 4.0
 
 
 def test_runs_that_diverge_count_as_infinite_and_violate() -> None:
-    found = score([run(1.0), GONE, run(2.0), run(3.0)], FREE, 75.0)
+    found = over_draws([run(1.0), GONE, run(2.0), run(3.0)], FREE, 75.0)
     assert (found.error, found.excess['diverged'], found.violating['diverged']) == (3.0, 0.25, 1)
     assert not found.allowed
-    assert score([run(1.0), GONE], FREE, 100.0).error == inf
-    none = score([GONE, GONE], Limits((1.0, 1.0), (inf, inf)), 50.0)
+    assert over_draws([run(1.0), GONE], FREE, 100.0).error == inf
+    none = over_draws([GONE, GONE], Limits((1.0, 1.0), (inf, inf)), 50.0)
     assert (none.error, none.torque, none.violating['diverged']) == (inf, (inf, inf), 2)
 
 
 def test_the_rounding_of_a_rate_is_no_violation() -> None:
     limit = 1000.0
-    assert score([run(rate=(limit * (1.0 + 1e-12), 1.0))], Limits((inf, inf), (limit, inf)), 95.0
-                 ).allowed
-    assert not score([run(rate=(limit * 1.001, 1.0))], Limits((inf, inf), (limit, inf)), 95.0
-                     ).allowed
+    limits = Limits((inf, inf), (limit, inf))
+    assert over_draws([run(rate=(limit * (1.0 + 1e-12), 1.0))], limits, 95.0).allowed
+    assert not over_draws([run(rate=(limit * 1.001, 1.0))], limits, 95.0).allowed
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -117,31 +117,32 @@ class Robot:
         self.asked: list[dict[str, float]] = []
         self.groups: list[int] = []
 
-    def __call__(self, batch: list[dict[str, float]]) -> Sequence[Score]:
+    def __call__(self, batch: list[Numbers]) -> list[tuple[tuple[float, float], Numbers]]:
         self.asked += batch
         self.groups.append(len(batch))
-        return [self.score(x) for x in batch]
+        return [(x.objectives, x.excess) for x in map(self.score, batch)]
 
-    def score(self, numbers: dict[str, float]) -> Score:
+    def score(self, numbers: dict[str, float]) -> OverDraws:
         off = log(numbers['y'] / 0.1) ** 2
         x = numbers['x'] / 10.0
         found = run(x + off, 1.0 / x + off, (x, x))
-        return score([found], Limits((self.most, self.most), (inf, inf)), 100.0)
+        return over_draws([found], Limits((self.most, self.most), (inf, inf)), 100.0)
 
 
 def searched(robot: Robot, trials: int = 60, seed: int = 0) -> list[Trial]:
-    return search(robot, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed)
+    found = search(robot, RANGES, [{'x': 1.0, 'y': 1.0}], trials, seed, 2, 10, 30)
+    return [Trial(x, robot.score(x)) for x in found]
 
 
 def test_the_front_that_is_found_is_nearer_to_the_true_one_than_at_random() -> None:
     """Check the product of error and variation, which is at least 1."""
     draw = random.Random(0)
 
-    def best(scores: Sequence[Score]) -> float:
+    def best(scores: Sequence[OverDraws]) -> float:
         return min(x.error * x.variation for x in scores)
 
-    blind = sorted(best(Robot()([{name: r.low * (r.high / r.low) ** draw.random()
-                                  for name, r in RANGES.items()} for _ in range(60)]))
+    blind = sorted(best([Robot().score({name: r.low * (r.high / r.low) ** draw.random()
+                                        for name, r in RANGES.items()}) for _ in range(60)])
                    for _ in range(101))
     found = best([x.score for x in searched(Robot())])
     assert 1.0 <= found < blind[25]
@@ -170,9 +171,9 @@ def test_limits_lead_the_search() -> None:
 
 def test_numbers_that_are_given_stay(capsys: pytest.CaptureFixture[str]) -> None:
     ranges = {**RANGES, 'y': Range(0.2, 0.2)}
-    found = search(Robot(), ranges, [], 12)
-    assert {x.numbers['y'] for x in found} == {0.2}
-    assert len({x.numbers['x'] for x in found}) == 12
+    found = search(Robot(), ranges, [], 12, 0, 2)
+    assert {x['y'] for x in found} == {0.2}
+    assert len({x['x'] for x in found}) == 12
     assert capsys.readouterr() == ('', '')
 
 
@@ -182,7 +183,7 @@ def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(UsageError, match=r"needs Optuna 5, .* pip install 'optuna>=5'"):
             searched(Robot())
     monkeypatch.setitem(sys.modules, 'optuna', None)
-    with pytest.raises(UsageError, match='ctc tune needs Optuna: pip install optuna'):
+    with pytest.raises(UsageError, match='a search needs Optuna: pip install optuna'):
         searched(Robot())
 
 

@@ -11,12 +11,11 @@ import time
 from typing import Any
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.robustness import scheduler
-from ctc_chattering.robustness.chunks import version
-from ctc_chattering.robustness.scheduler import check_versions, computed, threads, workers
+from ctc_chattering.studies import pool
+from ctc_chattering.studies.pool import computed, in_parallel, processes, threads, workers
 from distributed import LocalCluster
 import pytest
-from scheduler_tasks import add, die, die_once, fail, until_there
+from scheduler_tasks import add, die, die_once, fail, late, until_there
 
 
 @pytest.fixture(scope='module')
@@ -42,29 +41,32 @@ class Counted(list[Any]):
 
 def test_every_result_comes_and_few_tasks_are_in_flight(client: Any) -> None:
     tasks, found = Counted(named(50, 'add')), {}
-    for name, result in computed(client, add, (100, 1000), tasks, print):
+    for name, result in computed(client, add, (100, 1000), tasks):
         found[name] = result
-        assert tasks.taken - len(found) < 4 * threads(client, print)
+        assert tasks.taken - len(found) < 4 * threads(client)
     assert found == {f'add-{k}': 1100 + k for k in range(50)}
 
 
 def test_what_a_task_raises_is_raised_here(client: Any) -> None:
     with pytest.raises(ParameterError, match=r'ka: -1\.0 is not allowed; allowed: a number'):
-        list(computed(client, fail, ('ours',), named(3, 'ours'), print))
+        list(computed(client, fail, ('ours',), named(3, 'ours')))
     with pytest.raises(CtcError, match=r'^a worker failed: ZeroDivisionError: a division by'):
-        list(computed(client, fail, ('other',), named(3, 'other'), print))
-    assert len(list(computed(client, add, (1, 2), named(3, 'more'), print))) == 3
+        list(computed(client, fail, ('other',), named(3, 'other')))
+    assert len(list(computed(client, add, (1, 2), named(3, 'more')))) == 3
 
 
-def test_workers_have_this_version(client: Any) -> None:
-    check_versions(client, version())
-    with pytest.raises(CtcError, match=r'^worker tcp://.* has ctc_chattering .*, not 0\.0\.0: '):
-        check_versions(client, '0.0.0')
+def test_results_come_in_the_order_of_their_tasks() -> None:
+    """Check several calls of one map, the first task of which ends last, and none at all."""
+    with processes(2) as each:
+        assert list(each(late, [0.2, 0.0, 0.1])) == [0.2, 0.0, 0.1]
+        assert list(each(late, [0.01, 0.0])) == [0.01, 0.0]
+    assert list(in_parallel(late, [0.0, 0.01], 1)) == [0.0, 0.01]
+    assert list(in_parallel(late, [], 2)) == []
 
 
 def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
     """Check with the only worker killed, which holds what all tasks share; another replaces it."""
-    (name, process), = computed(client, die_once, (str(tmp_path),), [('dies', 7)], print)
+    (name, process), = computed(client, die_once, (str(tmp_path),), [('dies', 7)])
     assert name == 'dies'
     assert process != int((tmp_path / '7').read_text())
 
@@ -101,7 +103,7 @@ def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
 @pytest.mark.slow
 def test_a_task_that_kills_every_worker_ends_the_map() -> None:
     with (workers(2) as client, pytest.raises(CtcError, match='4 workers were killed while')):
-        list(computed(client, die, (), named(1, 'die'), print))
+        list(computed(client, die, (), named(1, 'die')))
 
 
 @pytest.mark.parametrize('address', ['nowhere', 'tcp://127.0.0.1:'])
@@ -111,7 +113,7 @@ def test_what_is_no_address(address: str) -> None:
 
 
 def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scheduler, '_CONNECT', 0.2)
+    monkeypatch.setattr(pool, '_CONNECT', 0.2)
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         address = f'tcp://127.0.0.1:{free.getsockname()[1]}'

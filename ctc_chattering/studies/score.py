@@ -1,0 +1,152 @@
+"""A run and its numbers: what comparison, study, maps and tuning have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+import dataclasses
+from math import inf, isfinite
+from typing import Any, NamedTuple
+
+from ctc_chattering.analysis.engine import engine_text, simulated_by
+from ctc_chattering.analysis.metrics import metrics, WINDOW, within
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.errors import CtcError, MachineError, refused_as
+from ctc_chattering.simulation.closed_loop import Run
+import numpy as np
+
+#: Metrics of each joint, and of all, by their names in `Score`.
+PER_JOINT = {'rms': 'rms_error_rad', 'rms_torque': 'rms_torque_nm',
+             'variation': 'torque_variation_nm_per_s', 'step': 'max_torque_step_nm',
+             'rate': 'max_torque_rate_nm_per_s'}
+OVERALL = {'norm1': 'max_error_norm1_rad', 'reaching_time': 'reaching_time_s',
+           'missing': 'missing_samples'}
+#: Part of a limit from which a torque is at it.
+_AT_LIMIT = 1.0 - 1e-9
+#: Runs a setup; returns what happened.
+Runner = Callable[[Setup], Result]
+#: Of each joint, shape (n,).
+Joints = tuple[float, ...]
+
+
+class Score(NamedTuple):
+    """
+    The numbers of a run, or the worst of several; those of each joint have the shape (n,).
+
+    In the window: RMS of the error [rad] and the torque [N·m], torque variation [N·m/s], largest
+    step [N·m] and rate [N·m/s] of the torque sent, largest Σ |e_i| [rad], number of missing
+    samples, and the part of the samples with a torque at its limit. In the whole run: largest
+    torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
+    none of these, and `engine` what simulated it; empty for none.
+    """
+
+    rms: Joints = ()
+    rms_torque: Joints = ()
+    variation: Joints = ()
+    step: Joints = ()
+    rate: Joints = ()
+    peak: Joints = ()
+    peak_rate: Joints = ()
+    norm1: float | None = None
+    reaching_time: float | None = None
+    missing: int | None = None
+    saturated: float | None = None
+    failure: str = ''
+    engine: str = ''
+
+    @property
+    def error(self) -> float:
+        """Return the largest RMS error of any joint [rad]; inf if it failed."""
+        return max(self.rms, default=inf)
+
+    @property
+    def most_variation(self) -> float:
+        """Return the largest torque variation of any joint [N·m/s]; inf if it failed."""
+        return max(self.variation, default=inf)
+
+
+@dataclasses.dataclass(frozen=True)
+class Simulation:
+    """Simulates without ROS, by an engine that `engine_of` takes; the states are the true ones."""
+
+    engine: str | None = None
+    truth: bool = True
+
+    def __call__(self, setup: Setup) -> Result:
+        """Return what happens."""
+        return simulated_by(setup, self.engine, self.truth)
+
+
+over_simulation = Simulation()
+
+
+def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over_simulation,
+          across_gaps: bool = False) -> Score:
+    """
+    Run a setup, and return its numbers or why it has none.
+
+    Parameters
+    ----------
+    setup : Setup
+        What to run.
+    window : (float, float)
+        Evaluated interval [s].
+    run : callable
+        A `Simulation`, or another `Runner`.
+    across_gaps : bool
+        Whether variation, steps and rates are those of neighbours with samples missing in
+        between, too.
+
+    Raises
+    ------
+    MachineError
+        If the machine cannot run it: that is no property of the run.
+
+    """
+    engine = engine_text(setup, run.engine) if isinstance(run, Simulation) else ''
+    try:
+        with refused_as('the run failed'), np.errstate(all='ignore'):
+            period = None if across_gaps else setup.controller.control_period
+            return _numbers(run(setup).run, setup, window, period)._replace(engine=engine)
+    except MachineError:
+        raise
+    except CtcError as error:
+        return Score(failure=str(error), engine=engine)
+
+
+def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:
+    """Return the numbers of a run; raise `CtcError` if it has no finite error."""
+    found = metrics(run, window, period=period)
+    if found['rms_error_rad'] is None:
+        raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')
+    values: dict[str, Any] = {name: tuple(found[key]) for name, key in PER_JOINT.items()}
+    made = Score(**values, **{name: found[key] for name, key in OVERALL.items()})
+    if not isfinite(made.error):
+        raise CtcError('the error is not finite')
+    tau = np.abs(run.tau)
+    at_limit = tau[within(run.t, window)] >= _AT_LIMIT * np.array(limits(setup))
+    step, dt = np.abs(np.diff(run.tau, axis=0)), np.diff(run.t)[:, np.newaxis]
+    near = dt < 1.5 * setup.controller.control_period
+    return made._replace(
+        peak=tuple(tau.max(axis=0).tolist()), saturated=float(at_limit.any(axis=1).mean()),
+        peak_rate=tuple(np.where(near, step / dt, 0.0).max(axis=0).tolist()))
+
+
+def limits(setup: Setup) -> list[float]:
+    """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
+    config, plant = setup.controller, setup.plant
+    model = kept_model_of(config, setup.descriptions.get('controller', ''))
+    return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
+
+
+def worst(scores: Iterable[Score]) -> Score:
+    """Return the largest of every number of each joint, or the first score without numbers."""
+    found: list[Score] = []
+    for each in scores:
+        if each.failure:
+            return each
+        found.append(each)
+    largest: dict[str, Any] = {name: tuple(map(max, zip(*(getattr(x, name) for x in found))))
+                               for name in (*PER_JOINT, 'peak', 'peak_rate')}
+    return found[0]._replace(**largest)
