@@ -6,10 +6,10 @@ What is here does the same as plain Python, and compiled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 import inspect
-from typing import Any, get_type_hints
+from typing import Any
 
 from ctc_chattering.numerics import compilable
 from ctc_chattering.numerics.simd import matrices, vectors
@@ -22,6 +22,8 @@ import numpy.typing as npt
 
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
+#: In the names of fields that say of which class a record is.
+_IS = 'is '
 
 
 @lowered
@@ -47,13 +49,32 @@ def _write_array(_typing: Any, array: Any, value: Any) -> Any:
     return types.none(array, value), generate
 
 
-def load(kind: Any, fields: Any) -> Any:
-    """Return a record of the class `kind` of the fields that `packed` made."""
-    def made(part: Any, prefix: str) -> Any:
-        return part(*(made(nested, f'{prefix}{name}__') if nested in compilable.RECORDS
-                      else value(fields[prefix + name])
-                      for name, nested in get_type_hints(part).items()))
-    return made(kind, '')
+@lowered
+def _rows(_typing: Any, array: Any, like: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        return context.make_array(array)(context, builder, values[0]).data
+    return MatrixType(like.n)(array, like), generate
+
+
+def rows(array: Any, like: Any) -> Any:
+    """Return an array whose rows are one after the other as rows of the length of `like`."""
+    return array.reshape(-1, len(like))
+
+
+@overloaded(rows)
+def _rows_of(array: Any, like: Any) -> Any:
+    return lambda array, like: _rows(array, like)
+
+
+def load(fields: Any) -> Any:
+    """Return the record of which `packed` made the fields."""
+    kinds = _kinds(fields.dtype.names)
+
+    def made(prefix: str) -> Any:
+        kind = kinds[prefix]
+        return kind(*(made(f'{prefix}{name}__') if f'{prefix}{name}__' in kinds
+                      else value(fields[prefix + name]) for name in kind._fields))
+    return made('')
 
 
 def store(fields: Any, value: Any) -> None:
@@ -63,8 +84,8 @@ def store(fields: Any, value: Any) -> None:
 
 
 def value(field: Any) -> Any:
-    """Return the vector or matrix of a field of a NumPy record."""
-    return field.copy()
+    """Return the number, vector or matrix of a field of a NumPy record."""
+    return field.copy() if field.ndim else float(field)
 
 
 @overloaded(value)
@@ -86,18 +107,18 @@ def _write(field: Any, x: Any) -> Any:
 
 
 @overloaded(load)
-def _load(kind: Any, fields: Any) -> Any:
+def _load(fields: Any) -> Any:
     names: dict[str, Any] = {'_value': value}
+    kinds = _kinds(fields.fields)
 
-    def construction(made: type, prefix: str) -> str:
-        names[made.__name__] = made
-        parts = (construction(nested, f'{prefix}{name}__') if nested in compilable.RECORDS
-                 else f'_value(fields.{prefix}{name})'
-                 for name, nested in get_type_hints(made).items())
-        return f'{made.__name__}({", ".join(parts)})'
+    def construction(prefix: str) -> str:
+        kind = f'kind{len(names)}'
+        names[kind] = kinds[prefix]
+        parts = (construction(f'{prefix}{name}__') if f'{prefix}{name}__' in kinds
+                 else f'_value(fields.{prefix}{name})' for name in names[kind]._fields)
+        return f'{kind}({", ".join(parts)})'
 
-    del fields
-    exec(f'def load(kind, fields):\n    return {construction(kind.instance_class, "")}', names)
+    exec(f'def load(fields):\n    return {construction("")}', names)
     return names['load']
 
 
@@ -120,7 +141,9 @@ def _store(fields: Any, value: Any) -> Any:
 
 def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    return numpy_record({name: np.asarray(x, float) for name, x in _flat(value, '')})
+    kinds = {name: np.zeros((), np.int8) for name in _marks(value, '')}
+    return numpy_record(
+        {**{name: np.asarray(x, float) for name, x in _flat(value, '')}, **kinds})
 
 
 def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
@@ -133,6 +156,25 @@ def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
 @lru_cache(256)
 def _layout(fields: tuple[tuple[str, Any, tuple[int, ...]], ...]) -> Any:
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
+
+
+def _marks(part: Any, prefix: str) -> Iterator[str]:
+    """Yield names of fields that say of which class a record is, and those in it."""
+    yield f'{prefix}{_IS}{_name(type(part))}'
+    for name, x in zip(part._fields, part):
+        if type(x) in compilable.RECORDS:
+            yield from _marks(x, f'{prefix}{name}__')
+
+
+def _kinds(names: Iterable[str]) -> dict[str, Any]:
+    """Return the classes of a record, and of those in it, by the prefix of their fields."""
+    known = {_name(kind): kind for kind in compilable.RECORDS}
+    marks = (name.partition(_IS) for name in names if _IS in name)
+    return {prefix: known[kind] for prefix, _, kind in marks}
+
+
+def _name(kind: type) -> str:
+    return f'{kind.__module__}.{kind.__qualname__}'
 
 
 def _flat(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
