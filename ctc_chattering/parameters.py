@@ -13,6 +13,7 @@ from contextlib import suppress
 from copy import copy
 import dataclasses
 import math
+import re
 from typing import Any, ClassVar, TypeVar
 
 from ctc_chattering.arguments import check_type
@@ -25,6 +26,8 @@ C = TypeVar('C', bound='Config')
 #: Least magnitude of a number that must not be 0, and largest of any that is not infinite: what is
 #: beyond is no gain, time, torque or length, and its products leave the range of floats.
 LEAST, LARGEST = 1e-9, 1e9
+#: What a class of the user's is called: ``package.module:Name``.
+OWN_CLASS = re.compile(r'[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*')
 _TYPE_NAMES = {
     'bool': 'a boolean', 'int': 'an integer', 'float': 'a number', 'str': 'a string',
     'float[]': 'a list of numbers', 'str[]': 'a list of strings'}
@@ -57,6 +60,8 @@ class Parameter:
         Whether infinity is a value.
     choices : tuple of str
         The only strings allowed; empty for any.
+    own : bool
+        Whether a class of the user's is allowed besides, as ``package.module:Name``.
     shape : {'', 'n', 'nn', 'any'}
         For lists: one element per joint; n or n·n (a symmetric positive definite matrix, row by
         row); or any number of them.
@@ -77,6 +82,7 @@ class Parameter:
     exclusive: bool = False
     infinite: bool = False
     choices: tuple[str, ...] = ()
+    own: bool = False
     shape: str = ''
     read_only: bool = False
     laws: tuple[str, ...] = ()
@@ -95,7 +101,7 @@ class Parameter:
     def allowed(self) -> str:
         """Return what is allowed, in words."""
         if self.choices:
-            return ' | '.join(self.choices)
+            return ' | '.join((*self.choices, *['package.module:Name'] * self.own))
         text = _TYPE_NAMES[self.kind]
         if self.kind in ('float', 'float[]', 'int'):
             low, high = self.bounds
@@ -162,7 +168,8 @@ class Parameter:
                 self.name, value, f'{self.allowed} (n = {n}, got {len(items)} values)')
         fits = True
         if self.choices:
-            fits = all(item in self.choices for item in items)
+            fits = all(item in self.choices or (
+                self.own and OWN_CLASS.fullmatch(item)) for item in items)
         elif self.kind in ('float', 'float[]', 'int'):
             full = self.shape == 'nn' and len(items) != n
             low, high = self.bounds

@@ -104,7 +104,7 @@ def internals(result: Result, run_name: str = '') -> Figure:
 def _robust_term(result: Result) -> tuple[str, str]:
     """Return what the robust term is called, and the term in symbols; empty for a law without."""
     configs = [config for _, config in result.configs]
-    symbols = {_TERMS[config.switching] if config.takes('switching')
+    symbols = {_TERMS.get(config.switching, 'chattering term z') if config.law == 'chattering'
                else law_class(config.law).symbol for config in configs} - {''}
     paper = all(law_class(config.law).of_the_paper for config in configs)
     noun = 'chattering term' if paper else 'robust term'

@@ -83,7 +83,8 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
             law.configure(due.pop(0)[1])
         q, dq, q_d, dq_d, ddq_d = rows[k]
         if doubtful and known and t in known:
-            law.filter.state = np.array(known[t]) + law.config.b * (dq_d - dq)
+            law.memory = law.memory._replace(
+                xi=np.array(known[t]) + law.config.b * (dq_d - dq))
             doubtful = False
         sample = law.step(q, dq, q_d, dq_d, ddq_d, points[k + 1:k + 1 + delay])
         for name, column in columns.items():

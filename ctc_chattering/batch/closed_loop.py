@@ -11,17 +11,10 @@ from functools import lru_cache
 
 from ctc_chattering.batch.arm import arm_of, body_scratch
 from ctc_chattering.batch.compiler import compiling
-from ctc_chattering.batch.control_state import (
-    control_scratch,
-    control_settings,
-    control_state,
-    evaluated,
-)
-from ctc_chattering.batch.control_step import Controller
+from ctc_chattering.batch.control_step import control_records
 from ctc_chattering.batch.friction import friction_scratch
 from ctc_chattering.batch.integrator import Plant
 from ctc_chattering.batch.loop import BEYOND, DIVERGED, FINISHED, run, Sources
-from ctc_chattering.batch.observer_feedback import observer_feedback
 from ctc_chattering.batch.plant_state import plant_scratch, plant_settings, plant_state
 from ctc_chattering.batch.random_numbers import generator
 from ctc_chattering.batch.records import record
@@ -105,10 +98,11 @@ def _run(setup: Setup, truth: bool) -> Run:
     starts = setup.reference.start_duration or setup.route is not None
     table = reference_table(setup.reference, setup.route, start if starts else (),
                             controller.joint_names, period, count + delay)
-    law = _controller(controller, kept_model_of(
+    law = control_records(controller, kept_model_of(
         controller, setup.descriptions.get('controller', '')))
     out = np.empty((count, 5, len(config.joint_names)))
-    end, k, joint, rows = run(plant, law, sensor, seen, sources, table, truth, out)
+    end, k, joint, rows = run(
+        plant, law, sensor, seen, sources, np.array(controller.error_limit), table, truth, out)
     if end != FINISHED:
         raise CtcError(_failure(end, seconds(k * period), joint, controller, out[rows]))
     kept = out[:rows]
@@ -139,16 +133,6 @@ def _plant(config: PlantConfig, model: Model) -> Plant:
         record(_arm(model, config.gravity)), record(plant_settings(config)),
         record(plant_state(config)), record(plant_scratch(n)), record(body_scratch(n)),
         record(friction_scratch(n)))
-
-
-def _controller(config: ControllerConfig, model: Model) -> Controller:
-    """Return the controller at its start."""
-    n = model.n
-    return Controller(
-        record(_arm(model, config.gravity, config.inertia_scale, config.gravity_scale)),
-        record(control_settings(config, model)), record(control_state(config)),
-        record(evaluated(n)), record(evaluated(n)), record(control_scratch(n)),
-        record(body_scratch(n)), np.zeros(n, np.int8), observer_feedback(config))
 
 
 def _sources(config: PlantConfig) -> Sources:

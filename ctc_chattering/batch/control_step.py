@@ -1,189 +1,115 @@
-"""
-The control step: evaluate, update, predict over the input delay, torque, advance.
-
-As `control/control_step.py`, `control/delay_prediction.py` and `control/limiter.py` have it, for
-one law from start to end.
-"""
+"""The control step compiled: `control.control_step.step` on records in memory."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from ctc_chattering.batch import error_filter, laws, observer_feedback
-from ctc_chattering.batch.arm import Arm, BodyScratch
-from ctc_chattering.batch.compiler import compiled, inlined
-from ctc_chattering.batch.control_state import (
-    ControlScratch,
-    ControlSettings,
-    ControlState,
-    Evaluated,
-)
-from ctc_chattering.batch.dynamics import evaluate as evaluate_model
-from ctc_chattering.batch.dynamics import Flags, forward_dynamics
-from ctc_chattering.batch.linear_algebra import solve
-from ctc_chattering.batch.observer_feedback import ObserverFeedback
-from ctc_chattering.control.controller import LAWS
+from ctc_chattering.batch import dynamics
+from ctc_chattering.batch.arm import Arm, arm_of, body_scratch, BodyScratch
+from ctc_chattering.batch.compiler import compiled
+from ctc_chattering.batch.records import record as record_of
+from ctc_chattering.control.control_step import control_memory, in_transit
+from ctc_chattering.control.control_step import step as control_step
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.evaluation import control_settings, Models
+from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.records import load, packed, rows, store, value, write
+from ctc_chattering.numerics.simd.records import register
+from ctc_chattering.numerics.time_grid import period_ns, seconds
+import numpy as np
 
-OBSERVER_FEEDBACK = LAWS.index('observer_feedback')
+#: Rows of what a step computes, those of `control.controller.Sample` in this order.
+TAU, E, DE, V, NOMINAL, COMPENSATION, ROBUST, SATURATION_ERROR = range(8)
 
 
-class Controller(NamedTuple):
-    """A controller with its scratch, each a record."""
+@record
+class Place(NamedTuple):
+    """Where the dynamics of a state are kept; arrays of shape (n,) and (n, n)."""
+
+    q: Array
+    dq: Array
+    M: Array
+    C: Array
+    G: Array
+
+
+@record
+class CompiledModel(NamedTuple):
+    """A model, with a place for what it is evaluated to."""
 
     arm: Arm
-    c: ControlSettings
-    s: ControlState
-    now: Evaluated
-    at: Evaluated
-    w: ControlScratch
     body: BodyScratch
-    #: No joint is fixed, shape (n,).
-    free: Flags
-    law: ObserverFeedback
+    place: Place
+
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M, C and G, as `Model.evaluate` does."""
+        place = self.place
+        write(place.q, q)
+        write(place.dq, dq)
+        dynamics.evaluate(self.arm, place.q, place.dq, self.body, place.M, place.C, place.G)
+        return value(place.M), value(place.C), value(place.G)
+
+
+class ControlRecords(NamedTuple):
+    """A controller, each part a NumPy record of what it is named after, or an array."""
+
+    settings: Any
+    law: Any
+    memory: Any
+    law_memory: Any
+    arm: Arm
+    body: BodyScratch
+    #: Where M, C and G of the sample are kept, of the arrival of its torque, and a period later.
+    now: Any
+    arriving: Any
+    after: Any
+    #: Torques in transit, shape (4 d, n).
+    transit: Array
+    #: What the last step computed, shape (8, n).
+    out: Array
+
+
+def control_records(config: ControllerConfig, model: Model) -> ControlRecords:
+    """Return the controller of a configuration at its start."""
+    n, law = model.n, law_class(config.law).made(config, seconds(period_ns(config.control_period)))
+    register()  # Its module may have been imported just now.
+    zero, square = np.zeros(n), np.zeros((n, n))
+    place = Place(zero, zero, square, square, zero)
+    return ControlRecords(
+        packed(control_settings(config, model.effort_limits)), packed(law),
+        packed(control_memory(zero)), packed(law.start()),
+        record_of(arm_of(model, config.gravity, config.inertia_scale, config.gravity_scale)),
+        record_of(body_scratch(n)), packed(place), packed(place), packed(place),
+        in_transit(n, config.input_delay), np.zeros((8, n)))
 
 
 @compiled
-def evaluate(p: Controller, at: Evaluated, point: Array) -> None:
+def step(p: ControlRecords, q: Array, dq: Array, points: Array) -> None:
     """
-    Set what the law needs of the state in `at` and a point of the reference.
+    Go on by a sample, and set `p.out`.
 
     Parameters
     ----------
-    p : Controller
-        Whose gains and model.
-    at : Evaluated
-        With q, dq and ξ.
-    point : array, shape (3, n)
-        q_d [rad], dq_d [rad/s] and ddq_d [rad/s²].
-
-    """
-    c, n = p.c, len(at.q)
-    for i in range(n):
-        at.q_d[i], at.dq_d[i], at.ddq_d[i] = point[0, i], point[1, i], point[2, i]
-        at.e[i], at.de[i] = at.q_d[i] - at.q[i], at.dq_d[i] - at.dq[i]
-        at.v[i] = at.xi[i] - c.b * at.de[i]                           # (3)
-    evaluate_model(p.arm, at.q, at.dq, p.body, at.M, at.C, at.G)
-    for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total += c.kv[i, j] * at.de[j] + c.kp[i, j] * at.e[j]
-        at.u[i] = total
-        p.w.x[i] = at.ddq_d[i] + total
-    for i in range(n):
-        total = at.G[i]
-        for j in range(n):
-            total += at.M[i, j] * p.w.x[j] + at.C[i, j] * at.dq[j]
-        at.N[i] = total                                               # inverse dynamics
-
-
-@inlined
-def correction(c: ControlSettings, M: Array, lost: Array, lower: Array, out: Array) -> None:
-    """Set b h M⁻¹ times what the limits took from a torque, shape (n,) [rad/s]."""
-    n, any_lost = len(lost), False
-    for i in range(n):
-        out[i] = c.scale * lost[i] if c.anti_windup else 0.0
-        any_lost |= out[i] != 0.0
-    if any_lost:
-        solve(M, out, lower)
-
-
-@inlined
-def limit(c: ControlSettings, held: Array, tau: Array, lost: Array) -> None:
-    """Replace `tau` by a torque within the limits, and set what they took from it, (n,) [N·m]."""
-    for i in range(len(tau)):
-        wanted = tau[i]
-        if c.limited:
-            tau[i] = min(max(tau[i], held[i] - c.change[i]), held[i] + c.change[i])
-            tau[i] = min(max(tau[i], -c.effort[i]), c.effort[i])
-        lost[i] = wanted - tau[i] if tau[i] != wanted else 0.0
-        held[i] = tau[i]
-
-
-@compiled
-def predict(p: Controller, k: int, table: Array) -> None:
-    """Set in `p.at` the state in which the torque of sample `k` is applied; see the reference."""
-    c, s, at, before, w = p.c, p.s, p.at, p.now, p.w
-    n, h = len(at.q), c.period
-    laws.estimate(c, s, before, w)
-    for i in range(n):
-        at.xi[i], w.z[i] = s.xi[i], w.x[i]
-    for j in range(c.delay):
-        place = (s.steps + j) % c.delay
-        correction(c, before.M, s.excess[place], w.lower, w.y)
-        error_filter.advance(c, at.xi, before.de, before.u, w.y)
-        for i in range(n):
-            w.robust[i] = s.sent[place, i] - w.z[i]
-        forward_dynamics(p.arm, before.q, before.dq, w.robust, p.free, p.body, w.x)
-        for i in range(n):
-            w.nominal[i] = before.dq[i] + 0.5 * h * w.x[i]
-            w.compensation[i] = before.q[i] + 0.5 * h * before.dq[i]
-        forward_dynamics(p.arm, w.compensation, w.nominal, w.robust, p.free, p.body, w.x)
-        for i in range(n):
-            at.q[i] = before.q[i] + h * w.nominal[i]
-            at.dq[i] = before.dq[i] + h * w.x[i]
-        evaluate(p, at, table[k + j + 1])
-        before = at
-
-
-@inlined
-def exchange(p: Controller, tau: Array) -> None:
-    """Put the torque of this sample in transit; set in the scratch the one that arrives now."""
-    c, s, w = p.c, p.s, p.w
-    place = s.steps % c.delay if c.delay else 0
-    for i in range(len(tau)):
-        sent, lost, clipped = tau[i], w.nominal[i], w.clipped[i]
-        if c.delay:
-            sent, s.sent[place, i] = s.sent[place, i], sent
-            lost, s.excess[place, i] = s.excess[place, i], lost
-            clipped, s.clipped[place, i] = s.clipped[place, i], clipped
-        w.robust[i], w.nominal[i], w.clipped[i] = sent, lost, clipped
-    s.steps += 1
-
-
-@compiled
-def step(p: Controller, k: int, q: Array, dq: Array, table: Array, tau: Array) -> None:
-    """
-    Set the torque of a sample, and go on by a period.
-
-    Parameters
-    ----------
-    p : Controller
+    p : ControlRecords
         After the last sample.
-    k : int
-        Index of the point of the reference at this sample.
     q, dq : array, shape (n,)
         Measured position [rad] and velocity [rad/s].
-    table : array, shape (N, 3, n)
-        The reference, sample by sample.
-    tau : array, shape (n,)
-        To be set [N·m].
+    points : array, shape (1 + d, 3, n)
+        The reference at this sample and those of the delay; there may be more.
 
     """
-    c, s, now, w = p.c, p.s, p.now, p.w
-    n = len(q)
-    for i in range(n):
-        now.q[i], now.dq[i], now.xi[i] = q[i], dq[i], s.xi[i]
-    if c.law == OBSERVER_FEEDBACK:
-        observer_feedback.observe(p.law, now, s.held)
-    evaluate(p, now, table[k])
-    if c.law == OBSERVER_FEEDBACK:
-        observer_feedback.foresee(p.law, p.arm, p.body, now, s.sent, s.steps, c.delay)
-        observer_feedback.terms(p.law, p.arm, p.body, table[k + c.delay], w.nominal, w.robust)
-        for i in range(n):
-            w.compensation[i] = w.clipped[i] = 0.0
-    else:
-        laws.update(c, s, now, w)
-        if c.delay:
-            predict(p, k, table)
-        laws.terms(c, s, p.at if c.delay else now, w)
-    for i in range(n):
-        tau[i] = w.nominal[i] - w.compensation[i] - w.robust[i]
-    limit(c, s.held, tau, w.nominal)
-    exchange(p, tau)
-    correction(c, now.M, w.nominal, w.lower, w.compensation)
-    error_filter.advance(c, s.xi, now.de, now.u, w.compensation)
-    if c.law == OBSERVER_FEEDBACK:
-        observer_feedback.advance(p.law, w.robust, w.nominal)
-    else:
-        laws.advance(c, s, now, w.robust, w.nominal, w.clipped, w.compensation, w)
+    memory = load(p.memory)
+    like = memory.xi
+    models = Models(CompiledModel(p.arm, p.body, p.now), CompiledModel(p.arm, p.body, p.arriving),
+                    CompiledModel(p.arm, p.body, p.after))
+    made = control_step(load(p.settings), load(p.law), memory, load(p.law_memory), models,
+                        value(q), value(dq), rows(points, like), rows(p.transit, like))
+    store(p.memory, made.memory)
+    store(p.law_memory, made.law_memory)
+    out, terms = rows(p.out, like), made.parts
+    out[TAU], out[E], out[DE], out[V] = made.sent.tau, made.now.e, made.now.de, made.now.v
+    out[NOMINAL], out[COMPENSATION] = terms.nominal, terms.compensation
+    out[ROBUST], out[SATURATION_ERROR] = terms.robust, made.sent.saturation_error

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ctc_chattering.batch import control_step, plant
 from ctc_chattering.batch.compiler import compiled
-from ctc_chattering.batch.control_step import Controller
+from ctc_chattering.batch.control_step import ControlRecords, E, TAU, V
 from ctc_chattering.batch.integrator import Plant
 from ctc_chattering.batch.sensors import measure, SensorSettings, SensorState
 from ctc_chattering.numerics.linear_algebra import Array
@@ -27,8 +27,9 @@ class Sources(NamedTuple):
 
 
 @compiled
-def run(p: Plant, c: Controller, sensor: SensorSettings, seen: SensorState, sources: Sources,
-        table: Array, truth: bool, out: Array) -> tuple[int, int, int, int]:
+def run(p: Plant, c: ControlRecords, sensor: SensorSettings, seen: SensorState,
+        sources: Sources, error_limit: Array, table: Array, truth: bool, out: Array
+        ) -> tuple[int, int, int, int]:
     """
     Run the closed loop from the first sample to the last.
 
@@ -36,6 +37,8 @@ def run(p: Plant, c: Controller, sensor: SensorSettings, seen: SensorState, sour
     ----------
     p, c, sensor, seen, sources
         Plant, controller, sensors with the first measurement, and random numbers.
+    error_limit : array, shape (n,)
+        Largest position error [rad]; inf for any.
     table : array, shape (N + delay, 3, n)
         q_d, dq_d and ddq_d at each sample.
     truth : bool
@@ -50,22 +53,22 @@ def run(p: Plant, c: Controller, sensor: SensorSettings, seen: SensorState, sour
 
     """
     n, rows = len(p.s.q), 0
-    tau = np.zeros(n)
+    tau, e, v = c.out[TAU], c.out[E], c.out[V]
     for k in range(p.c.last + 1):
         if not p.s.lost:
-            control_step.step(c, k, seen.q, seen.dq, table, tau)
+            control_step.step(c, seen.q, seen.dq, table[k:])
             total = 0.0
             for i in range(n):
                 out[rows, 0, i] = k
                 out[rows, 1, i], out[rows, 2, i] = seen.q[i], seen.dq[i]
                 if truth:
                     out[rows, 1, i], out[rows, 2, i] = p.s.q[i], p.s.dq[i]
-                out[rows, 3, i], out[rows, 4, i] = tau[i], c.now.v[i]
-                total += tau[i] + c.now.v[i]
+                out[rows, 3, i], out[rows, 4, i] = tau[i], v[i]
+                total += tau[i] + v[i]
             if not isfinite(total):
                 return NO_TORQUE, k, 0, rows
             for i in range(n):
-                if not abs(c.now.e[i]) <= c.c.error_limit[i]:
+                if not abs(e[i]) <= error_limit[i]:
                     return BEYOND, k, i, rows
             rows += 1
         if k < p.c.last:

@@ -1,98 +1,125 @@
 """
 The control step: a law at one sample, for any model.
 
-Vectors are arrays of shape (n,), matrices of shape (n, n). A product by `dot` takes half the time
-of one by `@` where there are so few numbers.
+It is a pure function of records, so that it runs as plain Python and compiled
+(`numerics.compilable`); `Controller` is what users call. Vectors are arrays of shape (n,),
+matrices of shape (n, n).
 """
 
 from __future__ import annotations
 
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.handover import Handover
-from ctc_chattering.control.laws.base import Law, State, Torque
-from ctc_chattering.control.limiter import Limiter
-from ctc_chattering.dynamics.model import Model
+from typing import Any, NamedTuple
+
+from ctc_chattering.control.delay_prediction import ROWS
+from ctc_chattering.control.evaluation import (
+    Context,
+    ControlSettings,
+    evaluated,
+    Models,
+    State,
+)
+from ctc_chattering.control.laws.base import Applied, Terms
+from ctc_chattering.numerics.compilable import function, record
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-class ControlStep:
-    """
-    Evaluates a state, has the law answer it, limits the torque, and advances the filter.
+@record
+class ControlMemory(NamedTuple):
+    """What the control step remembers, besides the memory of the law and torques in transit."""
 
-    A step is `evaluate`, `update`, `torque`, `advance`; `DelayPrediction` takes it.
+    #: ξ of the filter [rad/s], shape (n,).
+    xi: Array
+    #: Torque sent last, shape (n,) [N·m].
+    held: Array
+    #: Of a law that took over (`handover`): what its torque differed from the last one sent,
+    #: shape (n,) [N·m]; for how many samples it is still added; 1.0 before the first of them.
+    difference: Array
+    fading: float
+    fresh: float
+    #: Which of the torques in transit is applied next.
+    turn: float
+
+
+@record
+class Step(NamedTuple):
+    """What one control step computed."""
+
+    #: The sample as the law takes it.
+    now: State
+    #: Of the torque, and the torque as it will be applied.
+    parts: Terms
+    sent: Applied
+    memory: ControlMemory
+    #: Of the law.
+    law_memory: Any
+
+
+def control_memory(held: Array) -> ControlMemory:
+    """Return the memory at the start, with the torque that is still held, shape (n,) [N·m]."""
+    zero = np.zeros_like(held)
+    return ControlMemory(zero, held, zero, 0.0, 0.0, 0.0)
+
+
+def in_transit(n: int, delay: int) -> Array:
+    """Return no torques in transit, shape (4 delay, n)."""
+    return np.zeros((ROWS * delay, n))
+
+
+@function
+def step(settings: ControlSettings, law: Any, memory: ControlMemory, law_memory: Any,
+         models: Models, q: Array, dq: Array, points: Array, transit: Array) -> Step:
+    """
+    Return the torque of a sample, and what is remembered a period later.
 
     Parameters
     ----------
-    model : Model
+    settings, law
+        What is common to all laws, and the law in force.
+    memory, law_memory
+        After the last sample.
+    models : Models
         M, C and G.
-    filter_ : ErrorFilter
-        The filter (3).
-    limiter : Limiter
-        Limits of the torque.
-
-    Attributes
-    ----------
-    kp, kv : array, shape (n, n)
-        Kp [1/s²] and Kv [1/s].
-    period : float
-        h [s].
-    law : Law
-        In force from the next step on.
-    handover : Handover
-        From one law to the next.
+    q, dq : array, shape (n,)
+        Measured position [rad] and velocity [rad/s].
+    points : array, shape (3 (1 + d), n)
+        q_d [rad], dq_d [rad/s] and ddq_d [rad/s²] of this sample and of those of the delay.
+    transit : array, shape (4 d, n)
+        Torques in transit; the one that is applied now gives way to that of this sample.
 
     """
+    law_memory, q, dq = law.corrected(law_memory, q, dq, memory.held)
+    now = evaluated(settings, models.now, q, dq, points, 0, memory.xi)
+    law_memory = law.updated(law_memory, now)
+    turn = int(memory.turn)
+    terms, law_memory = law.answer(
+        law_memory, now, Context(settings, models, memory.xi, points, transit, turn))
+    own, fading, difference = (terms.nominal - terms.compensation - terms.robust, memory.fading,
+                               memory.difference)
+    wanted = own
+    if fading > 0.0:
+        if memory.fresh != 0.0:
+            difference = memory.held - own
+        wanted, fading = own + fading / settings.fading * difference, fading - 1.0
+    tau = settings.limiter.limit(wanted, memory.held)
+    sent = applied = Applied(tau, wanted - tau, own - tau, terms.clipping_error)
+    if settings.delay > 0.0:
+        applied = exchanged(transit, ROWS * turn, sent)
+        turn = (turn + 1) % int(settings.delay)
+    correction = settings.limiter.correction(now.M, applied.excess)
+    xi = settings.filter.next_state(memory.xi, now.de, now.u) + correction
+    law_memory = law.advanced(law_memory, now, applied, correction)
+    return Step(now, terms, sent, ControlMemory(xi, tau, difference, fading, 0.0, float(turn)),
+                law_memory)
 
-    kp: Array
-    kv: Array
-    period: float
-    law: Law
 
-    def __init__(self, model: Model, filter_: ErrorFilter, limiter: Limiter) -> None:
-        self.model, self.filter, self.limiter = model, filter_, limiter
-        self.handover = Handover()
-        self._before: Law | None = None
-
-    def reset(self) -> None:
-        """Start again, with nothing to take over."""
-        self.handover.reset()
-        self._before = None
-
-    def evaluate(self, q: Array, dq: Array, q_d: Array, dq_d: Array, ddq_d: Array, xi: Array
-                 ) -> State:
-        """Return what the law needs of a state, a reference and a state ξ of the filter."""
-        e, de = q_d - q, dq_d - dq
-        u = self.kv.dot(de) + self.kp.dot(e)
-        v = self.filter.output(de, xi)                                   # (3)
-        M, C, G = self.model.evaluate(q, dq)
-        N = M.dot(ddq_d + u) + C.dot(dq) + G                             # inverse dynamics
-        return State(q, dq, dq_d, ddq_d, e, de, u, v, M, C, G, N)
-
-    def update(self, now: State) -> State:
-        """Have the law take the measured state; return it, with v as the law has it."""
-        law, before = self.law, self._before
-        if before is not law and before is not None:
-            if law.acts_on_v and not before.acts_on_v:
-                self.filter.initialize_bumpless(now.de)
-                now = now._replace(v=np.zeros_like(now.v))
-            self.handover.initialize(before, law, now, self.period)
-        self._before = law
-        law.update(now)
-        return now
-
-    def torque(self, at: State) -> Torque:
-        """Return the torque of the law."""
-        terms = self.law.terms(at)
-        own = terms.nominal - terms.compensation - terms.robust
-        added = self.handover.added(own)
-        tau, saturation_error = self.limiter.limit(own if added is None else own + added)
-        self.handover.sent = tau
-        return Torque(tau, terms, saturation_error,
-                      saturation_error if added is None else own - tau)
-
-    def advance(self, now: State, applied: Torque) -> None:
-        """Advance filter and law over the period for which `applied` is held."""
-        correction = self.limiter.correction(now.M, applied.excess)
-        self.filter.state = self.filter.next_state(self.filter.state, now.de, now.u, correction)
-        self.law.advance(now, applied, correction)
+@function
+def exchanged(transit: Array, row: int, sent: Applied) -> Applied:
+    """Return the torque in transit from a row on, and put another one in its place."""
+    applied = Applied(1.0 * transit[row], 1.0 * transit[row + 1], 1.0 * transit[row + 2],
+                      1.0 * transit[row + 3])
+    transit[row] = sent.tau
+    transit[row + 1] = sent.saturation_error
+    transit[row + 2] = sent.excess
+    transit[row + 3] = sent.clipping_error
+    return applied

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, islice
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 from ctc_chattering.arguments import checked, vector
-from ctc_chattering.control.control_step import ControlStep
+from ctc_chattering.control.control_step import control_memory, in_transit, step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.delay_prediction import DelayPrediction
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.laws.registry import make_laws
-from ctc_chattering.control.limiter import Limiter
+from ctc_chattering.control.evaluation import control_settings, Models
+from ctc_chattering.control.handover import taken_over
+from ctc_chattering.control.laws.base import Law
+from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, seconds
-from ctc_chattering.parameters import matrix
 from ctc_chattering.trajectory.buffer import Point
 import numpy as np
 
@@ -72,10 +72,12 @@ class Controller:
         In force.
     model : Model
         With `inertia_scale` and `gravity_scale`.
-    filter : ErrorFilter
-        The filter (3).
-    laws : dict of str to Law
-        Every law by name; one of them is in force.
+    settings, law : ControlSettings, Law
+        What is common to all laws, and the law in force.
+    memory : ControlMemory
+        What the control step remembers.
+    transit : array, shape (4 input_delay, n)
+        Torques in transit.
 
     """
 
@@ -88,10 +90,9 @@ class Controller:
                            f'of {self.model.n} joints')
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
-        self.filter, self._limiter = ErrorFilter(n), Limiter(n)
-        self.laws = make_laws(self.filter)
-        self._control = ControlStep(self.model, self.filter, self._limiter)
-        self._loop = DelayPrediction(self._control, config.input_delay, n)
+        self._models = Models(self.model, self.model, self.model)
+        #: Laws that have been in force since the last reset, with what they remember.
+        self._laws: dict[str, tuple[Law, Any]] = {}
         self.configure(config)
         self.reset()
 
@@ -101,20 +102,14 @@ class Controller:
         Use other gains or another law from the next step on.
 
         The filter state ξ is preserved, so that v has no step (unless b itself changes), and
-        so are integrals and estimates. `Handover` says how another law takes over.
+        so are integrals and estimates. `handover` says how another law takes over.
         """
-        self.config = config
-        n, period = len(config.joint_names), seconds(period_ns(config.control_period))
-        effort = config.largest_torque(self.model.effort_limits)
-        self.filter.configure(config.lambda_, config.b, period)
-        self._limiter.configure(np.array(effort), period * np.array(config.effort_rate_limit),
-                                self.filter.scale if config.anti_windup else 0.0)
-        control = self._control
-        control.period = period
-        control.kp, control.kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
-        for law in self.laws.values():
-            law.configure(config, period)
-        control.law = self.laws[config.law]
+        law = law_class(config.law).made(config, seconds(period_ns(config.control_period)))
+        before = self._laws.get(config.law)
+        self._laws[config.law] = law, (
+            law.start() if before is None else law.reconfigured(before[1], before[0]))
+        self.config, self.law = config, law
+        self.settings = control_settings(config, self.model.effort_limits)
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
@@ -129,13 +124,37 @@ class Controller:
 
         """
         rest = np.zeros(self.model.n) if held is None else vector('held', held, self.model.n)
-        self.filter.reset()
-        for law in self.laws.values():
-            law.reset()
-        self._control.reset()
+        self.memory = control_memory(rest)
+        self.transit = in_transit(self.model.n, self.config.input_delay)
+        self._laws = {self.config.law: (self.law, self.law.start())}
+        #: Law of the last step; empty before the first.
+        self._before = ''
         self._bumpless = bumpless
-        self._limiter.reset(rest)
-        self._loop.reset()
+
+    @property
+    def law_memory(self) -> Any:
+        """What the law in force remembers."""
+        return self._laws[self.config.law][1]
+
+    def prepare(self, rows: Array) -> None:
+        """
+        Begin with v = 0, or take over from another law, if the step to come is to do so.
+
+        Parameters
+        ----------
+        rows : array, shape (5, n)
+            Its q, dq, q_d, dq_d, ddq_d.
+
+        """
+        if self._bumpless:
+            self.memory = self.memory._replace(xi=self.settings.filter.b * (rows[3] - rows[1]))
+            self._bumpless = False
+        if self._before not in ('', self.config.law):
+            self.memory, law_memory = taken_over(
+                self.settings, self._laws[self._before], self.law, self.law_memory, self.memory,
+                self.model, rows)
+            self._laws[self.config.law] = self.law, law_memory
+        self._before = self.config.law
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -153,23 +172,32 @@ class Controller:
 
         """
         try:
-            rows = np.array((q, dq, q_d, dq_d, ddq_d), float)
-            wrong = rows.shape != (5, self.model.n)
+            delay = self.config.input_delay
+            more = islice(chain.from_iterable(ahead), 3 * delay) if delay else ()
+            rows = np.array((q, dq, q_d, dq_d, ddq_d, *more), float)
+            wrong = rows.shape != (5 + 3 * delay, self.model.n)
         except (TypeError, ValueError, OverflowError):
             wrong = True
         if wrong:
-            raise CtcError(str(ParameterError('q, dq, q_d, dq_d, ddq_d', (q, dq, q_d, dq_d, ddq_d),
-                                              f'{self.model.n} numbers each')))
-        x, dx, x_d, dx_d, ddx_d = rows
-        if self._bumpless:
-            self.filter.initialize_bumpless(dx_d - dx)
-            self._bumpless = False
-        now, sent = self._loop.step(x, dx, x_d, dx_d, ddx_d, ahead)
-        terms, error = sent.terms, sent.saturation_error
+            self._refuse((q, dq, q_d, dq_d, ddq_d), ahead)
+        self.prepare(rows)
+        now, terms, sent, self.memory, law_memory = step(
+            self.settings, self.law, self.memory, self.law_memory, self._models, rows[0], rows[1],
+            rows[2:], self.transit)
+        self._laws[self.config.law] = self.law, law_memory
+        lost = sent.saturation_error
         return Sample(
             sent.tau.tolist(), now.e.tolist(), now.de.tolist(), now.v.tolist(),
             terms.nominal.tolist(), terms.compensation.tolist(), terms.robust.tolist(),
-            None if error is None else error.tolist())
+            lost.tolist() if lost.any() else None)
+
+    def _refuse(self, rows: Sequence[Vector], ahead: Sequence[Point]) -> NoReturn:
+        """Raise the error for what `step` cannot take."""
+        if len(ahead) < self.config.input_delay:
+            raise CtcError(str(ParameterError(
+                'ahead', ahead, f'{self.config.input_delay} points, as input_delay says')))
+        raise CtcError(str(ParameterError(
+            'q, dq, q_d, dq_d, ddq_d', rows, f'{self.model.n} numbers each')))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
                  ahead: Sequence[Point] = ()) -> Sample | None:

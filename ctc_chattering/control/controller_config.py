@@ -13,7 +13,7 @@ from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns
 from ctc_chattering.parameters import parameter
 
-#: Values of the parameter ``law``; each is a module of `control/laws`.
+#: Values of the parameter ``law``, besides classes; each is a module of `control/laws`.
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
         'slotine_li', 'friction_feedforward', 'pd_gravity', 'observer_feedback')
 _PAPER = ('compensation', 'chattering')
@@ -27,7 +27,7 @@ class ControllerConfig(RobotConfig):
 
     law: str = parameter(
         'law', 'str', 'chattering',
-        'Control law: docs/laws.md.', choices=LAWS)
+        'Control law: docs/laws.md.', choices=LAWS, own=True)
     kp: tuple[float, ...] = parameter(
         'kp', 'float[]', 100.0, 'Position gain Kp.', unit='1/s^2', minimum=0.0, exclusive=True,
         shape='nn')
@@ -47,7 +47,7 @@ class ControllerConfig(RobotConfig):
         maximum=1e3, laws=(*_PAPER, 'super_twisting'))
     switching: str = parameter(
         'switching', 'str', 'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS,
-        laws=('chattering',))
+        own=True, laws=('chattering',))
     boundary_layer: float = parameter(
         'boundary_layer', 'float', 0.05, 'Switching boundary_layer: half its width.',
         unit='rad/s', minimum=0.0, exclusive=True, laws=('chattering',))
@@ -137,9 +137,9 @@ class ControllerConfig(RobotConfig):
         period_ns(self.control_period)
 
     def takes(self, name: str) -> bool:
-        """Return whether the law in force takes the parameter `name`."""
+        """Return whether the law in force takes the parameter `name`; a user's takes all."""
         laws = self.parameters()[name].laws
-        return not laws or self.law in laws
+        return not laws or self.law in laws or ':' in self.law
 
     def largest_torque(self, of_model: Vector) -> tuple[float, ...]:
         """

@@ -7,75 +7,48 @@ observer themselves advance with what is measured and applied.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
+from typing import Any
 
-from ctc_chattering.control.control_step import ControlStep
-from ctc_chattering.control.feasible_reference import Desired
-from ctc_chattering.control.laws.base import State, Terms, Torque
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.control.evaluation import Context, evaluated, Evaluates, State
+from ctc_chattering.numerics.compilable import dot, function, solve
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.trajectory.buffer import Point
-import numpy as np
+
+#: Rows of a torque in transit.
+ROWS = 4
 
 
-class DelayPrediction:
+@function
+def arriving(law: Any, memory: Any, now: State, context: Context) -> State:
     """
-    Takes the steps of a controller whose torques are applied `delay` samples after they are sent.
+    Return the state in which the torque of this sample is applied; `now` without a delay.
 
     Parameters
     ----------
-    control : ControlStep
-        Whose torques they are.
-    delay : int
-        Samples; 0 for none.
-    n : int
-        Number of joints.
+    law, memory
+        Law in force, and its memory: of what acts until the torque arrives.
+    now : State
+        Measured.
+    context : Context
+        All else.
 
     """
-
-    def __init__(self, control: ControlStep, delay: int, n: int) -> None:
-        self._control = control
-        zero = np.zeros(n)
-        self._idle = [Torque(zero, Terms(zero, zero, zero), None, None)] * delay
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the torques in transit."""
-        self._in_transit = deque(self._idle)
-
-    def step(self, q: Array, dq: Array, q_d: Array, dq_d: Array, ddq_d: Array,
-             ahead: Sequence[Point]) -> tuple[State, Torque]:
-        """Return this state, and the torque for the one in which it is applied."""
-        control, law = self._control, self._control.law
-        q, dq = law.observe(q, dq, control.limiter.held)
-        now = control.evaluate(q, dq, q_d, dq_d, ddq_d, control.filter.state)
-        now = control.update(now)
-        if law.foresees:
-            points = [Desired(q_d, dq_d, ddq_d), *(Desired(*map(np.array, p)) for p in ahead)]
-            law.foresee(now, [torque.tau for torque in self._in_transit], points, control.model)
-            sent = control.torque(now)
-        else:
-            sent = control.torque(self._predict(now, ahead))
-        self._in_transit.append(sent)
-        control.advance(now, self._in_transit.popleft())
-        return now, sent
-
-    def _predict(self, now: State, ahead: Sequence[Point]) -> State:
-        """Return the state in which the torque of this step is applied; `now` without a delay."""
-        control, at, xi = self._control, now, self._control.filter.state
-        law = control.law
-        estimate = law.estimate(now) if self._in_transit and law.predicts else None
-        for torque, (q_d, dq_d, ddq_d) in zip(self._in_transit, ahead):
-            xi = control.filter.next_state(
-                xi, at.de, at.u, control.limiter.correction(at.M, torque.excess))
-            tau = torque.tau if estimate is None else torque.tau - estimate
-            q, dq = predict(control.model, at.q, at.dq, tau, control.period)
-            at = control.evaluate(q, dq, np.array(q_d), np.array(dq_d), np.array(ddq_d), xi)
-        return at
+    settings, at, xi = context.settings, now, context.xi
+    delay = int(settings.delay)
+    if delay == 0:
+        return now
+    perturbation = law.acting(memory, now)
+    for j in range(delay):
+        row = ROWS * ((context.turn + j) % delay)
+        xi = (settings.filter.next_state(xi, at.de, at.u)
+              + settings.limiter.correction(at.M, context.transit[row + 2]))
+        q, dq = predict(context.models.arriving, at, context.transit[row] - perturbation,
+                        settings.period)
+        at = evaluated(settings, context.models.arriving, q, dq, context.points, 3 * j + 3, xi)
+    return at
 
 
-def predict(model: Model, q: Array, dq: Array, u: Array, h: float) -> tuple[Array, Array]:
+@function
+def predict(model: Evaluates, at: State, u: Array, h: float) -> tuple[Array, Array]:
     """
     Return q and dq after one period under a held torque, by the midpoint rule.
 
@@ -83,16 +56,14 @@ def predict(model: Model, q: Array, dq: Array, u: Array, h: float) -> tuple[Arra
     ----------
     model : Model
         As the controller knows it.
-    q, dq : array, shape (n,)
-        Position [rad] and velocity [rad/s].
+    at : State
+        Now.
     u : array, shape (n,)
         Torque less the perturbation [N·m].
     h : float
         Period [s].
 
     """
-    def acceleration(q: Array, dq: Array) -> Array:
-        return np.array(model.forward_dynamics(q.tolist(), dq.tolist(), u.tolist()))
-
-    middle = dq + 0.5 * h * acceleration(q, dq)
-    return q + h * middle, dq + h * acceleration(q + 0.5 * h * dq, middle)
+    middle = at.dq + 0.5 * h * solve(at.M, u - at.bias)
+    M, C, G = model.evaluate(at.q + 0.5 * h * at.dq, middle)
+    return at.q + h * middle, at.dq + h * solve(M, u - dot(C, middle) - G)

@@ -3,7 +3,7 @@ The drives as the controller knows them: a lag of first order with a limited rat
 
 While a command c is held, the torque τ of a drive with the lag T and the rate limit R follows::
 
-    dτ/dt = (c - τ) / T, within ±R
+    dτ/dt = (c - τ) / T, within ±R                                                        (DM1)
 
 It moves at the rate R until |c - τ| = R T, then exponentially. What a period h of that does to a
 mass has a closed form; with x = τ - c, s the time since the command, r the end of the first part::
@@ -51,9 +51,13 @@ class DriveModel(NamedTuple):
     decay: Array
     #: R (T + h): a command farther than this from the torque moves it no faster [N·m].
     reach: Array
+    #: Whether there is neither lag nor limit, 1.0 or 0.0.
+    prompt: float
 
     def response(self, torque: Array, command: Array) -> Response:
         """Return what `torque` does over a period in which `command` is held, both (n,) [N·m]."""
+        if self.prompt != 0.0:
+            return Response(command, command, command)
         h, T, x0 = self.period, self.lag, torque - command
         r = np.minimum(np.maximum(np.abs(x0) / self.rate - T, 0.0), h)
         slope, rest = -np.sign(x0) * self.slope, h - r
@@ -100,4 +104,5 @@ def drive_model(lag: Array, rate: Array, period: float) -> DriveModel:
     """
     floor = np.maximum(lag, _NO_LAG)
     return DriveModel(period, floor, rate, np.where(rate < np.inf, rate, 0.0),
-                      np.exp(-period / floor), np.minimum(rate * (lag + period), LARGEST))
+                      np.exp(-period / floor), np.minimum(rate * (lag + period), LARGEST),
+                      float(not lag.any() and not np.isfinite(rate).any()))

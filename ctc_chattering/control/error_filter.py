@@ -10,79 +10,62 @@ Sampled, with the bracket held over each period h, this has the exact solution::
 from __future__ import annotations
 
 from math import exp, expm1
+from typing import NamedTuple
 
+from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-class ErrorFilter:
+@record
+class ErrorFilter(NamedTuple):
     """
-    State and coefficients of the filter (3).
+    Coefficients of the filter (3), made by `error_filter`.
 
-    Parameters
-    ----------
-    n : int
-        Number of joints.
-
-    Attributes
-    ----------
-    state : array, shape (n,)
-        ξ [rad/s].
-    scale : float
-        b h [s].
-
+    They are arrays of shape (n,), because a product with a float takes twice as long.
     """
 
-    def __init__(self, n: int) -> None:
-        self.state: Array = np.zeros(n)
-        self.configure(10.0, 1.0, 1e-3)
+    #: λ [1/s] and b.
+    pole: Array
+    b: Array
+    #: exp(-λ h), c = b (1 - exp(-λ h)) / λ, b h and b h - c.
+    decay: Array
+    gain: Array
+    scale: Array
+    rest: Array
 
-    def configure(self, lambda_: float, b: float, period: float) -> None:
-        """Set λ [1/s], b and the sample period [s]; the state ξ is preserved."""
-        self.scale = b * period
-        decay, gain = exp(-lambda_ * period), -b * expm1(-lambda_ * period) / lambda_
-        # Arrays, because a product with a float takes twice as long.
-        self._lambda, self._b, self._decay, self._gain, self._rest = (
-            np.full(len(self.state), x) for x in (lambda_, b, decay, gain, self.scale - gain))
-
-    def reset(self) -> None:
-        """Set ξ = 0."""
-        self.state = np.zeros_like(self.state)
-
-    def initialize_bumpless(self, de: Array) -> None:
-        """Set ξ so that v = 0 at the velocity error `de`, shape (n,) [rad/s]."""
-        self.state = self._b * de
-
-    def output(self, de: Array, state: Array) -> Array:
+    def output(self, de: Array, xi: Array) -> Array:
         """Return v, shape (n,) [rad/s], at the velocity error `de` and the state ξ."""
-        return state - self._b * de
+        return xi - self.b * de
 
-    def next_state(self, state: Array, de: Array, u: Array, correction: Array | None = None
-                   ) -> Array:
+    def next_state(self, xi: Array, de: Array, u: Array) -> Array:
         """
-        Return ξ, shape (n,), one period after `state`.
+        Return ξ, shape (n,), one period later.
 
         Parameters
         ----------
-        state : array, shape (n,)
+        xi : array, shape (n,)
             ξ [rad/s].
         de : array, shape (n,)
             Velocity error [rad/s].
         u : array, shape (n,)
             Kv de + Kp e [rad/s²].
-        correction : array, shape (n,), optional
-            Anti-windup correction [rad/s].
 
         """
-        ahead = self._decay * state + self._gain * (self._lambda * de - u)
-        return ahead if correction is None else ahead + correction
+        return self.decay * xi + self.gain * (self.pole * de - u)
 
-    def nominal_response(self, v: Array, u: Array, correction: Array | None = None) -> Array:
+    def nominal_response(self, v: Array, u: Array) -> Array:
         """
         Return y: what v would be a period later if dde + Kv de + Kp e were 0, shape (n,) [rad/s].
 
         It is exp(-λ h) v + (b h - c) u, with c the gain of the filter's input; the second part is
         of the order of h². Arguments as `next_state` has them.
         """
-        ahead = self._decay * v + self._rest * u
-        return ahead if correction is None else ahead + correction
+        return self.decay * v + self.rest * u
+
+
+def error_filter(n: int, pole: float, b: float, period: float) -> ErrorFilter:
+    """Return the filter of n joints with λ [1/s], b and the sample period [s]."""
+    decay, gain = exp(-pole * period), -b * expm1(-pole * period) / pole
+    return ErrorFilter(*(np.full(n, x) for x in (
+        pole, b, decay, gain, b * period, b * period - gain)))

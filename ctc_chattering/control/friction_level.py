@@ -5,7 +5,7 @@ Where the level K̂ is too low by ΔK, the estimate P̂ jumps by 2 ΔK, delayed 
 the velocity changes its sign. K̂ follows the correlation of P̂ with the sign of the velocity,
 delayed alike (three lags of the observer's bandwidth ω), both above the frequency w₀::
 
-    dK̂/dt = γ y φ,     y = HP(P̂),     φ = HP(LP³(sgn dq̂)),     0 <= K̂ <= Ka
+    dK̂/dt = γ y φ,     y = HP(P̂),     φ = HP(LP³(sgn dq̂)),     0 <= K̂ <= Ka             (FL1)
 
 The high-pass keeps slow errors of the model out, and a friction that grows with the velocity. A
 joint at rest, or one that does not turn back, teaches nothing.
@@ -54,6 +54,8 @@ class FrictionLevel(NamedTuple):
 
     def learn(self, last: Learned, dq: Array, perturbation: Array) -> Learned:
         """Return K̂ improved by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
+        if self.gain == 0.0:
+            return last
         sign = np.where(np.abs(dq) > _MOVING, np.sign(dq), 0.0)
         lag1 = last.lag1 + self.follow * (sign - last.lag1)
         lag2 = last.lag2 + self.follow * (lag1 - last.lag2)

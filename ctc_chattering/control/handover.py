@@ -10,62 +10,40 @@ paper the chattering term comes and goes at once instead.
 
 from __future__ import annotations
 
-from ctc_chattering.control.laws.base import Law, State
+from typing import Any
+
+from ctc_chattering.control.control_step import ControlMemory
+from ctc_chattering.control.evaluation import ControlSettings, evaluated, Evaluates
+from ctc_chattering.control.laws.base import Law
 from ctc_chattering.numerics.linear_algebra import Array
-import numpy as np
-
-#: Time over which the difference of two laws fades [s].
-FADE = 0.2
 
 
-class Handover:
+def taken_over(settings: ControlSettings, before: tuple[Law, Any], law: Law, law_memory: Any,
+               memory: ControlMemory, model: Evaluates, rows: Array) -> tuple[ControlMemory, Any]:
     """
-    Makes the torque continuous where the law changes.
+    Return the memories with which a law goes on after another one.
 
-    Attributes
+    Parameters
     ----------
-    sent : array, shape (n,), or None
-        The torque sent last [N·m]; None for none since the start or a reset.
+    settings : ControlSettings
+        Of the control step.
+    before : tuple
+        The old law and its memory.
+    law, law_memory
+        The new one, with what it remembers from before.
+    memory : ControlMemory
+        Of the control step, after its last sample.
+    model : Model
+        M, C and G.
+    rows : array, shape (5, n)
+        Measured q, dq and desired q, dq, ddq of the sample to come.
 
     """
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the torque sent last and what is left of a difference."""
-        self.sent: Array | None = None
-        self._difference: Array = np.zeros(0)
-        self._samples = self._left = 0
-        self._fresh = False
-
-    def initialize(self, before: Law, law: Law, now: State, period: float) -> None:
-        """
-        Have a law take over from another one at the measured state `now`.
-
-        Parameters
-        ----------
-        before, law : Law
-            The old and the new one.
-        now : State
-            Measured.
-        period : float
-            h [s].
-
-        """
-        law.initialize(now, before.estimate(now))
-        before.suspend()
-        if self.sent is not None and not (before.of_the_paper and law.of_the_paper):
-            self._samples = self._left = max(round(FADE / period), 1)
-            self._fresh = True
-
-    def added(self, torque: Array) -> Array | None:
-        """Return what is added to the torque of the law, shape (n,) [N·m]; None for nothing."""
-        if not self._left:
-            return None
-        if self._fresh and self.sent is not None:
-            self._difference, self._fresh = self.sent - torque, False
-        share = self._left / self._samples
-        self._left -= 1
-        added: Array = share * self._difference
-        return added
+    old, known = before
+    if law.acts_on_v and not old.acts_on_v:
+        memory = memory._replace(xi=settings.filter.b * (rows[3] - rows[1]))
+    now = evaluated(settings, model, rows[0], rows[1], rows[2:], 0, memory.xi)
+    if not (old.of_the_paper and law.of_the_paper):
+        memory = memory._replace(fading=settings.fading, fresh=1.0)
+    return memory, law.initialized(
+        law_memory, now, old.estimate(known, now) if old.estimates else None)

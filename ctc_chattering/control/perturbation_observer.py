@@ -25,90 +25,91 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.compilable import dot, record
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-class _Prediction(NamedTuple):
-    """The next sample without a perturbation; see `PerturbationObserver.predict`."""
+@record
+class Perturbation(NamedTuple):
+    """What has been estimated; arrays of shape (n,) unless they say otherwise."""
 
+    #: P̂ [N·m].
+    perturbation: Array
+    #: Of the last sample: M [kg·m²], shape (n, n); y [rad/s]; N - τ with half of a small clipping
+    #: error [N·m]; and whether there was one, 1.0 or 0.0.
     mass: Array
     nominal: Array
     torque_residual: Array
+    predicted: float
 
 
-class PerturbationObserver:
-    """
-    Estimates the perturbation, sample by sample.
+@record
+class PerturbationObserver(NamedTuple):
+    """Estimates the perturbation, sample by sample; made by `perturbation_observer`."""
 
-    Parameters
-    ----------
-    n : int
-        Number of joints.
+    #: 1 - exp(-ω h).
+    gain: float
+    #: b h of the filter (3) [s], and Ka [N·m], shape (n,).
+    scale: Array
+    bound: Array
 
-    Attributes
-    ----------
-    estimate : array, shape (n,)
-        P̂ [N·m].
-
-    """
-
-    def __init__(self, n: int) -> None:
-        self.estimate: Array = np.zeros(n)
-        self._predicted: _Prediction | None = None
-
-    def configure(self, bandwidth: float, period: float, b: float, bound: Array) -> None:
-        """
-        Set what the estimate is made with; P̂ is preserved, the last sample is forgotten.
-
-        Parameters
-        ----------
-        bandwidth : float
-            ω [rad/s].
-        period : float
-            h [s].
-        b : float
-            Gain of the filter (3).
-        bound : array, shape (n,)
-            Ka [N·m].
-
-        """
-        self._gain = 1.0 - exp(-bandwidth * period)
-        self._scale = b * period
-        self._bound = bound
-        self._predicted = None
-
-    def reset(self) -> None:
-        """Set P̂ = 0."""
-        self.estimate = np.zeros_like(self.estimate)
-        self._predicted = None
-
-    def predict(self, mass: Array, nominal: Array, torque_residual: Array,
-                clipping_error: Array | None) -> None:
+    def predict(self, last: Perturbation, mass: Array, nominal: Array, torque_residual: Array,
+                clipping_error: Array) -> Perturbation:
         """
         Predict the next sample's v without a perturbation.
 
         Parameters
         ----------
+        last : Perturbation
+            What has been estimated so far.
         mass : array, shape (n, n)
             M [kg·m²].
         nominal : array, shape (n,)
             y [rad/s].
         torque_residual : array, shape (n,)
             N - τ, with the torque τ that is held from now on [N·m].
-        clipping_error : array, shape (n,), or None
-            What the bound has taken from the chattering term [N·m]; None for nothing.
+        clipping_error : array, shape (n,)
+            What the bound has taken from the chattering term [N·m].
 
         """
-        if clipping_error is not None:
-            shallow = np.abs(clipping_error) < self._bound
+        if clipping_error.any():
+            shallow = np.abs(clipping_error) < self.bound
             torque_residual = torque_residual + np.where(shallow, 0.5 * clipping_error, 0.0)
-        self._predicted = _Prediction(mass, nominal, torque_residual)
+        return Perturbation(last.perturbation, mass, nominal, torque_residual, 1.0)
 
-    def update(self, v: Array) -> None:
-        """Improve the estimate by what v, shape (n,) [rad/s], has become."""
-        if self._predicted is None:
-            return
-        mass, nominal, torque_residual = self._predicted
-        residual = mass.dot((nominal - v) / self._scale) - torque_residual - self.estimate
-        self.estimate = nearest(mass, self.estimate + self._gain * residual, self._bound)
+    def follow(self, last: Perturbation, v: Array) -> Perturbation:
+        """Return the estimate improved by what v, shape (n,) [rad/s], has become."""
+        if last.predicted == 0.0:
+            return last
+        residual = (dot(last.mass, (last.nominal - v) / self.scale) - last.torque_residual
+                    - last.perturbation)
+        found = nearest(last.mass, last.perturbation + self.gain * residual, self.bound)
+        return Perturbation(found, last.mass, last.nominal, last.torque_residual, 0.0)
+
+
+def perturbation_observer(bandwidth: float, period: float, b: float, bound: Array
+                          ) -> PerturbationObserver:
+    """
+    Return an observer.
+
+    Parameters
+    ----------
+    bandwidth : float
+        ω [rad/s].
+    period : float
+        h [s].
+    b : float
+        Gain of the filter (3).
+    bound : array, shape (n,)
+        Ka [N·m].
+
+    """
+    return PerturbationObserver(1.0 - exp(-bandwidth * period), np.full(len(bound), b * period),
+                                bound)
+
+
+def unperturbed(n: int) -> Perturbation:
+    """Return P̂ = 0 of n joints."""
+    zero = np.zeros(n)
+    return Perturbation(zero, np.zeros((n, n)), zero, zero, 0.0)

@@ -4,7 +4,7 @@ An observer of position, velocity and perturbation that is driven by position an
 Its model has the drives (`drive_model`), so that it knows the torque that acts, and Coulomb's
 friction f of the level K̂, implicit as in docs/theory.md. Over a period::
 
-    f ∈ K̂ Sgn(dq⁺),   a = M⁻¹ (τ - C dq - G - f - P̂),   dq⁺ = dq + h a,   P̂⁺ = P̂ + h Ṗ̂     (1)
+    f ∈ K̂ Sgn(dq⁺),   a = M⁻¹ (τ - C dq - G - f - P̂),   dq⁺ = dq + h a,   P̂⁺ = P̂ + h Ṗ̂   (SO1)
 
 and q⁺ likewise, each with its own mean of τ and P̂ over the period. The measured position
 corrects this; the velocity is not measured. With ε = q - q̂ and θ = exp(-ω h)::
@@ -12,7 +12,7 @@ corrects this; the velocity is not measured. With ε = q - q̂ and θ = exp(-ω 
     q̂  += (1 - θ⁴) ε
     dq̂ += (1 - θ)² (11 + 14 θ + 11 θ²) ε / (6 h)
     P̂  -= M 2 (1 - θ)³ (1 + θ) ε / h²
-    Ṗ̂  -= M (1 - θ)⁴ ε / h³                                                             (2)
+    Ṗ̂  -= M (1 - θ)⁴ ε / h³                                                           (SO2)
 
 which puts the four poles of the error at θ: the cubic fading-memory filter (Morrison 1969).
 The slope Ṗ̂ leaves of a perturbation of the frequency w, for w « ω, 6 (w / ω)²; without it there
@@ -25,7 +25,7 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.control.drive_model import DriveModel
-from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.box_qp import nearest, nearest_and_rest
 from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -53,7 +53,7 @@ class StateObserver(NamedTuple):
     drives: DriveModel
     #: Ka [N·m], shape (n,).
     bound: Array
-    #: Gains of (2), those of P̂ and its slope without M.
+    #: Gains of (SO2), those of P̂ and its slope without M.
     position: float
     velocity: float
     acceleration: float
@@ -62,7 +62,7 @@ class StateObserver(NamedTuple):
     def predict(self, at: Observed, mass: Array, bias: Array, level: Array, command: Array
                 ) -> Observed:
         """
-        Return the state a period later, by (1).
+        Return the state a period later, by (SO1).
 
         Parameters
         ----------
@@ -77,23 +77,26 @@ class StateObserver(NamedTuple):
 
         """
         h, drive = self.drives.period, self.drives.response(at.torque, command)
-        load = bias + at.perturbation
-        mean = drive.mean - (load + 0.5 * h * at.slope)
-        friction = nearest(mass, dot(mass, at.dq) / h + mean, level)
-        a = solve(mass, mean - friction)
-        weighted = solve(mass, drive.weighted - (load + h / 3.0 * at.slope) - friction)
-        return Observed(at.q + h * at.dq + 0.5 * h * h * weighted, at.dq + h * a, drive.end,
-                        at.perturbation + h * at.slope, at.slope)
+        mean = drive.mean - (bias + at.perturbation + 0.5 * h * at.slope)
+        _, rest = nearest_and_rest(mass, dot(mass, at.dq) / h + mean, level)
+        dq = h * rest
+        q = at.q + 0.5 * h * (at.dq + dq)
+        other = drive.weighted - drive.mean + h / 6.0 * at.slope
+        if other.any():
+            q = q + 0.5 * h * h * solve(mass, other)
+        return Observed(q, dq, drive.end, at.perturbation + h * at.slope, at.slope)
 
     def correct(self, at: Observed, mass: Array, q: Array) -> Observed:
-        """Return the state with what the measured position `q`, shape (n,) [rad], says, by (2)."""
+        """Return the state with what the measured position `q`, (n,) [rad], says, by (SO2)."""
         error = q - at.q
         force = dot(mass, error)
         P, slope = at.perturbation - self.acceleration * force, at.slope - self.jerk * force
         bounded = nearest(mass, P, self.bound)
-        leads_out = (np.abs(bounded) >= self.bound) & (slope * bounded > 0.0)
+        at_bound = np.abs(bounded) >= self.bound
+        if at_bound.any():
+            slope = np.where(at_bound & (slope * bounded > 0.0), 0.0, slope)
         return Observed(at.q + self.position * error, at.dq + self.velocity * error, at.torque,
-                        bounded, np.where(leads_out, 0.0, slope))
+                        bounded, slope)
 
 
 def state_observer(drives: DriveModel, bandwidth: float, bound: Array) -> StateObserver:

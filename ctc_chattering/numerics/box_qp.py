@@ -34,8 +34,14 @@ _MOST_CHANGES = 200
 
 @function
 def nearest(mass: Array, point: Array, bound: Array) -> Array:
+    """Return the solution z of this module's problem, as `nearest_and_rest` has it."""
+    return nearest_and_rest(mass, point, bound)[0]
+
+
+@function
+def nearest_and_rest(mass: Array, point: Array, bound: Array) -> tuple[Array, Array]:
     """
-    Return the solution z of this module's problem.
+    Return the solution z of this module's problem, and x.
 
     Parameters
     ----------
@@ -49,21 +55,23 @@ def nearest(mass: Array, point: Array, bound: Array) -> Array:
     """
     size = np.abs(point)
     if (size <= bound).all():
-        return point
+        return point, 0.0 * point
     if not (size < 1e280).all():  # The elimination below would overflow.
-        return np.sign(point) * bound
+        return np.sign(point) * bound, point
     #: The bound at which a joint is; 0 for none.
     side = np.where(size > bound, np.sign(point), 0.0)
     rounding = -1e-13 * (size + bound).max() / diagonal(mass)
-    z = point
+    z = x = point
     for _ in range(_MOST_CHANGES):
         active = side != 0.0
         z = np.where(active, side * bound, point)
         x = solve_where(active, mass, point - z)
+        if active.all() and (side * x >= rounding).all():
+            return z, x
         z = np.where(active, z, point - dot(mass, x))
         wrong = np.where(active, side * x < rounding, np.abs(z) > bound)
         if not wrong.any():
             break
         i = first(wrong)
         side = replaced(side, i, 0.0 if active[i] else np.sign(z[i]))
-    return np.minimum(np.maximum(z, -bound), bound)
+    return np.minimum(np.maximum(z, -bound), bound), x

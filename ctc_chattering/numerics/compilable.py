@@ -6,8 +6,10 @@ vectors are arrays of shape (n,), their matrices arrays of shape (n, n). Compile
 vector is one value of the processor, and the same text runs without an array being made.
 
 Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.all()``, ``.any()``,
-`numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `tanh`, `minimum`, `maximum` and `where`, and the
-functions of this module. It changes nothing in place: memory goes in and comes out as a record.
+``.max()``, `numpy.abs`, `sign`, `sqrt`, `cbrt`, `exp`, `tanh`, `minimum`, `maximum` and `where`,
+and the functions of this module. It changes nothing in place: memory goes in and comes out as a
+record. The one exception are rows that outlive a call: of an array of shape (k, n), ``rows[i]``
+is a vector and ``rows[i] = x`` sets it.
 """
 
 from __future__ import annotations
@@ -46,21 +48,40 @@ def dot(matrix: Array, x: Array) -> Array:
     return product
 
 
+def transposed_dot(matrix: Array, x: Array) -> Array:
+    """Return the product of the transposed matrix, shape (n,)."""
+    product: Array = x.dot(matrix)
+    return product
+
+
 def diagonal(matrix: Array) -> Array:
     """Return the diagonal, shape (n,)."""
     return matrix.diagonal()
 
 
+def inverse_diagonal(matrix: Array) -> Array:
+    """Return the diagonal of M⁻¹, shape (n,), for M symmetric positive definite."""
+    return np.asarray(np.linalg.inv(matrix), float).diagonal()
+
+
 def solve(matrix: Array, x: Array) -> Array:
     """Return M⁻¹ x, shape (n,), for M symmetric positive definite."""
+    if len(x) == 2:  # A tenth of the time.
+        (a, b), (_, c) = matrix.tolist()
+        x0, x1 = x.tolist()
+        rest = c - b * b / a
+        y1 = (x1 - b / a * x0) / rest
+        return np.array(((x0 - b * y1) / a, y1))
     return np.asarray(np.linalg.solve(matrix, x), float)
 
 
 def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
     """Return y, shape (n,), with M y = x in the rows and columns `chosen`, and 0 elsewhere."""
-    y = np.zeros(len(x))
     at = np.flatnonzero(chosen)
-    y[at] = np.linalg.solve(matrix[np.ix_(at, at)], x[at])
+    if len(at) == len(x):
+        return solve(matrix, x)
+    y = np.zeros(len(x))
+    y[at] = solve(matrix[np.ix_(at, at)], x[at])
     return y
 
 

@@ -6,22 +6,32 @@ What is here is plain Python; `simd` does the same in compiled code.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
-from typing import Any, get_type_hints
+from typing import Any
 
 from ctc_chattering.numerics import compilable
 import numpy as np
 import numpy.typing as npt
 
+#: In the names of fields that say of which class a record is.
+_IS = 'is '
 
-def load(kind: Any, fields: Any) -> Any:
-    """Return a record of the class `kind` of the fields that `packed` made."""
-    def made(part: Any, prefix: str) -> Any:
-        return part(*(made(nested, f'{prefix}{name}__') if nested in compilable.RECORDS
-                      else value(fields[prefix + name])
-                      for name, nested in get_type_hints(part).items()))
-    return made(kind, '')
+
+def rows(array: Any, like: Any) -> Any:
+    """Return an array whose rows are one after the other as rows of the length of `like`."""
+    return array.reshape(-1, len(like))
+
+
+def load(fields: Any) -> Any:
+    """Return the record of which `packed` made the fields."""
+    kinds = kinds_of(fields.dtype.names)
+
+    def made(prefix: str) -> Any:
+        kind = kinds[prefix]
+        return kind(*(made(f'{prefix}{name}__') if f'{prefix}{name}__' in kinds
+                      else value(fields[prefix + name]) for name in kind._fields))
+    return made('')
 
 
 def store(fields: Any, value: Any) -> None:
@@ -31,8 +41,8 @@ def store(fields: Any, value: Any) -> None:
 
 
 def value(field: Any) -> Any:
-    """Return the vector or matrix of a field of a NumPy record."""
-    return field.copy()
+    """Return the number, vector or matrix of a field of a NumPy record."""
+    return field.copy() if field.ndim else float(field)
 
 
 def write(field: Any, x: Any) -> None:
@@ -42,7 +52,9 @@ def write(field: Any, x: Any) -> None:
 
 def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    return numpy_record({name: np.asarray(x, float) for name, x in _flat(value, '')})
+    kinds = {name: np.zeros((), np.int8) for name in _marks(value, '')}
+    return numpy_record(
+        {**{name: np.asarray(x, float) for name, x in _flat(value, '')}, **kinds})
 
 
 def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
@@ -55,6 +67,25 @@ def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
 @lru_cache(256)
 def _layout(fields: tuple[tuple[str, Any, tuple[int, ...]], ...]) -> Any:
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
+
+
+def _marks(part: Any, prefix: str) -> Iterator[str]:
+    """Yield names of fields that say of which class a record is, and those in it."""
+    yield f'{prefix}{_IS}{_name(type(part))}'
+    for name, x in zip(part._fields, part):
+        if type(x) in compilable.RECORDS:
+            yield from _marks(x, f'{prefix}{name}__')
+
+
+def kinds_of(names: Iterable[str]) -> dict[str, Any]:
+    """Return the classes of a record, and of those in it, by the prefix of their fields."""
+    known = {_name(kind): kind for kind in compilable.RECORDS}
+    marks = (name.partition(_IS) for name in names if _IS in name)
+    return {prefix: known[kind] for prefix, _, kind in marks}
+
+
+def _name(kind: type) -> str:
+    return f'{kind.__module__}.{kind.__qualname__}'
 
 
 def _flat(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:

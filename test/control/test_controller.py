@@ -11,10 +11,10 @@ from ctc_chattering.errors import ParameterError
 import numpy as np
 from oracles import (
     Array,
+    estimate_of,
     Generic,
     inclusion_by_enumeration,
     Masses,
-    observer_of,
     paper_c,
     paper_g,
     paper_m,
@@ -225,14 +225,14 @@ def test_implicit_laws_by_hand(switching: str) -> None:
         mass, v = paper_m(rows[0]), np.array(s.v)
         free = decay * v + 1.3 * (0.002 - (1 - decay) / 7.0) * (kv @ s.de + kp @ s.e)
         wanted = (mass @ free / (1.3 * 0.002) - paper_c(rows[0], rows[1]) @ v
-                  - observer_of(controller).estimate)
+                  - estimate_of(controller))
         z = inclusion_by_enumeration(mass, wanted, ka)
         np.testing.assert_allclose(s.robust, z, atol=1e-8)
         assert _gap(s) == 0.0
         rests += int((np.abs(z) < 0.999 * ka).sum())
         bounds += int((np.abs(z) > 0.999 * ka).sum())
         estimated = switching == 'implicit_observer' and k > 0
-        assert any(observer_of(controller).estimate) == estimated
+        assert any(estimate_of(controller)) == estimated
     assert rests > 30
     assert bounds > 30
 
@@ -259,7 +259,7 @@ def test_the_term_is_within_the_gain(switching: str, size: float) -> None:
     worst = np.zeros(2)
     for _ in range(300):
         s = controller.step(*_near(rng, size))
-        both = np.abs(np.array([s.robust, observer_of(controller).estimate]))
+        both = np.abs(np.array([s.robust, estimate_of(controller)]))
         assert (both <= [10.0, 4.0]).all()
         added = np.abs(np.subtract(s.nominal, s.compensation) - s.tau)
         assert (added <= [10.0 + 1e-9, 4.0 + 1e-9]).all()
@@ -301,13 +301,13 @@ def test_switching_is_bumpless(before: str, after: str) -> None:
         steady.step(*rows)
         changing.step(*rows)
     changing.configure(changing.config.changed({'switching': after}))
-    assert (changing.filter.state == steady.filter.state).all()
+    assert (changing.memory.xi == steady.memory.xi).all()
     differs = 0
     for _ in range(20):
         rows = _near(rng)
         a, b = steady.step(*rows), changing.step(*rows)
-        assert (changing.filter.state == steady.filter.state).all()
-        assert changing.filter.state.any()
+        assert (changing.memory.xi == steady.memory.xi).all()
+        assert changing.memory.xi.any()
         assert (a.v, a.nominal) == (b.v, b.nominal)
         step = np.subtract(a.robust, b.robust)
         np.testing.assert_allclose(np.subtract(b.tau, a.tau), step, atol=1e-9)

@@ -9,7 +9,7 @@ from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 import numpy as np
-from oracles import Array, Masses, observer_of
+from oracles import Array, estimate_of, Masses
 import pytest
 
 H = 1e-3
@@ -128,7 +128,7 @@ def test_torques_sent_by_another_law_have_no_cut(law: str, switching: str) -> No
             dq = dq + rng.normal(size=2) * 5e-3
         tau = made.step(q.tolist(), dq.tolist(), *rest, [rest]).tau
         if k % 20 == 18:
-            np.testing.assert_allclose(observer_of(made).estimate, force, atol=1e-7)
+            np.testing.assert_allclose(estimate_of(made), force, atol=1e-7)
         q, dq = _move(q, dq, coming - force)
         coming = np.array(tau)
 

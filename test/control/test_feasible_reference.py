@@ -22,6 +22,11 @@ def reference(kp: float = 1e4, rate: Array = RATE) -> FeasibleReference:
     return feasible_reference(np.full(2, kp), np.full(2, 2.0 * math.sqrt(kp)), rate, LAG, H)
 
 
+def following(made: FeasibleReference, at: Desired, by: Deviation, level: Array) -> Deviation:
+    back = made.returning(by, INERTIA, level)
+    return made.following(at, by, back, INERTIA, level)
+
+
 def sinusoid(t: float, amplitude: float = 0.5, w: float = 2.0 * math.pi) -> Desired:
     s, c = amplitude * math.sin(w * t), amplitude * math.cos(w * t)
     return Desired(np.full(2, s), np.full(2, w * c), np.full(2, -w * w * s))
@@ -55,7 +60,7 @@ def test_drives_without_a_limit_need_no_deviation() -> None:
     made, by = reference(rate=np.full(2, math.inf)), Deviation(np.zeros(2), np.zeros(2))
     with np.errstate(all='ignore'):
         for k in range(1000):
-            by = made.following(sinusoid(k * H), by, INERTIA, LEVEL)
+            by = following(made, sinusoid(k * H), by, LEVEL)
             assert np.abs(by.x).max() < 2e-5
 
 
@@ -64,7 +69,7 @@ def test_the_deviation_is_small_and_comes_back() -> None:
     made, by = reference(), Deviation(np.zeros(2), np.zeros(2))
     xs = []
     for k in range(100, 700):
-        by = made.following(sinusoid(k * H), by, INERTIA, LEVEL)
+        by = following(made, sinusoid(k * H), by, LEVEL)
         xs.append(by.x)
     unit = LEVEL * (LEVEL / RATE) ** 2 / INERTIA
     largest = np.abs(xs).max(axis=0)
@@ -78,7 +83,7 @@ def test_the_torque_of_the_deviation_has_the_rate_of_the_drives() -> None:
     made, by, load = reference(), Deviation(np.zeros(2), np.zeros(2)), []
     for k in range(100, 500):
         before = by
-        by = made.following(sinusoid(k * H), by, INERTIA, LEVEL)
+        by = following(made, sinusoid(k * H), by, LEVEL)
         load.append(made.feedforward(sinusoid(k * H), LEVEL))
         assert np.isfinite(before.x).all()
     assert (np.abs(np.diff(load, axis=0)).max(axis=0) / H < 1.1 * RATE).all()
@@ -91,8 +96,8 @@ def test_the_way_back_is_smooth_from_anywhere(distance: float) -> None:
     rest = Desired(none, none, none)
     by, xs, accelerations = Deviation(np.full(2, distance), none), [], []
     for _ in range(4000):
-        accelerations.append(made.shifted(rest, by, INERTIA, none).ddq)
-        by = made.following(rest, by, INERTIA, none)
+        accelerations.append(made.returning(by, INERTIA, none))
+        by = following(made, rest, by, none)
         xs.append(by.x)
     assert np.abs(xs[-1]).max() < 1e-6
     assert np.min(xs) > -0.1 * distance

@@ -1,15 +1,17 @@
 """The ways to evaluate the chattering term."""
 
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.perturbation_observer import PerturbationObserver
-from ctc_chattering.control.switching import (
-    BoundaryLayer,
-    Implicit,
-    ImplicitObserver,
-    make_switching,
-    Sign,
-    SWITCHINGS,
-)
+from typing import Any
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.error_filter import error_filter
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.perturbation_observer import perturbation_observer, unperturbed
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.control.switching.boundary_layer import BoundaryLayer
+from ctc_chattering.control.switching.implicit import Implicit
+from ctc_chattering.control.switching.implicit_observer import ImplicitObserver
+from ctc_chattering.control.switching.registry import switching_class
+from ctc_chattering.control.switching.sign import Sign
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -17,22 +19,33 @@ from oracles import Array, inclusion_by_enumeration, random_spd
 import pytest
 from scipy.optimize import lsq_linear  # type: ignore[import-untyped]
 
-#: Arguments of a term that depends on v alone.
-NONE = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+
+def term(made: Any, v: Array, u: Array, mass: Array, compensation: Array,
+         estimate: Array | None = None) -> tuple[Array, Array]:
+    """Return z and its clipping error."""
+    n = len(v)
+    zero, square = np.zeros(n), np.zeros((n, n))
+    memory = unperturbed(n)._replace(perturbation=zero if estimate is None else estimate)
+    z, clipping = made.term(memory, State(
+        zero, zero, zero, zero, zero, zero, u, v, mass, square, zero, zero, zero, zero),
+        compensation)
+    return z, clipping
+
+
+def of_v_alone(made: Any, v: list[float]) -> list[float]:
+    none = np.zeros(len(v))
+    z, clipping = term(made, np.array(v), none, np.eye(len(v)), none)
+    assert not clipping.any()
+    listed: list[float] = z.tolist()
+    return listed
 
 
 def sign(v: list[float], ka: list[float]) -> list[float]:
-    term, clipping = Sign(np.array(ka)).term(np.array(v), *NONE)
-    assert clipping is None
-    listed: list[float] = term.tolist()
-    return listed
+    return of_v_alone(Sign(np.array(ka)), v)
 
 
 def boundary_layer(v: list[float], ka: list[float], width: float) -> list[float]:
-    term, clipping = BoundaryLayer(np.array(ka), width).term(np.array(v), *NONE)
-    assert clipping is None
-    listed: list[float] = term.tolist()
-    return listed
+    return of_v_alone(BoundaryLayer(np.array(ka), width), v)
 
 
 @pytest.mark.parametrize(('v', 'expected'), [
@@ -91,9 +104,10 @@ def test_boundary_layer_tends_to_sign() -> None:
 def _implicit(mass: Array, wanted: Array, ka: Array) -> Array:
     """Return the term without errors, where C v is all that it has to undo."""
     zero = np.zeros(len(ka))
-    term, clipping = Implicit(ka, ErrorFilter(len(ka))).term(zero, zero, mass, -wanted)
-    assert clipping is None
-    return term
+    z, clipping = term(
+        Implicit(ka, error_filter(len(ka), 10.0, 1.0, 1e-3)), zero, zero, mass, -wanted)
+    assert not clipping.any()
+    return z
 
 
 def _problem(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
@@ -213,32 +227,27 @@ def test_implicit_never_exceeds_the_gain_at_the_end_of_the_numbers(
 def test_implicit_is_for_v_of_the_next_sample(n: int) -> None:
     """Check M y / (b h) - C v - P̂ - z = M v⁺ / (b h), with y from the filter run ahead."""
     rng, h = np.random.default_rng(n), 2e-3
-    filter_, observer = ErrorFilter(n), PerturbationObserver(n)
-    filter_.configure(7.0, 1.3, h)
-    ka, clipped = np.full(n, 8.0), 0
+    filter_, ka, clipped = error_filter(n, 7.0, 1.3, h), np.full(n, 8.0), 0
+    observing = ImplicitObserver(filter_, perturbation_observer(100.0, h, 1.3, ka))
     for _ in range(50):
         mass, v, u, product = (random_spd(rng, n), 0.02 * rng.normal(size=n),
                                rng.normal(size=n), rng.normal(size=n))
-        observer.estimate = rng.uniform(-4.0, 4.0, n)
-        for switching, estimate in ((Implicit(ka, filter_), np.zeros(n)), (
-                ImplicitObserver(ka, filter_, observer), observer.estimate)):
-            z, clipping = switching.term(v, u, mass, product)
+        for made, estimate in ((Implicit(ka, filter_), np.zeros(n)),
+                               (observing, rng.uniform(-4.0, 4.0, n))):
+            z, clipping = term(made, v, u, mass, product, estimate)
             decay = np.exp(-7.0 * h)
             y = decay * v + (1.3 * h - 1.3 * (1.0 - decay) / 7.0) * u
             wanted = mass @ y / (1.3 * h) - product - estimate
             np.testing.assert_allclose(
                 z, inclusion_by_enumeration(mass, wanted, ka), rtol=1e-8, atol=1e-8)
-            if clipping is not None:
+            if made is observing:
                 np.testing.assert_allclose(clipping, wanted - z, atol=1e-9)
-                clipped += 1
-            elif isinstance(switching, ImplicitObserver):
-                assert (np.abs(wanted) <= ka).all()
+                clipped += bool(clipping.any())
     assert 5 < clipped < 50
 
 
 def test_every_name_has_its_class() -> None:
-    """Check the classes in the order of the names; only the last one has an observer."""
-    filter_, observer = ErrorFilter(2), PerturbationObserver(2)
-    made = [make_switching(name, np.ones(2), 0.1, filter_, observer) for name in SWITCHINGS]
+    """Check the classes in the order of the names; only the last one has an estimate."""
+    made = [switching_class(name).made(ControllerConfig(), 1e-3) for name in SWITCHINGS]
     assert [type(x) for x in made] == [Sign, BoundaryLayer, Implicit, ImplicitObserver]
-    assert [x.observer for x in made] == [None, None, None, observer]
+    assert [x.estimates for x in made] == [False, False, False, True]

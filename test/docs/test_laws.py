@@ -12,7 +12,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import changed, Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
-from ctc_chattering.control.handover import FADE
+from ctc_chattering.control.evaluation import FADE
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.studies.conditions import condition

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 import itertools
 
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.control.laws.chattering import Chattering
-from ctc_chattering.control.perturbation_observer import PerturbationObserver
+from ctc_chattering.control.perturbation_observer import Perturbation
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.numerics.linear_algebra import Rows, Vector
@@ -148,11 +147,10 @@ def box_by_enumeration(a: Array, b: Array, bound: Array) -> Array:
     return best
 
 
-def observer_of(controller: Controller) -> PerturbationObserver:
-    """Return the observer of law chattering."""
-    law = controller.laws['chattering']
-    assert isinstance(law, Chattering)
-    return law.observer
+def estimate_of(controller: Controller) -> Array:
+    """Return P̂ of law chattering."""
+    assert isinstance(controller.law_memory, Perturbation)
+    return controller.law_memory.perturbation
 
 
 def inclusion_by_enumeration(mass: Array, wanted: Array, gain: Array) -> Array:

@@ -1,49 +1,28 @@
 """
 The contract of a law: a torque for an evaluated state, and what the law remembers.
 
-At every sample the control step calls `update` with the measured state, `terms` with the state in
-which the torque will be applied (the same one without an input delay), and `advance` with the
-measured state and the torque that is applied in it.
+A law is a NamedTuple of its gains, marked by `law`; what it remembers is another one. Its methods
+are pure: a memory goes in, and comes out as it is afterwards. At every sample the control step
+calls `corrected`, `updated`, `answer` and `advanced`, in this order. `terms` is all that a law
+must have; the rest is as in `Law` unless it says otherwise. Numbers are floats, 1.0 and 0.0 for
+truth, and no method has the name of a field: both can then be compiled.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.feasible_reference import Desired
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.control.delay_prediction import arriving
+from ctc_chattering.control.evaluation import Context, State
+from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
-import numpy as np
+
+T = TypeVar('T')
 
 
-class State(NamedTuple):
-    """A state and a reference, with all that the laws need to know of them."""
-
-    #: Position [rad] and velocity [rad/s].
-    q: Array
-    dq: Array
-    #: Desired velocity [rad/s] and acceleration [rad/s²].
-    dq_d: Array
-    ddq_d: Array
-    #: Errors [rad, rad/s].
-    e: Array
-    de: Array
-    #: Kv de + Kp e [rad/s²].
-    u: Array
-    #: Filtered error [rad/s].
-    v: Array
-    #: M [kg·m²], C [kg·m²/s] and G [N·m].
-    M: Array
-    C: Array
-    G: Array
-    #: M (ddq_d + u) + C dq + G [N·m].
-    N: Array
-
-
+@record
 class Terms(NamedTuple):
     """What a torque is made of: nominal - compensation - robust, each of shape (n,) [N·m]."""
 
@@ -53,61 +32,58 @@ class Terms(NamedTuple):
     compensation: Array
     #: What acts against the perturbation: chattering, integral, estimate.
     robust: Array
-    #: What ±Ka has taken from the chattering term; None for nothing.
-    clipping_error: Array | None = None
+    #: What ±Ka has taken from the chattering term.
+    clipping_error: Array
 
 
-class Torque(NamedTuple):
-    """A torque, and what is to be remembered of it until it is applied [N·m]."""
+@record
+class Applied(NamedTuple):
+    """A torque when it is applied, and what is remembered of it, each of shape (n,) [N·m]."""
 
-    #: Within the limits.
+    #: Within the limits, and what these have taken from it.
     tau: Array
-    terms: Terms
-    #: What the limits have taken from the torque; None for nothing.
-    saturation_error: Array | None
-    #: Torque of the law alone less `tau`, which the filter does not see; None for nothing.
-    excess: Array | None
+    saturation_error: Array
+    #: Torque of the law alone less `tau`, which the filter does not see.
+    excess: Array
+    clipping_error: Array
 
 
-class Law(ABC):
-    """
-    A control law with its integrators and estimates.
+@record
+class Nothing(NamedTuple):
+    """The memory of a law without one; a record has a field."""
 
-    Parameters
-    ----------
-    filter_ : ErrorFilter
-        The filter (3) of the control step, which advances it.
+    nothing: float = 0.0
 
-    """
+
+class Law(Protocol):
+    """What a law has, and what it is where a law does not say."""
 
     #: The robust term in symbols, for figures; empty for a law without one.
-    symbol: ClassVar[str] = ''
+    symbol: str
     #: Whether it is law (2) or (6), and whether the filtered error v acts in it.
-    of_the_paper: ClassVar[bool] = False
-    acts_on_v: ClassVar[bool] = False
-    #: Whether the delay prediction takes its estimate for what acts until the torque arrives.
-    predicts: ClassVar[bool] = True
-    #: Whether it predicts the state in which a torque arrives by itself, in `foresee`.
-    foresees: ClassVar[bool] = False
+    of_the_paper: bool
+    acts_on_v: bool
+    #: Whether it has an estimate of the perturbation.
+    estimates: bool
 
-    def __init__(self, filter_: ErrorFilter) -> None:
-        self.filter = filter_
-        #: For terms that a law does not have.
-        self.zero: Array = np.zeros_like(filter_.state)
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Law:
+        """Return the law of a configuration, with the sample period [s]."""
 
-    @abstractmethod
-    def configure(self, config: ControllerConfig, period: float) -> None:
-        """Use other gains, with the sample period [s]; integrators and estimates are preserved."""
+    def start(self) -> Any:
+        """Return the memory at the start."""
 
-    def reset(self) -> None:  # noqa: B027 - for laws that remember something
-        """Forget integrators and estimates."""
+    def reconfigured(self, memory: Any, before: Any) -> Any:
+        """Return the memory that goes on after `before`, the same law with other gains."""
 
-    def initialize(self, now: State, estimate: Array | None) -> None:  # noqa: B027
+    def initialized(self, memory: Any, now: State, estimate: Array | None) -> Any:
         """
-        Take over from another law, before the first sample.
+        Return the memory that takes over from another law, before the first sample.
 
         Parameters
         ----------
+        memory
+            As it was when this law was in force, or at the start.
         now : State
             The measured state.
         estimate : array, shape (n,), or None
@@ -115,72 +91,104 @@ class Law(ABC):
 
         """
 
-    def suspend(self) -> None:  # noqa: B027
-        """Note that another law has taken over."""
-
-    def observe(self, q: Array, dq: Array, held: Array) -> tuple[Array, Array]:
+    def corrected(self, memory: Any, q: Array, dq: Array, held: Array) -> tuple[Any, Array, Array]:
         """
-        Return position and velocity as the law takes them, before all else of a sample.
+        Return memory, position and velocity as the law takes them.
 
         Parameters
         ----------
+        memory
+            After the last sample.
         q, dq : array, shape (n,)
             Measured [rad, rad/s].
         held : array, shape (n,)
             Torque that was sent last [N·m].
 
         """
-        del held
-        return q, dq
 
-    def foresee(self, now: State, coming: Sequence[Array], points: Sequence[Desired],
-                model: Model) -> None:
+    def updated(self, memory: Any, now: State) -> Any:
+        """Return the memory improved by what the measured state has become."""
+
+    def answer(self, memory: Any, now: State, context: Context) -> tuple[Terms, Any]:
+        """Return the terms of the torque of a sample, and the memory: those at `arriving`."""
+
+    def terms(self, memory: Any, at: State) -> tuple[Terms, Any]:
+        """Return the terms of the torque for a state, and the memory."""
+
+    def advanced(self, memory: Any, now: State, applied: Applied, correction: Array) -> Any:
         """
-        Predict the state in which the torque of this sample arrives, if the law does so itself.
+        Return the memory a period later.
 
         Parameters
         ----------
-        now : State
-            As observed.
-        coming : sequence of array, shape (n,)
-            Torques in transit, the next one first [N·m].
-        points : sequence of Desired
-            The reference now and when each of the torques after the first one arrives.
-        model : Model
-            M, C and G.
-
-        """
-        raise NotImplementedError
-
-    def update(self, now: State) -> None:  # noqa: B027
-        """Improve the estimate by what the measured state has become."""
-
-    @abstractmethod
-    def terms(self, at: State) -> Terms:
-        """Return the terms of the torque for a state; called once a sample."""
-
-    def advance(self, now: State, applied: Torque, correction: Array | None) -> None:  # noqa: B027
-        """
-        Advance integrators and observers by a period.
-
-        Parameters
-        ----------
+        memory
+            After `answer`.
         now : State
             The measured state.
-        applied : Torque
+        applied : Applied
             Held over the period that begins.
-        correction : array, shape (n,), or None
+        correction : array, shape (n,)
             What anti-windup adds to v: b h M⁻¹ times the excess [rad/s].
 
         """
 
-    def estimate(self, now: State) -> Array | None:
-        """Return the estimate of the perturbation P, shape (n,) [N·m]; None without one."""
-        del now
-        return None
+    def estimate(self, memory: Any, now: State) -> Array:
+        """Return the estimate of the perturbation P, shape (n,) [N·m]; 0 for none."""
+
+    def acting(self, memory: Any, now: State) -> Array:
+        """Return what the delay prediction takes for P; `estimate` if a law does not say."""
 
 
-def free_inertia(mass: Array) -> Array:
-    """Return D = 1 / (M⁻¹)_ii, what each joint has of inertia while the others are free, (n,)."""
-    inertia: Array = 1.0 / np.asarray(np.linalg.inv(mass), float).diagonal()
-    return inertia
+def _start(self: Any) -> Nothing:
+    return Nothing()
+
+
+def _reconfigured(self: Any, memory: T, before: Any) -> T:
+    return memory
+
+
+def _initialized(self: Any, memory: T, now: State, estimate: Array | None) -> T:
+    return memory
+
+
+def _corrected(self: Any, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, Array, Array]:
+    return memory, q, dq
+
+
+def _updated(self: Any, memory: T, now: State) -> T:
+    return memory
+
+
+def _answer(self: Any, memory: T, now: State, context: Context) -> tuple[Terms, T]:
+    terms: tuple[Terms, T] = self.terms(memory, arriving(self, memory, now, context))
+    return terms
+
+
+def _advanced(self: Any, memory: T, now: State, applied: Applied, correction: Array) -> T:
+    return memory
+
+
+def _estimate(self: Any, memory: Any, now: State) -> Array:
+    return now.zero
+
+
+def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
+        ) -> Callable[[type[T]], type[T]]:
+    """Mark a law, with what `Law` says of these; return it with the methods that it lacks."""
+    def marked(kind: type[T]) -> type[T]:
+        attributes = {'symbol': symbol, 'of_the_paper': of_the_paper, 'acts_on_v': acts_on_v,
+                      'start': _start, 'reconfigured': _reconfigured,
+                      'initialized': _initialized, 'corrected': _corrected, 'answer': _answer}
+        return with_defaults(kind, attributes)
+    return marked
+
+
+def with_defaults(kind: type[T], attributes: dict[str, Any]) -> type[T]:
+    """Return a marked class with those of these attributes, and of `Law`, that it lacks."""
+    estimate = vars(kind).get('estimate', _estimate)
+    for name, value in {**attributes, 'estimates': estimate is not _estimate,
+                        'updated': _updated, 'advanced': _advanced, 'estimate': estimate,
+                        'acting': estimate}.items():
+        if name not in vars(kind):
+            setattr(kind, name, value)
+    return record(kind)

@@ -12,73 +12,72 @@ what it tolerates.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.laws.base import Law, State, Terms, Torque
-from ctc_chattering.control.perturbation_observer import PerturbationObserver
-from ctc_chattering.control.switching import make_switching
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.perturbation_observer import Perturbation, unperturbed
 from ctc_chattering.control.switching.base import Switching
+from ctc_chattering.control.switching.registry import switching_class
 from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.compilable import dot
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-class Chattering(Law):
-    """
-    Law (6).
+@law(symbol='chattering term z', of_the_paper=True, acts_on_v=True)
+class Chattering(NamedTuple):
+    """Law (6)."""
 
-    Attributes
-    ----------
-    observer : PerturbationObserver
-        Of switching implicit_observer.
+    #: Ka [N·m], shape (n,).
+    ka: Array
+    switching: Switching
 
-    """
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Chattering:
+        """Return the law of a configuration."""
+        return cls(np.array(config.ka), switching_class(config.switching).made(config, period))
 
-    symbol = 'chattering term z'
-    of_the_paper = acts_on_v = True
-    _switching: Switching
+    @property
+    def estimates(self) -> bool:
+        """Whether the switching has an estimate."""
+        return self.switching.estimates
 
-    def __init__(self, filter_: ErrorFilter) -> None:
-        super().__init__(filter_)
-        self.observer = PerturbationObserver(len(filter_.state))
+    def start(self) -> Perturbation:
+        """Return P̂ = 0."""
+        return unperturbed(len(self.ka))
 
-    def configure(self, config: ControllerConfig, period: float) -> None:
-        """Use another switching or other gains; the estimate is preserved."""
-        self._ka = np.array(config.ka)
-        self.observer.configure(config.observer_bandwidth, period, config.b, self._ka)
-        self._switching = make_switching(
-            config.switching, self._ka, config.boundary_layer, self.filter, self.observer)
+    def reconfigured(self, memory: Perturbation, before: Chattering) -> Perturbation:
+        """Keep P̂; forget the last sample."""
+        del before
+        return memory._replace(predicted=0.0)
 
-    def reset(self) -> None:
-        """Forget the estimate."""
-        self.observer.reset()
-
-    def initialize(self, now: State, estimate: Array | None) -> None:
+    def initialized(self, memory: Perturbation, now: State, estimate: Array | None
+                    ) -> Perturbation:
         """Go on from the estimate of the other law, within ±Ka; without one, from the last own."""
-        if estimate is not None:
-            self.observer.estimate = nearest(now.M, estimate, self._ka)
+        if estimate is None:
+            return memory
+        return memory._replace(perturbation=nearest(now.M, estimate, self.ka))
 
-    def update(self, now: State) -> None:
-        """Improve the estimate, if the switching uses it."""
-        if self._switching.observer is not None:
-            self.observer.update(now.v)
+    def updated(self, memory: Perturbation, now: State) -> Perturbation:
+        """Improve the estimate, if the switching has one."""
+        return self.switching.updated(memory, now)
 
-    def terms(self, at: State) -> Terms:
+    def terms(self, memory: Perturbation, at: State) -> tuple[Terms, Perturbation]:
         """Return the terms of (6)."""
-        compensation = at.C.dot(at.v)
-        z, clipping_error = self._switching.term(at.v, at.u, at.M, compensation)
-        return Terms(at.N, compensation, z, clipping_error)
+        compensation = dot(at.C, at.v)
+        z, clipping_error = self.switching.term(memory, at, compensation)
+        return Terms(at.N, compensation, z, clipping_error), memory
 
-    def advance(self, now: State, applied: Torque, correction: Array | None) -> None:
-        """Predict the next sample for the observer."""
-        if self._switching.observer is not None:
-            self.observer.predict(
-                now.M, self.filter.nominal_response(now.v, now.u, correction),
-                now.N - applied.tau, applied.terms.clipping_error)
+    def advanced(self, memory: Perturbation, now: State, applied: Applied, correction: Array
+                 ) -> Perturbation:
+        """Predict the next sample, if the switching has an estimate."""
+        return self.switching.advanced(memory, now, applied, correction)
 
-    def estimate(self, now: State) -> Array | None:
-        """Return P̂ of switching implicit_observer."""
-        return None if self._switching.observer is None else self.observer.estimate
+    def estimate(self, memory: Perturbation, now: State) -> Array:
+        """Return P̂ of the switching."""
+        return self.switching.estimate(memory, now)
 
 
 #: What the name of this module stands for.

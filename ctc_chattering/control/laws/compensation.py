@@ -11,21 +11,30 @@ Friction is not cancelled: v settles where λ M v balances it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.laws.base import Law, State, Terms
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.laws.base import law, Nothing, Terms
+from ctc_chattering.numerics.compilable import dot
 
 
-class Compensation(Law):
+@law(of_the_paper=True, acts_on_v=True)
+class Compensation(NamedTuple):
     """Law (2)."""
 
-    of_the_paper = acts_on_v = True
+    #: h [s]; a record has a field.
+    period: float
 
-    def configure(self, config: ControllerConfig, period: float) -> None:
-        """Do nothing: the gains are in the state."""
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Compensation:
+        """Return the law: its gains are in the state."""
+        del config
+        return cls(period)
 
-    def terms(self, at: State) -> Terms:
+    def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:
         """Return the terms of (2)."""
-        return Terms(at.N, at.C.dot(at.v), self.zero)
+        return Terms(at.N, dot(at.C, at.v), at.zero, at.zero), memory
 
 
 #: What the name of this module stands for.

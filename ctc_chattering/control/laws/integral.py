@@ -5,70 +5,78 @@ Siciliano, Sciavicco, Villani & Oriolo, *Robotics: Modelling, Planning and Contr
 8.5, with an integral in the feedback; back-calculation as in Åström & Hägglund, *PID Controllers*,
 1995, sec. 3.5. Sampled, with x the integral::
 
-    τ[k]   = M (ddq_d + Kv de + Kp e + x[k]) + C dq + G                                       (1)
-    x[k+1] = x[k] + h Ki e[k] - (1 - exp(-h / T)) M⁻¹ s[k],      T_i = Kp_ii / Ki_i           (2)
+    τ[k]   = M (ddq_d + Kv de + Kp e + x[k]) + C dq + G                                      (I1)
+    x[k+1] = x[k] + h Ki e[k] - (1 - exp(-h / T)) M⁻¹ s[k],      T_i = Kp_ii / Ki_i          (I2)
 
 s is the saturation error, what the limits took from the torque: x tracks what they allow within
 the integral time T. Without saturation and friction, e obeys ddde + Kv dde + Kp de + Ki e = 0,
 which is stable if and only if, on every joint (Hurwitz)::
 
-    Ki < Kv Kp                                                                                (3)
+    Ki < Kv Kp                                                                               (I3)
 
-A triple pole at -p has Kv = 3 p, Kp = 3 p², Ki = p³. In a sampled loop (1) with M̂ = c M needs
+A triple pole at -p has Kv = 3 p, Kp = 3 p², Ki = p³. In a sampled loop (I1) with M̂ = c M needs
 c h Kv < 2 as well.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.laws.base import Law, State, Terms, Torque
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
 
 
-class Integral(Law):
-    """Computed torque with the integral x [rad/s²]."""
+@record
+class Integrated(NamedTuple):
+    """The memory of the law."""
 
-    symbol = '-M ∫ Ki e dt'
+    #: x [rad/s²], shape (n,).
+    x: Array
 
-    def __init__(self, filter_: ErrorFilter) -> None:
-        super().__init__(filter_)
-        self._x = self.zero
 
-    def configure(self, config: ControllerConfig, period: float) -> None:
-        """Use other gains; x is preserved, so that another Ki makes no step."""
-        ki, n = np.array(config.ki), len(self.zero)
-        self._gain = period * ki
-        self._tracking = -np.expm1(-period * ki / np.diag(matrix(config.kp, n)))
-        self._anti_windup = config.anti_windup
+@law(symbol='-M ∫ Ki e dt')
+class Integral(NamedTuple):
+    """Computed torque with an integral."""
 
-    def reset(self) -> None:
-        """Set x = 0."""
-        self._x = self.zero
+    #: h Ki [1/s²], and 1 - exp(-h / T), 0 for no anti-windup, shape (n,).
+    gain: Array
+    tracking: Array
 
-    def initialize(self, now: State, estimate: Array | None) -> None:
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Integral:
+        """Return the law of a configuration."""
+        ki, kp = np.array(config.ki), matrix(config.kp, len(config.joint_names))
+        tracking = -np.expm1(-period * ki / np.diag(kp))
+        return cls(period * ki, tracking if config.anti_windup else 0.0 * tracking)
+
+    def start(self) -> Integrated:
+        """Return x = 0."""
+        return Integrated(0.0 * self.gain)
+
+    def initialized(self, memory: Integrated, now: State, estimate: Array | None) -> Integrated:
         """Set x so that it cancels the estimated perturbation."""
-        self._x = self.zero
-        if estimate is not None:
-            self._x = np.asarray(np.linalg.solve(now.M, estimate), float)
+        return self.start() if estimate is None else Integrated(solve(now.M, estimate))
 
-    def terms(self, at: State) -> Terms:
-        """Return the terms of (1)."""
-        return Terms(at.N, self.zero, -at.M.dot(self._x))
+    def terms(self, memory: Integrated, at: State) -> tuple[Terms, Integrated]:
+        """Return the terms of (I1)."""
+        return Terms(at.N, at.zero, -dot(at.M, memory.x), at.zero), memory
 
-    def advance(self, now: State, applied: Torque, correction: Array | None) -> None:
-        """Advance x by (2)."""
-        self._x = self._x + self._gain * now.e
-        if applied.saturation_error is not None and self._anti_windup:
-            lost = np.linalg.solve(now.M, applied.saturation_error)
-            self._x = self._x - self._tracking * lost
+    def advanced(self, memory: Integrated, now: State, applied: Applied, correction: Array
+                 ) -> Integrated:
+        """Advance x by (I2)."""
+        x = memory.x + self.gain * now.e
+        if applied.saturation_error.any():
+            x = x - self.tracking * solve(now.M, applied.saturation_error)
+        return Integrated(x)
 
-    def estimate(self, now: State) -> Array:
+    def estimate(self, memory: Integrated, now: State) -> Array:
         """Return M x, which is P where e is at rest."""
-        perturbation: Array = now.M.dot(self._x)
-        return perturbation
+        return dot(now.M, memory.x)
 
 
 #: What the name of this module stands for.

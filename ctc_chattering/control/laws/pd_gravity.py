@@ -6,30 +6,42 @@ Systems, Measurement and Control 103, 1981. The gains are Kp and Kv times the in
 D_i = 1 / (M⁻¹)_ii that a joint has while the others are free, so that the same numbers suit every
 robot::
 
-    τ = diag(D) (Kp e + Kv de) + G                                                            (1)
+    τ = diag(D) (Kp e + Kv de) + G                                                           (PG1)
 
 At a constant q_d all positive definite Kp, Kv make e = 0 asymptotically stable (locally; globally
 where D is constant). In motion e is not 0, since M ddq_d + C dq is left out. The eigenvalues of
 M⁻¹ diag(D) are n or less, so that sampled, with diagonal gains, the loop is stable if::
 
-    h Kv < 2 / n     and     h Kp < 2 Kv                                                      (2)
+    h Kv < 2 / n     and     h Kp < 2 Kv                                                     (PG2)
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.laws.base import free_inertia, Law, State, Terms
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.laws.base import law, Nothing, Terms
+from ctc_chattering.numerics.compilable import inverse_diagonal
 
 
-class PdGravity(Law):
+@law()
+class PdGravity(NamedTuple):
     """PD with gravity."""
 
-    def configure(self, config: ControllerConfig, period: float) -> None:
-        """Do nothing: the gains are in the state."""
+    #: h [s]; a record has a field.
+    period: float
 
-    def terms(self, at: State) -> Terms:
-        """Return the terms of (1)."""
-        return Terms(free_inertia(at.M) * at.u + at.G, self.zero, self.zero)
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> PdGravity:
+        """Return the law: its gains are in the state."""
+        del config
+        return cls(period)
+
+    def terms(self, memory: Nothing, at: State) -> tuple[Terms, Nothing]:
+        """Return the terms of (PG1)."""
+        nominal = at.u / inverse_diagonal(at.M) + at.G
+        return Terms(nominal, at.zero, at.zero, at.zero), memory
 
 
 #: What the name of this module stands for.

@@ -5,15 +5,15 @@ Levant 1993; the backward-Euler discretisation is that of Brogliato, Polyakov & 
 implicit discretization of the supertwisting sliding-mode control algorithm*, IEEE TAC 65, 2020.
 Joint by joint, with τ = N - M a and N = M (ddq_d + Kv de + Kp e) + C dq + G::
 
-    a = k1 √|v| sgn(v) + w,     dw/dt = k2 sgn(v)                                             (1)
+    a = k1 √|v| sgn(v) + w,     dw/dt = k2 sgn(v)                                            (ST1)
 
 v then obeys dv/dt = -λ v - b (a + M⁻¹ P); sampled, v[k+1] = y - b h a - b h M⁻¹ P with y as in
-docs/theory.md. All of (1) is taken at v⁺, the next v without a perturbation::
+docs/theory.md. All of (ST1) is taken at v⁺, the next v without a perturbation::
 
-    v⁺ + b h k1 √|v⁺| sgn(v⁺) + b h² k2 ξ = r,     r = y - b h w[k],     ξ ∈ Sgn(v⁺)          (2)
-    w[k+1] = w[k] + h k2 ξ,     a = k1 √|v⁺| sgn(v⁺) + w[k+1]                                 (3)
+    v⁺ + b h k1 √|v⁺| sgn(v⁺) + b h² k2 ξ = r,     r = y - b h w[k],     ξ ∈ Sgn(v⁺)         (ST2)
+    w[k+1] = w[k] + h k2 ξ,     a = k1 √|v⁺| sgn(v⁺) + w[k+1]                                (ST3)
 
-(2) has one solution: v⁺ = 0 and ξ = r / (b h² k2) if that is within ±1; otherwise ξ = sgn(r) and
+(ST2) has one solution: v⁺ = 0 and ξ = r / (b h² k2) if that is within ±1; otherwise ξ = sgn(r) and
 √|v⁺| is the positive root of s² + b h k1 s + b h² k2 - |r| = 0. While v⁺ = 0, v is -b h M⁻¹ P.
 
 With |d(M⁻¹ P)/dt| ≤ L on every joint, v stays there if k2 > L; k1 > √(k2 + L) brings it there
@@ -24,59 +24,76 @@ correct the same error.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.laws.base import Law, State, Terms, Torque
+from ctc_chattering.control.evaluation import filter_of, State
+from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-class SuperTwisting(Law):
-    """Super-twisting with the integrator w [rad/s²]."""
+@record
+class Twisted(NamedTuple):
+    """The memory of the law; arrays of shape (n,)."""
 
-    symbol = 'M (k₁ √|v⁺| sgn(v⁺) + w)'
-    acts_on_v = True
-    predicts = False
+    #: w, and w of the next sample [rad/s²].
+    w: Array
+    coming: Array
 
-    def __init__(self, filter_: ErrorFilter) -> None:
-        super().__init__(filter_)
-        self._w = self._next = self.zero
 
-    def configure(self, config: ControllerConfig, period: float) -> None:
-        """Use other gains; w is preserved."""
-        self._scale = config.b * period
-        self._k1 = np.array(config.super_twisting_k1)
-        self._step = period * np.array(config.super_twisting_k2)
+@law(symbol='M (k₁ √|v⁺| sgn(v⁺) + w)', acts_on_v=True)
+class SuperTwisting(NamedTuple):
+    """Super-twisting with the integrator w."""
 
-    def reset(self) -> None:
-        """Set w = 0."""
-        self._w = self._next = self.zero
+    filter: ErrorFilter  # noqa: A003
+    #: k1 and h k2, shape (n,).
+    k1: Array
+    jump: Array
 
-    def initialize(self, now: State, estimate: Array | None) -> None:
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> SuperTwisting:
+        """Return the law of a configuration."""
+        return cls(filter_of(config, period), np.array(config.super_twisting_k1),
+                   period * np.array(config.super_twisting_k2))
+
+    def start(self) -> Twisted:
+        """Return w = 0."""
+        return Twisted(0.0 * self.k1, 0.0 * self.k1)
+
+    def initialized(self, memory: Twisted, now: State, estimate: Array | None) -> Twisted:
         """Set w so that it cancels the estimated perturbation."""
-        self._w = self.zero
-        if estimate is not None:
-            self._w = -np.asarray(np.linalg.solve(now.M, estimate), float)
+        if estimate is None:
+            return self.start()
+        w = -solve(now.M, estimate)
+        return Twisted(w, w)
 
-    def terms(self, at: State) -> Terms:
+    def terms(self, memory: Twisted, at: State) -> tuple[Terms, Twisted]:
         """Return the terms of N - M a, and remember w of the next sample."""
-        r = self.filter.nominal_response(at.v, at.u) - self._scale * self._w
-        linear, bound = self._scale * self._k1, self._scale * self._step
+        scale = self.filter.scale
+        r = self.filter.nominal_response(at.v, at.u) - scale * memory.w
+        linear, bound = scale * self.k1, scale * self.jump
         rest = np.maximum(np.abs(r) - bound, 0.0)
         root = 2.0 * rest / (linear + np.sqrt(linear * linear + 4.0 * rest))    # √|v⁺|
         xi = np.minimum(np.maximum(r / bound, -1.0), 1.0)
-        self._next = self._w + self._step * xi                                  # (3)
-        a = self._k1 * root * np.sign(r) + self._next
-        return Terms(at.N, self.zero, at.M.dot(a))
+        coming = memory.w + self.jump * xi                                      # (ST3)
+        a = self.k1 * root * np.sign(r) + coming
+        return Terms(at.N, at.zero, dot(at.M, a), at.zero), Twisted(memory.w, coming)
 
-    def advance(self, now: State, applied: Torque, correction: Array | None) -> None:
+    def advanced(self, memory: Twisted, now: State, applied: Applied, correction: Array
+                 ) -> Twisted:
         """Advance w."""
-        self._w = self._next
+        return Twisted(memory.coming, memory.coming)
 
-    def estimate(self, now: State) -> Array:
+    def estimate(self, memory: Twisted, now: State) -> Array:
         """Return -M w, which is P while v⁺ = 0."""
-        perturbation: Array = -now.M.dot(self._w)
-        return perturbation
+        return -dot(now.M, memory.w)
+
+    def acting(self, memory: Twisted, now: State) -> Array:
+        """Return 0; see the module."""
+        return now.zero
 
 
 #: What the name of this module stands for.

@@ -1,47 +1,59 @@
-"""The contract of a switching: a way to evaluate the chattering term of law (6)."""
+"""
+The contract of a switching: a way to evaluate the chattering term z of law (6).
+
+A switching is a NamedTuple of its gains, marked by `switching`, as a law is (`laws.base`). Its
+one method is `term`. Those that estimate the perturbation have `updated`, `advanced` and
+`estimate` as well; the memory of law (6) is theirs.
+"""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from typing import Protocol, TypeVar
 
-from ctc_chattering.control.perturbation_observer import PerturbationObserver
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.laws.base import Applied, with_defaults
+from ctc_chattering.control.perturbation_observer import Perturbation
 from ctc_chattering.numerics.linear_algebra import Array
 
+T = TypeVar('T')
 
-class Switching(ABC):
-    """
-    Evaluates the chattering term z in the place of Ka sgn(v).
 
-    Attributes
-    ----------
-    observer : PerturbationObserver or None
-        What estimates the perturbation for the term, kept up to date by the control step.
+class Switching(Protocol):
+    """What a switching has; all but `made` and `term` as `laws.base.Law` has it."""
 
-    """
+    estimates: bool
 
-    observer: PerturbationObserver | None = None
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Switching:
+        """Return the switching of a configuration, with the sample period [s]."""
 
-    @abstractmethod
-    def term(self, v: Array, u: Array, mass: Array, compensation: Array
-             ) -> tuple[Array, Array | None]:
+    def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """
-        Return z and its clipping error, each of shape (n,) [N·m]; |z| is within Ka.
+        Return z, and what ±Ka has taken from it, each of shape (n,) [N·m]; |z| is within Ka.
 
         Parameters
         ----------
-        v : array, shape (n,)
-            Filtered error [rad/s].
-        u : array, shape (n,)
-            Kv de + Kp e [rad/s²].
-        mass : array, shape (n, n)
-            M [kg·m²].
+        memory : Perturbation
+            With the estimate P̂.
+        at : State
+            In which the torque is applied.
         compensation : array, shape (n,)
             C v [N·m].
 
-        Returns
-        -------
-        z : array
-        clipping_error : array or None
-            What the bound ±Ka has taken from the term, for the observer; None for nothing.
-
         """
+
+    def updated(self, memory: Perturbation, now: State) -> Perturbation:
+        """Return the memory improved by what the measured state has become."""
+
+    def advanced(self, memory: Perturbation, now: State, applied: Applied, correction: Array
+                 ) -> Perturbation:
+        """Return the memory a period later."""
+
+    def estimate(self, memory: Perturbation, now: State) -> Array:
+        """Return P̂; 0 for none."""
+
+
+def switching(kind: type[T]) -> type[T]:
+    """Mark a switching; return it with the methods that it lacks."""
+    return with_defaults(kind, {})

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-from ctc_chattering.control.switching.base import Switching
+from typing import NamedTuple
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.perturbation_observer import Perturbation
+from ctc_chattering.control.switching.base import switching
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-class BoundaryLayer(Switching):
-    """
-    Ka sat(v / width).
+@switching
+class BoundaryLayer(NamedTuple):
+    """Ka sat(v / width)."""
 
-    Parameters
-    ----------
-    ka : array, shape (n,)
-        Gains [N·m].
-    width : float
-        Half the width of the layer around v = 0 [rad/s].
+    #: Ka [N·m], shape (n,), and half the width of the layer around v = 0 [rad/s].
+    ka: Array
+    width: float
 
-    """
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> BoundaryLayer:
+        """Return the switching of a configuration."""
+        del period
+        return cls(np.array(config.ka), config.boundary_layer)
 
-    def __init__(self, ka: Array, width: float) -> None:
-        self._ka, self._width = ka, width
-
-    def term(self, v: Array, u: Array, mass: Array, compensation: Array) -> tuple[Array, None]:
+    def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return Ka sat(v / width)."""
-        del u, mass, compensation
-        return self._ka * np.minimum(np.maximum(v / self._width, -1.0), 1.0), None
+        return self.ka * np.minimum(np.maximum(at.v / self.width, -1.0), 1.0), at.zero
+
+
+#: What the name of this module stands for.
+SWITCHING = BoundaryLayer

@@ -5,7 +5,7 @@ The term z is the element of Ka Sgn(v) at the *next* sample, so that it can rest
 -Ka and Ka once v is 0 (Acary & Brogliato 2010; Huber, Acary & Brogliato 2016; see
 docs/theory.md)::
 
-    z ∈ Ka Sgn(v⁺),     v⁺ = b h M⁻¹ (w - z),     w = M y / (b h) - C v
+    z ∈ Ka Sgn(v⁺),     v⁺ = b h M⁻¹ (w - z),     w = M y / (b h) - C v                     (SW1)
 
 Where w is within ±Ka it is the solution. Otherwise joints at their bound push the others through
 M⁻¹: z is the point of the box |z_i| ≤ ka_i nearest to w in the metric of M⁻¹, whatever b h.
@@ -13,35 +13,42 @@ M⁻¹: z is the point of the box |z_i| ≤ ka_i nearest to w in the metric of M
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.switching.base import Switching
+from ctc_chattering.control.evaluation import filter_of, State
+from ctc_chattering.control.perturbation_observer import Perturbation
+from ctc_chattering.control.switching.base import switching
 from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.compilable import dot, function
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
-class Implicit(Switching):
-    """
-    The term for which v vanishes at the next sample, as far as Ka allows.
+@switching
+class Implicit(NamedTuple):
+    """The term for which v vanishes at the next sample, as far as Ka allows."""
 
-    Parameters
-    ----------
-    ka : array, shape (n,)
-        Gains [N·m].
-    filter_ : ErrorFilter
-        Whose coefficients predict v.
+    #: Ka [N·m], shape (n,), and the filter (3), which predicts v.
+    ka: Array
+    filter: ErrorFilter  # noqa: A003
 
-    """
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Implicit:
+        """Return the switching of a configuration."""
+        return cls(np.array(config.ka), filter_of(config, period))
 
-    def __init__(self, ka: Array, filter_: ErrorFilter) -> None:
-        self._ka, self._filter = ka, filter_
-
-    def term(self, v: Array, u: Array, mass: Array, compensation: Array
-             ) -> tuple[Array, Array | None]:
+    def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return z for no perturbation."""
-        return nearest(mass, self.unclipped(v, u, mass, compensation), self._ka), None
+        return nearest(at.M, unclipped(self.filter, at, compensation), self.ka), at.zero
 
-    def unclipped(self, v: Array, u: Array, mass: Array, compensation: Array) -> Array:
-        """Return w, shape (n,) [N·m]; arguments as `term` has them."""
-        nominal = self._filter.nominal_response(v, u)
-        wanted: Array = mass.dot(nominal / self._filter.scale) - compensation
-        return wanted
+
+@function
+def unclipped(filter_: ErrorFilter, at: State, compensation: Array) -> Array:
+    """Return w of (SW1), shape (n,) [N·m]."""
+    return dot(at.M, filter_.nominal_response(at.v, at.u) / filter_.scale) - compensation
+
+
+#: What the name of this module stands for.
+SWITCHING = Implicit

@@ -2,37 +2,60 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.error_filter import ErrorFilter
-from ctc_chattering.control.perturbation_observer import PerturbationObserver
-from ctc_chattering.control.switching.implicit import Implicit
+from ctc_chattering.control.evaluation import filter_of, State
+from ctc_chattering.control.laws.base import Applied
+from ctc_chattering.control.perturbation_observer import (
+    Perturbation,
+    perturbation_observer,
+    PerturbationObserver,
+)
+from ctc_chattering.control.switching.base import switching
+from ctc_chattering.control.switching.implicit import unclipped
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
-class ImplicitObserver(Implicit):
-    """
-    The term of `Implicit` for w - P̂ in the place of w; the whole term stays within ±Ka.
+@switching
+class ImplicitObserver(NamedTuple):
+    """The term of `Implicit` for w - P̂ in the place of w; the whole term stays within ±Ka."""
 
-    Parameters
-    ----------
-    ka : array, shape (n,)
-        Gains [N·m].
-    filter_ : ErrorFilter
-        Whose coefficients predict v.
-    observer : PerturbationObserver
-        Estimates the perturbation.
-
-    """
-
+    #: The filter (3), which predicts v.
+    filter: ErrorFilter  # noqa: A003
+    #: Estimates the perturbation within ±Ka.
     observer: PerturbationObserver
 
-    def __init__(self, ka: Array, filter_: ErrorFilter, observer: PerturbationObserver) -> None:
-        super().__init__(ka, filter_)
-        self.observer = observer
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> ImplicitObserver:
+        """Return the switching of a configuration."""
+        return cls(filter_of(config, period), perturbation_observer(
+            config.observer_bandwidth, period, config.b, np.array(config.ka)))
 
-    def term(self, v: Array, u: Array, mass: Array, compensation: Array
-             ) -> tuple[Array, Array | None]:
+    def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return z for the estimated perturbation, and its clipping error."""
-        unclipped = self.unclipped(v, u, mass, compensation) - self.observer.estimate
-        z = nearest(mass, unclipped, self._ka)
-        return z, None if z is unclipped else unclipped - z
+        wanted = unclipped(self.filter, at, compensation) - memory.perturbation
+        z = nearest(at.M, wanted, self.observer.bound)
+        return z, wanted - z
+
+    def updated(self, memory: Perturbation, now: State) -> Perturbation:
+        """Improve P̂."""
+        return self.observer.follow(memory, now.v)
+
+    def advanced(self, memory: Perturbation, now: State, applied: Applied, correction: Array
+                 ) -> Perturbation:
+        """Predict the next sample."""
+        nominal = self.filter.nominal_response(now.v, now.u) + correction
+        return self.observer.predict(
+            memory, now.M, nominal, now.N - applied.tau, applied.clipping_error)
+
+    def estimate(self, memory: Perturbation, now: State) -> Array:
+        """Return P̂."""
+        return memory.perturbation
+
+
+#: What the name of this module stands for.
+SWITCHING = ImplicitObserver

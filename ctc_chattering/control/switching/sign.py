@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from ctc_chattering.control.switching.base import Switching
+from typing import NamedTuple
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.perturbation_observer import Perturbation
+from ctc_chattering.control.switching.base import switching
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-class Sign(Switching):
-    """
-    Ka sgn(v), with sgn(0) = 0 as in the paper.
+@switching
+class Sign(NamedTuple):
+    """Ka sgn(v), with sgn(0) = 0 as in the paper."""
 
-    Parameters
-    ----------
-    ka : array, shape (n,)
-        Gains [N·m].
+    #: Ka [N·m], shape (n,).
+    ka: Array
 
-    """
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Sign:
+        """Return the switching of a configuration."""
+        del period
+        return cls(np.array(config.ka))
 
-    def __init__(self, ka: Array) -> None:
-        self._ka = ka
-
-    def term(self, v: Array, u: Array, mass: Array, compensation: Array) -> tuple[Array, None]:
+    def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
         """Return Ka sgn(v)."""
-        del u, mass, compensation
-        return self._ka * np.sign(v), None
+        return self.ka * np.sign(at.v), at.zero
+
+
+#: What the name of this module stands for.
+SWITCHING = Sign

@@ -1,4 +1,4 @@
-"""Matrices of compiled code: n rows of n numbers, one after the other in memory."""
+"""Matrices of compiled code: rows of n numbers, one after the other in memory."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DOUBLE = ir.DoubleType()
 
 
 class MatrixType(types.Type):
-    """`n` rows of `n` floats, one after the other in memory."""
+    """Rows of `n` floats, one after the other in memory: `n` of them, unless it is said."""
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -52,6 +52,8 @@ def _place(_typing: Any, matrix: Any, i: Any, j: Any) -> Any:
 def _item(matrix: Any, place: Any) -> Any:
     if isinstance(matrix, MatrixType) and isinstance(place, types.BaseTuple):
         return lambda matrix, place: _place(matrix, place[0], place[1])
+    if isinstance(matrix, MatrixType) and isinstance(place, types.Integer):
+        return lambda matrix, place: _row(matrix, place)
     return None
 
 
@@ -73,6 +75,23 @@ def _row(_typing: Any, matrix: Any, i: Any) -> Any:
         start = builder.gep(values[0], [builder.mul(row, ir.Constant(row.type, matrix.n))])
         return read(builder, start, matrix.n)
     return VectorType(matrix.n)(matrix, i), generate
+
+
+@lowered
+def _set_row(_typing: Any, matrix: Any, i: Any, x: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        row = context.cast(builder, values[1], signature.args[1], types.intp)
+        start = builder.gep(values[0], [builder.mul(row, ir.Constant(row.type, matrix.n))])
+        write(builder, values[2], start)
+        return context.get_dummy_value()
+    return types.none(matrix, i, x), generate
+
+
+@overloaded(operator.setitem)
+def _set_item(matrix: Any, i: Any, x: Any) -> Any:
+    if isinstance(matrix, MatrixType):
+        return lambda matrix, i, x: _set_row(matrix, i, x)
+    return None
 
 
 def _scratch(_typing: Any, n: Any) -> Any:
@@ -98,6 +117,18 @@ def _dot(matrix: Any, x: Any) -> Any:
         y = x
         for i in range(n):
             y = with_element(y, i, total(_row(matrix, i) * x))
+        return y
+    return product
+
+
+@overloaded(compilable.transposed_dot)
+def _transposed_dot(matrix: Any, x: Any) -> Any:
+    n = x.n
+
+    def product(matrix: Any, x: Any) -> Any:
+        y = x[0] * _row(matrix, 0)
+        for i in range(1, n):
+            y = y + x[i] * _row(matrix, i)
         return y
     return product
 
@@ -147,6 +178,31 @@ def _solve_where(chosen: Any, matrix: Any, x: Any) -> Any:
             y = with_element(y, i, total * lower[i, i])
         return y
     return solution
+
+
+@overloaded(compilable.inverse_diagonal)
+def _inverse_diagonal(matrix: Any) -> Any:
+    """Add up the squares of the rows of the inverse of Cholesky's factor."""
+    n = matrix.n
+
+    def elements(matrix: Any) -> Any:
+        lower, y = _room(n), 0.0 * _row(matrix, 0)
+        for i in range(n):
+            for j in range(i + 1):
+                rest = matrix[i, j]
+                for k in range(j):
+                    rest -= lower[i, k] * lower[j, k]
+                _set_place(lower, i, j, rest * lower[j, j] if j < i else 1.0 / np.sqrt(rest))
+        for j in range(n):
+            x = 0.0 * y
+            for i in range(j, n):
+                rest = 1.0 if i == j else 0.0
+                for k in range(j, i):
+                    rest -= lower[i, k] * x[k]
+                x = with_element(x, i, rest * lower[i, i])
+            y = with_element(y, j, total(x * x))
+        return y
+    return elements
 
 
 def copy(builder: Any, source: Any, target: Any, n: int) -> None:

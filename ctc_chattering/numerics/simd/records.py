@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import inspect
-from typing import Any, get_type_hints
+from types import FunctionType
+from typing import Any
 
 from ctc_chattering.numerics import compilable
-from ctc_chattering.numerics.records import load, store, value, write
+from ctc_chattering.numerics.records import kinds_of, load, rows, store, value, write
 from ctc_chattering.numerics.simd import matrices, vectors
 from ctc_chattering.numerics.simd.matrices import MatrixType
 from ctc_chattering.numerics.simd.vectors import lowered, overloaded, read, VectorType
@@ -16,6 +17,8 @@ from numba.extending import overload_method, register_jitable
 
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
+#: Methods of records by name, and by the class of the record.
+_METHODS: dict[str, dict[type, Callable[..., Any]]] = {}
 
 
 @lowered
@@ -41,6 +44,18 @@ def _write_array(_typing: Any, array: Any, value: Any) -> Any:
     return types.none(array, value), generate
 
 
+@lowered
+def _rows(_typing: Any, array: Any, like: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        return context.make_array(array)(context, builder, values[0]).data
+    return MatrixType(like.n)(array, like), generate
+
+
+@overloaded(rows)
+def _rows_of(array: Any, like: Any) -> Any:
+    return lambda array, like: _rows(array, like)
+
+
 @overloaded(value)
 def _value(field: Any) -> Any:
     if isinstance(field, types.Array):
@@ -55,18 +70,18 @@ def _write(field: Any, x: Any) -> Any:
 
 
 @overloaded(load)
-def _load(kind: Any, fields: Any) -> Any:
+def _load(fields: Any) -> Any:
     names: dict[str, Any] = {'_value': value}
+    kinds = kinds_of(fields.fields)
 
-    def construction(made: type, prefix: str) -> str:
-        names[made.__name__] = made
-        parts = (construction(nested, f'{prefix}{name}__') if nested in compilable.RECORDS
-                 else f'_value(fields.{prefix}{name})'
-                 for name, nested in get_type_hints(made).items())
-        return f'{made.__name__}({", ".join(parts)})'
+    def construction(prefix: str) -> str:
+        kind = f'kind{len(names)}'
+        names[kind] = kinds[prefix]
+        parts = (construction(f'{prefix}{name}__') if f'{prefix}{name}__' in kinds
+                 else f'_value(fields.{prefix}{name})' for name in names[kind]._fields)
+        return f'{kind}({", ".join(parts)})'
 
-    del fields
-    exec(f'def load(kind, fields):\n    return {construction(kind.instance_class, "")}', names)
+    exec(f'def load(fields):\n    return {construction("")}', names)
     return names['load']
 
 
@@ -89,21 +104,44 @@ def _store(fields: Any, value: Any) -> Any:
 
 def register() -> None:
     """Have compiled code call what has been marked since the last time."""
+    _check_names()
     for marked in compilable.FUNCTIONS[len(_REGISTERED[0]):]:
         _REGISTERED[0].append(register_jitable(marked))
     for marked in compilable.RECORDS[len(_REGISTERED[1]):]:
-        for name, method in inspect.getmembers(marked, inspect.isfunction):
-            if not name.startswith('_'):
-                clash = [x.__name__ for x in compilable.RECORDS if name in x.__annotations__]
-                assert not clash, f'method {name} of {marked.__name__} is a field of {clash}'
-                _register_method(marked, name, method)
+        for name, method in _methods(marked):
+            _register_method(marked, name, method)
         _REGISTERED[1].append(marked)
 
 
-def _register_method(marked: type, name: str, method: Callable[..., Any]) -> None:
-    def chosen(*kinds: Any) -> Any:
-        return method if kinds[0].instance_class is marked else None
+def _methods(marked: type) -> list[tuple[str, Any]]:
+    return [(name, method) for name, method in inspect.getmembers(marked, inspect.isfunction)
+            if not name.startswith('_')]
 
-    setattr(chosen, '__signature__', inspect.signature(method))  # noqa: B010
+
+def _check_names() -> None:
+    """Refuse what numba could not tell apart: it knows methods of records by their names only."""
+    known: dict[str, tuple[str, ...]] = {}
+    for marked in compilable.RECORDS:
+        for name, method in _methods(marked):
+            clash = [x.__name__ for x in compilable.RECORDS if name in x.__annotations__]
+            assert not clash, f'method {name} of {marked.__name__} is a field of {clash}'
+            names = tuple(inspect.signature(method).parameters)
+            assert known.setdefault(name, names) == names, (
+                f'method {name} of {marked.__name__} has not the arguments {known[name]}')
+
+
+def _register_method(marked: type, name: str, method: Callable[..., Any]) -> None:
+    """Have compiled code find a method by the class of its record."""
+    methods = _METHODS.setdefault(name, {})
+    # Without annotations, which numba compares.
+    methods[marked] = bare = FunctionType(
+        method.__code__, method.__globals__, name, method.__defaults__, method.__closure__)
+    if len(methods) > 1:
+        return
+
+    def chosen(*kinds: Any) -> Any:
+        return methods.get(kinds[0].instance_class)
+
+    setattr(chosen, '__signature__', inspect.signature(bare))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
         overload_method(kind, name)(chosen)

@@ -223,7 +223,9 @@ def _any_of(_typing: Any, condition: Any) -> Any:
 
 @method('any')
 def _any(condition: Any) -> Any:
-    return (lambda condition: _any_of(condition)) if condition.truth else None
+    if not condition.truth:
+        return lambda condition: _any_of(condition != 0.0)
+    return lambda condition: _any_of(condition)
 
 
 @method('all')

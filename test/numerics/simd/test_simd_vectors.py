@@ -64,14 +64,14 @@ register()
 
 @numba.njit
 def compiled_arithmetic(fields: Case, out: list[Case]) -> None:
-    case = load(Case, fields)
+    case = load(fields)
     for i, z in enumerate(arithmetic(case.inner.x, case.y)):
         store(out[i], Case(Inner(z, case.inner.factor), case.y, case.M))
 
 
 @numba.njit
 def compiled_algebra(fields: Case, out: list[Case]) -> None:
-    case = load(Case, fields)
+    case = load(fields)
     for i, z in enumerate(algebra(case)):
         store(out[i], Case(Inner(z, case.inner.factor), case.y, case.M))
 

@@ -1,0 +1,129 @@
+"""A state and a reference, evaluated: all that a law needs to know of them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.error_filter import error_filter, ErrorFilter
+from ctc_chattering.control.limiter import Limiter, limiter
+from ctc_chattering.numerics.compilable import dot, function, record
+from ctc_chattering.numerics.linear_algebra import Array, Vector
+from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.parameters import matrix
+import numpy as np
+
+#: Time over which the difference of two laws fades [s].
+FADE = 0.2
+
+
+@record
+class ControlSettings(NamedTuple):
+    """What is common to all laws; made by `control_settings`."""
+
+    #: h [s], the input delay in samples, and `FADE` in samples.
+    period: float
+    delay: float
+    fading: float
+    #: Kp [1/s²] and Kv [1/s], shape (n, n).
+    kp: Array
+    kv: Array
+    filter: ErrorFilter  # noqa: A003
+    limiter: Limiter
+    #: n zeros.
+    zero: Array
+
+
+class Evaluates(Protocol):
+    """The part of a model that the control step takes."""
+
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M, C and G, shapes (n, n), (n, n) and (n,)."""
+
+
+@record
+class Models(NamedTuple):
+    """
+    One model for the states that are evaluated side by side.
+
+    Compiled code keeps M and C of each in a place of its own.
+    """
+
+    #: Of the sample, of the arrival of its torque, and of a period later.
+    now: Evaluates
+    arriving: Evaluates
+    after: Evaluates
+
+
+@record
+class State(NamedTuple):
+    """A state and a reference; arrays of shape (n,), or (n, n)."""
+
+    #: Position [rad] and velocity [rad/s].
+    q: Array
+    dq: Array
+    #: Desired velocity [rad/s] and acceleration [rad/s²].
+    dq_d: Array
+    ddq_d: Array
+    #: Errors [rad, rad/s].
+    e: Array
+    de: Array
+    #: Kv de + Kp e [rad/s²].
+    u: Array
+    #: Filtered error [rad/s].
+    v: Array
+    #: M [kg·m²], C [kg·m²/s], G and C dq + G [N·m].
+    M: Array
+    C: Array
+    G: Array
+    bias: Array
+    #: M (ddq_d + u) + C dq + G [N·m].
+    N: Array
+    #: n zeros, for terms that a law does not have.
+    zero: Array
+
+
+@record
+class Context(NamedTuple):
+    """What a law may look at to find the state in which its torque is applied."""
+
+    settings: ControlSettings
+    models: Models
+    #: ξ of the filter [rad/s].
+    xi: Array
+    #: The reference: q_d, dq_d, ddq_d now and for each sample of the delay, shape (3 (1 + d), n).
+    points: Array
+    #: Torques in transit: `Applied` in four rows each, shape (4 d, n), and which is the next one.
+    transit: Array
+    turn: int
+
+
+def control_settings(config: ControllerConfig, effort_limits: Vector) -> ControlSettings:
+    """Return the settings of a configuration, with the effort limits of its model [N·m]."""
+    n, h = len(config.joint_names), seconds(period_ns(config.control_period))
+    limits = limiter(np.array(config.largest_torque(effort_limits)),
+                     h * np.array(config.effort_rate_limit),
+                     config.b * h if config.anti_windup else 0.0)
+    return ControlSettings(
+        h, float(config.input_delay), float(max(round(FADE / h), 1)),
+        np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), filter_of(config, h),
+        limits, np.zeros(n))
+
+
+def filter_of(config: ControllerConfig, period: float) -> ErrorFilter:
+    """Return the filter (3) of a configuration, with the sample period [s]."""
+    return error_filter(len(config.joint_names), config.lambda_, config.b, period)
+
+
+@function
+def evaluated(settings: ControlSettings, model: Any, q: Array, dq: Array, points: Array, i: int,
+              xi: Array) -> State:
+    """Return the state for row i of the reference, and the state ξ of the filter."""
+    q_d, dq_d, ddq_d = points[i], points[i + 1], points[i + 2]
+    e, de = q_d - q, dq_d - dq
+    u = dot(settings.kv, de) + dot(settings.kp, e)
+    v = settings.filter.output(de, xi)                               # (3)
+    M, C, G = model.evaluate(q, dq)
+    bias = dot(C, dq) + G
+    N = dot(M, ddq_d + u) + bias                                     # inverse dynamics
+    return State(q, dq, dq_d, ddq_d, e, de, u, v, M, C, G, bias, N, settings.zero)

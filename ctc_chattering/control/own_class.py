@@ -1,0 +1,19 @@
+"""Laws and switchings that a parameter names as ``package.module:Name``."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.numerics.compilable import RECORDS
+
+
+def named_class(what: str, name: str) -> Any:
+    """Return the class ``package.module:Name``, which must be marked as `what` says."""
+    module, _, attribute = name.partition(':')
+    with refused_as(f'there is no {what} {name}'):
+        found = getattr(importlib.import_module(module), attribute)
+    if found not in RECORDS or not hasattr(found, {'law': 'answer', 'switching': 'term'}[what]):
+        raise CtcError(f'the {what} {name} is not marked by @{what}')
+    return found
