@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
 import inspect
+from types import FunctionType
 from typing import Any
 
 from ctc_chattering.numerics import compilable
@@ -22,6 +23,8 @@ import numpy.typing as npt
 
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
+#: Methods of records by name, and by the class of the record.
+_METHODS: dict[str, dict[type, Callable[..., Any]]] = {}
 #: In the names of fields that say of which class a record is.
 _IS = 'is '
 
@@ -188,21 +191,44 @@ def _flat(part: Any, prefix: str) -> Iterator[tuple[str, Any]]:
 
 def register() -> None:
     """Have compiled code call what has been marked since the last time."""
+    _check_names()
     for marked in compilable.FUNCTIONS[len(_REGISTERED[0]):]:
         _REGISTERED[0].append(register_jitable(marked))
     for marked in compilable.RECORDS[len(_REGISTERED[1]):]:
-        for name, method in inspect.getmembers(marked, inspect.isfunction):
-            if not name.startswith('_'):
-                clash = [x.__name__ for x in compilable.RECORDS if name in x.__annotations__]
-                assert not clash, f'method {name} of {marked.__name__} is a field of {clash}'
-                _register_method(marked, name, method)
+        for name, method in _methods(marked):
+            _register_method(marked, name, method)
         _REGISTERED[1].append(marked)
 
 
-def _register_method(marked: type, name: str, method: Callable[..., Any]) -> None:
-    def chosen(*kinds: Any) -> Any:
-        return method if kinds[0].instance_class is marked else None
+def _methods(marked: type) -> list[tuple[str, Any]]:
+    return [(name, method) for name, method in inspect.getmembers(marked, inspect.isfunction)
+            if not name.startswith('_')]
 
-    setattr(chosen, '__signature__', inspect.signature(method))  # noqa: B010
+
+def _check_names() -> None:
+    """Refuse what numba could not tell apart: it knows methods of records by their names only."""
+    known: dict[str, tuple[str, ...]] = {}
+    for marked in compilable.RECORDS:
+        for name, method in _methods(marked):
+            clash = [x.__name__ for x in compilable.RECORDS if name in x.__annotations__]
+            assert not clash, f'method {name} of {marked.__name__} is a field of {clash}'
+            names = tuple(inspect.signature(method).parameters)
+            assert known.setdefault(name, names) == names, (
+                f'method {name} of {marked.__name__} has not the arguments {known[name]}')
+
+
+def _register_method(marked: type, name: str, method: Callable[..., Any]) -> None:
+    """Have compiled code find a method by the class of its record."""
+    methods = _METHODS.setdefault(name, {})
+    # Without annotations, which numba compares.
+    methods[marked] = bare = FunctionType(
+        method.__code__, method.__globals__, name, method.__defaults__, method.__closure__)
+    if len(methods) > 1:
+        return
+
+    def chosen(*kinds: Any) -> Any:
+        return methods.get(kinds[0].instance_class)
+
+    setattr(chosen, '__signature__', inspect.signature(bare))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
         overload_method(kind, name)(chosen)
