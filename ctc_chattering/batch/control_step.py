@@ -68,7 +68,8 @@ class ControlRecords(NamedTuple):
     after: Any
     #: Torques in transit, shape (4 d, n).
     transit: Array
-    #: What the last step computed, shape (8, n).
+    #: Position [rad] and velocity [rad/s], shape (2, n), and what is computed of it, (8, n).
+    measured: Array
     out: Array
 
 
@@ -83,30 +84,29 @@ def control_records(config: ControllerConfig, model: Model) -> ControlRecords:
         packed(control_memory(zero)), packed(law.start()),
         record_of(arm_of(model, config.gravity, config.inertia_scale, config.gravity_scale)),
         record_of(body_scratch(n)), packed(place), packed(place), packed(place),
-        in_transit(n, config.input_delay), np.zeros((8, n)))
+        in_transit(n, config.input_delay), np.zeros((2, n)), np.zeros((8, n)))
 
 
 @compiled
-def step(p: ControlRecords, q: Array, dq: Array, points: Array) -> None:
+def step(p: ControlRecords, points: Array) -> None:
     """
     Go on by a sample, and set `p.out`.
 
     Parameters
     ----------
     p : ControlRecords
-        After the last sample.
-    q, dq : array, shape (n,)
-        Measured position [rad] and velocity [rad/s].
+        After the last sample, with what is measured.
     points : array, shape (1 + d, 3, n)
         The reference at this sample and those of the delay; there may be more.
 
     """
     memory = load(p.memory)
     like = memory.xi
+    measured = rows(p.measured, like)
     models = Models(CompiledModel(p.arm, p.body, p.now), CompiledModel(p.arm, p.body, p.arriving),
                     CompiledModel(p.arm, p.body, p.after))
     made = control_step(load(p.settings), load(p.law), memory, load(p.law_memory), models,
-                        value(q), value(dq), rows(points, like), rows(p.transit, like))
+                        measured[0], measured[1], rows(points, like), rows(p.transit, like))
     store(p.memory, made.memory)
     store(p.law_memory, made.law_memory)
     out, terms = rows(p.out, like), made.parts

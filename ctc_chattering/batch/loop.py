@@ -56,7 +56,9 @@ def run(p: Plant, c: ControlRecords, sensor: SensorSettings, seen: SensorState,
     tau, e, v = c.out[TAU], c.out[E], c.out[V]
     for k in range(p.c.last + 1):
         if not p.s.lost:
-            control_step.step(c, seen.q, seen.dq, table[k:])
+            for i in range(n):
+                c.measured[0, i], c.measured[1, i] = seen.q[i], seen.dq[i]
+            control_step.step(c, table[k:])
             total = 0.0
             for i in range(n):
                 out[rows, 0, i] = k

@@ -41,7 +41,7 @@ class Perturbation(NamedTuple):
     mass: Array
     nominal: Array
     torque_residual: Array
-    predicted: float
+    known: float
 
 
 @record
@@ -54,8 +54,8 @@ class PerturbationObserver(NamedTuple):
     scale: Array
     bound: Array
 
-    def predict(self, last: Perturbation, mass: Array, nominal: Array, torque_residual: Array,
-                clipping_error: Array) -> Perturbation:
+    def expect(self, last: Perturbation, mass: Array, nominal: Array, torque_residual: Array,
+               clipping_error: Array) -> Perturbation:
         """
         Predict the next sample's v without a perturbation.
 
@@ -78,9 +78,9 @@ class PerturbationObserver(NamedTuple):
             torque_residual = torque_residual + np.where(shallow, 0.5 * clipping_error, 0.0)
         return Perturbation(last.perturbation, mass, nominal, torque_residual, 1.0)
 
-    def follow(self, last: Perturbation, v: Array) -> Perturbation:
+    def improve(self, last: Perturbation, v: Array) -> Perturbation:
         """Return the estimate improved by what v, shape (n,) [rad/s], has become."""
-        if last.predicted == 0.0:
+        if last.known == 0.0:
             return last
         residual = (dot(last.mass, (last.nominal - v) / self.scale) - last.torque_residual
                     - last.perturbation)

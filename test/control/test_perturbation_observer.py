@@ -32,11 +32,11 @@ class Running:
 
     def predict(self, mass: Array, nominal: Array, residual: Array, clipping: Array) -> None:
         """Predict the next v."""
-        self.memory = self.observer.predict(self.memory, mass, nominal, residual, clipping)
+        self.memory = self.observer.expect(self.memory, mass, nominal, residual, clipping)
 
     def update(self, v: Array) -> None:
         """Improve P̂."""
-        self.memory = self.observer.follow(self.memory, v)
+        self.memory = self.observer.improve(self.memory, v)
 
 
 def _sample(made: Running, mass: Array, force: Array, rng: np.random.Generator,

@@ -51,7 +51,7 @@ class Chattering(NamedTuple):
     def reconfigured(self, memory: Perturbation, before: Chattering) -> Perturbation:
         """Keep P̂; forget the last sample."""
         del before
-        return memory._replace(predicted=0.0)
+        return memory._replace(known=0.0)
 
     def initialized(self, memory: Perturbation, now: State, estimate: Array | None
                     ) -> Perturbation:

@@ -43,13 +43,13 @@ class ImplicitObserver(NamedTuple):
 
     def updated(self, memory: Perturbation, now: State) -> Perturbation:
         """Improve P̂."""
-        return self.observer.follow(memory, now.v)
+        return self.observer.improve(memory, now.v)
 
     def advanced(self, memory: Perturbation, now: State, applied: Applied, correction: Array
                  ) -> Perturbation:
         """Predict the next sample."""
         nominal = self.filter.nominal_response(now.v, now.u) + correction
-        return self.observer.predict(
+        return self.observer.expect(
             memory, now.M, nominal, now.N - applied.tau, applied.clipping_error)
 
     def estimate(self, memory: Perturbation, now: State) -> Array:

@@ -1,0 +1,93 @@
+"""The compiled control step against plain Python, one step at a time: random states, settings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ctc_chattering.batch.compiler import compiling
+from ctc_chattering.batch.control_step import control_records, E, ROBUST, step, TAU, V
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.numerics.records import load, packed
+import numpy as np
+import pytest
+from urdfs import PANDA, panda
+
+VARIANTS = [(law, switching) for law in LAWS
+            for switching in (SWITCHINGS if law == 'chattering' else ('sign',))]
+
+
+def random_values(rng: np.random.Generator, n: int) -> dict[str, Any]:
+    """Return gains and limits that reach every branch."""
+    def each(low: float, high: float) -> list[float]:
+        return [float(x) for x in rng.uniform(low, high, n)]
+
+    def some(values: dict[str, Any]) -> dict[str, Any]:
+        return {name: x for name, x in values.items() if rng.random() < 0.5}
+
+    return {'kp': each(50.0, 400.0), 'kv': each(20.0, 60.0), 'ka': each(5.0, 30.0), **some({
+        'lambda': rng.uniform(5.0, 40.0), 'b': rng.uniform(0.5, 2.0), 'boundary_layer': 0.5,
+        'observer_bandwidth': rng.uniform(100.0, 2000.0), 'effort_limit': each(20.0, 200.0),
+        'effort_rate_limit': each(1e3, 1e5), 'anti_windup': False, 'inertia_scale': 1.1,
+        'gravity_scale': 0.9, 'friction_level': each(1.0, 9.0), 'actuator_lag': each(0.0, 3e-3),
+        'torque_rate_limit': each(1e3, 1e5), 'input_delay': int(rng.integers(1, 4)),
+        'control_period': 2e-3, 'friction_learning': 0.0})}
+
+
+def model_of(n: int) -> tuple[Model, dict[str, Any]]:
+    if n == 2:
+        return TwoLink(), {}
+    return UrdfModel(panda(), PANDA), {'model': 'urdf', 'joint_names': list(PANDA)}
+
+
+def same(found: Any, right: Any) -> None:
+    """Check records of records to 1e-10 of the largest number of each field."""
+    for name, x, y in zip(right._fields, found, right):
+        if hasattr(y, '_fields'):
+            same(x, y)
+        else:
+            np.testing.assert_allclose(
+                x, y, rtol=0.0, atol=1e-10 * max(1.0, np.abs(y).max()), err_msg=name)
+
+
+def check(law: str, switching: str, n: int, seed: int) -> None:
+    """Compare 20 steps after another law, each from the memory of the plain one."""
+    rng = np.random.default_rng(seed)
+    model, names = model_of(n)
+    config = ControllerConfig.from_mapping({
+        **names, **random_values(rng, n), 'law': 'integral', 'switching': switching})
+    plain = Controller(config, model)
+    size = 10.0 ** rng.uniform(-4.0, 0.0)
+    for k in range(20):
+        if k == 5:
+            plain.configure(config.changed({'law': law}))
+            made = control_records(plain.config, model)
+        q, dq, ddq_d = rng.normal(size=n), rng.normal(size=n), 5.0 * rng.normal(size=n)
+        points = np.array([(q + size * rng.normal(size=n), dq + size * rng.normal(size=n), ddq_d)
+                           for _ in range(1 + config.input_delay)])
+        plain.prepare(np.array((q, dq, *points[0])))
+        if k >= 5:
+            made = made._replace(memory=packed(plain.memory), law_memory=packed(plain.law_memory),
+                                 transit=plain.transit.copy())
+            made.measured[:] = q, dq
+            step(made, points)
+        sample = plain.step(q, dq, *points[0], points[1:])
+        if k >= 5:
+            for row, right in ((TAU, sample.tau), (E, sample.e), (V, sample.v),
+                               (ROBUST, sample.robust)):
+                np.testing.assert_allclose(
+                    made.out[row], right, rtol=0.0, atol=1e-10 * max(1.0, np.abs(right).max()))
+            same(load(made.memory), plain.memory)
+            same(load(made.law_memory), plain.law_memory)
+            np.testing.assert_allclose(made.transit, plain.transit, rtol=1e-10, atol=1e-9)
+
+
+@pytest.mark.parametrize('n', [2, 7])
+@pytest.mark.parametrize(('law', 'switching'), VARIANTS)
+def test_a_step_is_that_of_plain_python(law: str, switching: str, n: int) -> None:
+    with compiling(n):
+        for seed in range(8):
+            check(law, switching, n, seed)
