@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from ctc_chattering.batch.arm import arm_of, body_scratch
 from ctc_chattering.batch.compiler import compiling
 from ctc_chattering.batch.control_state import (
     control_scratch,
@@ -18,17 +17,14 @@ from ctc_chattering.batch.control_state import (
     evaluated,
 )
 from ctc_chattering.batch.control_step import Controller
-from ctc_chattering.batch.friction import friction_scratch
-from ctc_chattering.batch.integrator import Plant
-from ctc_chattering.batch.loop import BEYOND, DIVERGED, FINISHED, run, Sources
+from ctc_chattering.batch.loop import BEYOND, DIVERGED, FINISHED, run
 from ctc_chattering.batch.observer_feedback import observer_feedback
-from ctc_chattering.batch.plant_state import plant_scratch, plant_settings, plant_state
-from ctc_chattering.batch.random_numbers import generator
+from ctc_chattering.batch.plant import compiled_plant, inputs
 from ctc_chattering.batch.records import record
 from ctc_chattering.batch.reference_table import reference_table
-from ctc_chattering.batch.sensors import measure, sensor_settings, sensor_state
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.dynamics.arm import arm_of, body_scratch
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import kept_model_of, MODELS
@@ -37,13 +33,11 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.simd.records import register
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.closed_loop import Run
-from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.plant import Plant
 import numpy as np
 
 #: Arms that are kept.
 _KEPT = 64
-#: In the place of random numbers that nothing asks for: they take time to be made.
-_UNUSED = generator(0)
 
 
 def unsupported(setup: Setup) -> str:
@@ -94,21 +88,19 @@ def _run(setup: Setup, truth: bool) -> Run:
     description = setup.descriptions.get('plant', '')
     if config.payload:
         description = with_payload(description, config.joint_names, config.payload)
-    plant = _plant(config, kept_model_of(config, description))
+    model = kept_model_of(config, description)
+    plant = Plant(config, model)
     period, delay = period_ns(config.control_period), controller.input_delay
-    sensor = record(sensor_settings(config, seconds(period)))
-    seen = record(sensor_state(len(config.joint_names)))
-    sources = _sources(config)
-    measure(plant.s.q, plant.s.dq, sensor, seen, sources.noise)
     count = samples(config.duration, period) + 1
-    start = tuple(zip(config.joint_names, zip(seen.q.tolist(), seen.dq.tolist())))
+    start = tuple(zip(config.joint_names, zip(*plant.measured)))
     starts = setup.reference.start_duration or setup.route is not None
     table = reference_table(setup.reference, setup.route, start if starts else (),
                             controller.joint_names, period, count + delay)
     law = _controller(controller, kept_model_of(
         controller, setup.descriptions.get('controller', '')))
     out = np.empty((count, 5, len(config.joint_names)))
-    end, k, joint, rows = run(plant, law, sensor, seen, sources, table, truth, out)
+    end, k, joint, rows = run(compiled_plant(plant, _arm(model, config.gravity)), law,
+                              inputs(plant, count), table, truth, out)
     if end != FINISHED:
         raise CtcError(_failure(end, seconds(k * period), joint, controller, out[rows]))
     kept = out[:rows]
@@ -132,15 +124,6 @@ def _failure(end: int, t: float, joint: int, config: ControllerConfig, row: Arra
 _arm = lru_cache(_KEPT)(arm_of)
 
 
-def _plant(config: PlantConfig, model: Model) -> Plant:
-    """Return the plant at its start."""
-    n = model.n
-    return Plant(
-        record(_arm(model, config.gravity)), record(plant_settings(config)),
-        record(plant_state(config)), record(plant_scratch(n)), record(body_scratch(n)),
-        record(friction_scratch(n)))
-
-
 def _controller(config: ControllerConfig, model: Model) -> Controller:
     """Return the controller at its start."""
     n = model.n
@@ -148,12 +131,4 @@ def _controller(config: ControllerConfig, model: Model) -> Controller:
         record(_arm(model, config.gravity, config.inertia_scale, config.gravity_scale)),
         record(control_settings(config, model)), record(control_state(config)),
         record(evaluated(n)), record(evaluated(n)), record(control_scratch(n)),
-        record(body_scratch(n)), np.zeros(n, np.int8), observer_feedback(config))
-
-
-def _sources(config: PlantConfig) -> Sources:
-    """Return the random numbers of a configuration."""
-    seed, perfect = config.noise_seed, sensor_settings(config, 1.0).perfect
-    return Sources(_UNUSED if perfect else generator(seed),
-                   generator(f'{seed} loss') if config.sample_loss else _UNUSED,
-                   generator(f'{seed} lateness') if config.late_samples else _UNUSED)
+        record(body_scratch(n)), observer_feedback(config))

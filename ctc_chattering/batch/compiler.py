@@ -25,7 +25,7 @@ F = TypeVar('F', bound=Callable[..., Any])
 
 _HERE = Path(__file__).parent
 #: Folders and modules outside of this folder whose functions are compiled.
-_ALSO = ('simulation/drive.py', 'numerics', 'control')
+_ALSO = ('simulation', 'dynamics', 'numerics', 'control')
 #: Options of every function: no lock of the interpreter, and 1 / 0 is inf.
 _OPTIONS: dict[str, Any] = {'cache': True, 'nogil': True, 'error_model': 'numpy'}
 

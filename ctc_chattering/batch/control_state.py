@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from math import exp, expm1, inf
 
-from ctc_chattering.batch.plant_state import LONGEST_DELAY
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.switching import SWITCHINGS
@@ -14,6 +13,9 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.parameters import matrix
 import numpy as np
+
+#: Torques in transit that there is room for: `input_delay` is at most 100.
+LONGEST_DELAY = 100
 
 
 @dataclasses.dataclass

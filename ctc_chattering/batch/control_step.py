@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ctc_chattering.batch import error_filter, laws, observer_feedback
-from ctc_chattering.batch.arm import Arm, BodyScratch
 from ctc_chattering.batch.compiler import compiled, inlined
 from ctc_chattering.batch.control_state import (
     ControlScratch,
@@ -19,10 +18,11 @@ from ctc_chattering.batch.control_state import (
     Evaluated,
 )
 from ctc_chattering.batch.dynamics import evaluate as evaluate_model
-from ctc_chattering.batch.dynamics import Flags, forward_dynamics
+from ctc_chattering.batch.dynamics import forward_dynamics
 from ctc_chattering.batch.linear_algebra import solve
 from ctc_chattering.batch.observer_feedback import ObserverFeedback
 from ctc_chattering.control.controller import LAWS
+from ctc_chattering.dynamics.arm import Arm, BodyScratch
 from ctc_chattering.numerics.linear_algebra import Array
 
 OBSERVER_FEEDBACK = LAWS.index('observer_feedback')
@@ -38,8 +38,6 @@ class Controller(NamedTuple):
     at: Evaluated
     w: ControlScratch
     body: BodyScratch
-    #: No joint is fixed, shape (n,).
-    free: Flags
     law: ObserverFeedback
 
 
@@ -114,11 +112,11 @@ def predict(p: Controller, k: int, table: Array) -> None:
         error_filter.advance(c, at.xi, before.de, before.u, w.y)
         for i in range(n):
             w.robust[i] = s.sent[place, i] - w.z[i]
-        forward_dynamics(p.arm, before.q, before.dq, w.robust, p.free, p.body, w.x)
+        forward_dynamics(p.arm, before.q, before.dq, w.robust, p.body, w.x)
         for i in range(n):
             w.nominal[i] = before.dq[i] + 0.5 * h * w.x[i]
             w.compensation[i] = before.q[i] + 0.5 * h * before.dq[i]
-        forward_dynamics(p.arm, w.compensation, w.nominal, w.robust, p.free, p.body, w.x)
+        forward_dynamics(p.arm, w.compensation, w.nominal, w.robust, p.body, w.x)
         for i in range(n):
             at.q[i] = before.q[i] + h * w.nominal[i]
             at.dq[i] = before.dq[i] + h * w.x[i]

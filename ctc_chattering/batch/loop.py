@@ -3,39 +3,31 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import NamedTuple
+from typing import Any
 
 from ctc_chattering.batch import control_step, plant
 from ctc_chattering.batch.compiler import compiled
 from ctc_chattering.batch.control_step import Controller
-from ctc_chattering.batch.integrator import Plant
-from ctc_chattering.batch.sensors import measure, SensorSettings, SensorState
+from ctc_chattering.batch.plant import CompiledPlant
 from ctc_chattering.numerics.linear_algebra import Array
-import numpy as np
 
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error
 #: beyond its limit (and its joint), with a state that is not finite.
 FINISHED, NO_TORQUE, BEYOND, DIVERGED = range(4)
 
 
-class Sources(NamedTuple):
-    """Random numbers of noise, of lost and of late samples."""
-
-    noise: np.random.Generator
-    loss: np.random.Generator
-    lateness: np.random.Generator
-
-
 @compiled
-def run(p: Plant, c: Controller, sensor: SensorSettings, seen: SensorState, sources: Sources,
-        table: Array, truth: bool, out: Array) -> tuple[int, int, int, int]:
+def run(p: CompiledPlant, c: Controller, given: Any, table: Array, truth: bool, out: Array
+        ) -> tuple[int, int, int, int]:
     """
     Run the closed loop from the first sample to the last.
 
     Parameters
     ----------
-    p, c, sensor, seen, sources
-        Plant, controller, sensors with the first measurement, and random numbers.
+    p, c
+        Plant and controller.
+    given : array of records, shape (N,)
+        Of `PlantInput`, their torque to be filled.
     table : array, shape (N + delay, 3, n)
         q_d, dq_d and ddq_d at each sample.
     truth : bool
@@ -49,17 +41,20 @@ def run(p: Plant, c: Controller, sensor: SensorSettings, seen: SensorState, sour
         How the run ended, at which sample, with which joint, and the number of rows.
 
     """
-    n, rows = len(p.s.q), 0
-    tau = np.zeros(n)
-    for k in range(p.c.last + 1):
-        if not p.s.lost:
-            control_step.step(c, k, seen.q, seen.dq, table, tau)
+    s, n, rows = p.state, len(c.now.q), 0
+    for k in range(p.parameters.last + 1):
+        tau = given[k].tau
+        if s.lost_in_a_row:
+            for i in range(n):
+                tau[i] = given[k - 1].tau[i]
+        else:
+            control_step.step(c, k, s.shown__q, s.shown__dq, table, tau)
             total = 0.0
             for i in range(n):
                 out[rows, 0, i] = k
-                out[rows, 1, i], out[rows, 2, i] = seen.q[i], seen.dq[i]
+                out[rows, 1, i], out[rows, 2, i] = s.shown__q[i], s.shown__dq[i]
                 if truth:
-                    out[rows, 1, i], out[rows, 2, i] = p.s.q[i], p.s.dq[i]
+                    out[rows, 1, i], out[rows, 2, i] = s.motion__q[i], s.motion__dq[i]
                 out[rows, 3, i], out[rows, 4, i] = tau[i], c.now.v[i]
                 total += tau[i] + c.now.v[i]
             if not isfinite(total):
@@ -68,8 +63,11 @@ def run(p: Plant, c: Controller, sensor: SensorSettings, seen: SensorState, sour
                 if not abs(c.now.e[i]) <= c.c.error_limit[i]:
                     return BEYOND, k, i, rows
             rows += 1
-        if k < p.c.last:
-            if not plant.step(p, tau, sources.loss, sources.lateness):
+        if k < p.parameters.last:
+            plant.step(p, given[k])
+            total = 0.0
+            for i in range(n):
+                total += s.motion__q[i] + s.motion__dq[i]
+            if not isfinite(total):
                 return DIVERGED, k, 0, rows
-            measure(p.s.q, p.s.dq, sensor, seen, sources.noise)
-    return FINISHED, p.c.last, 0, rows
+    return FINISHED, p.parameters.last, 0, rows

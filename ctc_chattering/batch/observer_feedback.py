@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ctc_chattering.batch.arm import Arm, BodyScratch
 from ctc_chattering.batch.compiler import compiled
 from ctc_chattering.batch.control_state import Evaluated
 from ctc_chattering.batch.dynamics import evaluate
@@ -17,6 +16,7 @@ from ctc_chattering.control.laws.observer_feedback import (
     unobserved,
 )
 from ctc_chattering.control.state_observer import Observed
+from ctc_chattering.dynamics.arm import Arm, BodyScratch
 from ctc_chattering.numerics.compilable import dot, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.simd.records import load, packed, store, value, write

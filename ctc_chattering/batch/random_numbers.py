@@ -1,45 +1,31 @@
-"""
-The random numbers of the reference, for the same seed.
-
-A `numpy.random.Generator` on the state of a `random.Random` draws the same numbers in [0, 1).
-"""
+"""Many random numbers at once, those of `random.Random`."""
 
 from __future__ import annotations
 
 from math import cos, log, pi, sin, sqrt
 from random import Random
 
-from ctc_chattering.batch.compiler import inlined
+from ctc_chattering.batch.compiler import compiled
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 
-def generator(seed: int | str) -> np.random.Generator:
-    """Return a source of the numbers of ``Random(seed).random()``."""
-    *key, position = Random(seed).getstate()[1]
+def normal_numbers(random: Random, count: int) -> Array:
+    """Return the next `count` numbers of ``random.gauss(0.0, 1.0)``; `random` stays as it is."""
+    if not count:
+        return np.zeros(0)
+    _, (*key, position), kept = random.getstate()
     bits = np.random.MT19937()
     bits.state = {'bit_generator': 'MT19937',
                   'state': {'key': np.array(key, np.uint32), 'pos': position}}
-    return np.random.Generator(bits)
+    made = np.random.Generator(bits).random(count + 1)
+    box_muller(made)
+    return made[:count] if kept is None else np.concatenate(([kept], made))[:count]
 
 
-@inlined
-def gauss(source: np.random.Generator, kept: Array) -> float:
-    """
-    Return a number of the standard normal distribution, as `Random.gauss` makes it.
-
-    Parameters
-    ----------
-    source : Generator
-        As `generator` returns it.
-    kept : array, shape (2,)
-        Whether there is a second number of the last pair (Box & Muller), and that number.
-
-    """
-    if kept[0]:
-        kept[0] = 0.0
-        return float(kept[1])
-    angle = 2.0 * pi * source.random()
-    radius = sqrt(-2.0 * log(1.0 - source.random()))
-    kept[0], kept[1] = 1.0, sin(angle) * radius
-    return cos(angle) * radius
+@compiled
+def box_muller(x: Array) -> None:
+    """Replace pairs of numbers in [0, 1) by pairs of the standard normal distribution."""
+    for i in range(0, len(x) - 1, 2):
+        angle, radius = 2.0 * pi * x[i], sqrt(-2.0 * log(1.0 - x[i + 1]))
+        x[i], x[i + 1] = cos(angle) * radius, sin(angle) * radius

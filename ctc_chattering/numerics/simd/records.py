@@ -12,7 +12,7 @@ import inspect
 from typing import Any, get_type_hints
 
 from ctc_chattering.numerics import compilable
-from ctc_chattering.numerics.simd import matrices, vectors
+from ctc_chattering.numerics.simd import joint_by_joint, matrices, vectors  # noqa: F401
 from ctc_chattering.numerics.simd.matrices import MatrixType
 from ctc_chattering.numerics.simd.vectors import lowered, overloaded, read, VectorType
 from numba import types
@@ -120,7 +120,8 @@ def _store(fields: Any, value: Any) -> Any:
 
 def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
-    return numpy_record({name: np.asarray(x, float) for name, x in _flat(value, '')})
+    return numpy_record({name: np.asarray(x, np.int64 if type(x) is int else float)
+                         for name, x in _flat(value, '')})
 
 
 def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:

@@ -19,14 +19,14 @@ import numpy.typing as npt
 
 @dataclasses.dataclass
 class Arm:
-    """A model of n joints; with no bodies it is the two-link arm in closed form."""
+    """A model of n joints: a tree of bodies, or the two-link arm."""
 
-    #: Acceleration of gravity, downwards [m/s²].
+    #: Whether it is the two-link arm, in closed form, which has no bodies.
+    closed: bool
+    #: Acceleration of gravity, downwards [m/s²], and a factor of M, C and G. Those of a tree are
+    #: in its masses.
     gravity: float
-    #: Factors of M and C, and of G, for a controller that knows its arm badly; those of a tree
-    #: are in its masses and its gravity.
-    inertia_scale: float
-    gravity_scale: float
+    scale: float
     #: Body that carries each body; -1 for the base. Shape (n,).
     parent: npt.NDArray[np.int64]
     #: Whether the joint is prismatic, shape (n,).
@@ -67,12 +67,11 @@ class BodyScratch:
     momentum: Array
     #: Force on a body: moment and force (6).
     force: Array
-    #: Of `forward_dynamics`: M, C dq + G, and those of the joints that are free.
+    #: State of the joints; M and C dq + G there.
+    q: Array
+    dq: Array
     M: Array
     bias: Array
-    part: Array
-    lower: Array
-    rest: Array
 
 
 def arm_of(model: Model, gravity: float, inertia_scale: float = 1.0, gravity_scale: float = 1.0
@@ -95,16 +94,16 @@ def arm_of(model: Model, gravity: float, inertia_scale: float = 1.0, gravity_sca
         For another model.
 
     """
+    g, c = gravity * gravity_scale / inertia_scale, inertia_scale
     if isinstance(model, UrdfModel):
-        bodies, c = model.bodies(), inertia_scale
-        return Arm(gravity * gravity_scale / c, c, gravity_scale, bodies.parent, bodies.prismatic,
-                   bodies.joint, bodies.rotation, bodies.offset, c * bodies.mass, bodies.center,
-                   c * bodies.inertia)
+        bodies = model.bodies()
+        return Arm(False, g, 1.0, bodies.parent, bodies.prismatic, bodies.joint, bodies.rotation,
+                   bodies.offset, c * bodies.mass, bodies.center, c * bodies.inertia)
     if not isinstance(model, TwoLink):
         raise CtcError(f'no compiled dynamics for the model {type(model).__name__}')
-    return Arm(gravity, inertia_scale, gravity_scale, np.zeros(0, np.int64), np.zeros(0, np.bool_),
-               np.zeros(0, np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0),
-               np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
+    return Arm(True, g, c, none.astype(np.int64), none.astype(np.bool_), none.astype(np.int64),
+               square, row, none, row, square)
 
 
 def body_scratch(n: int) -> BodyScratch:
@@ -113,4 +112,4 @@ def body_scratch(n: int) -> BodyScratch:
         return np.zeros((n, *shape))
     return BodyScratch(
         rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
-        rows(3, 3), rows(3), rows(6), rows(n), rows(), rows(n), rows(n), rows())
+        rows(3, 3), rows(3), rows(6), rows(), rows(), rows(n), rows())

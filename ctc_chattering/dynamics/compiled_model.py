@@ -1,0 +1,61 @@
+"""What compiled code has in the place of a `Model`: the terms of (1) of either kind of arm."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ctc_chattering.dynamics import tree, two_link
+from ctc_chattering.numerics.compilable import dot, function, record, solve_where, truths
+from ctc_chattering.numerics.simd.records import value, write
+
+
+@record
+class CompiledModel(NamedTuple):
+    """An arm with the memory in which its terms are computed, each a NumPy record."""
+
+    arm: Any
+    body: Any
+
+    def mass_and_bias(self, q: Any, dq: Any) -> Any:
+        """Return M and C dq + G; see `Model.mass_and_bias`. The next call changes M."""
+        arm, s = self.arm, self.body
+        write(s.q, q)
+        write(s.dq, dq)
+        if arm.closed:
+            m11, m12, m22 = two_link.inertia(q)
+            b1, b2 = two_link.bias(arm.gravity, q, dq)
+            s.M[0, 0], s.M[0, 1] = arm.scale * m11, arm.scale * m12
+            s.M[1, 0], s.M[1, 1] = arm.scale * m12, arm.scale * m22
+            s.bias[0], s.bias[1] = arm.scale * b1, arm.scale * b2
+        else:
+            tree.place(arm, s.q, s)
+            tree.weigh(arm, s)
+            tree.move(arm, s.dq, s)
+            tree.bias(arm, s, s.dq, s.bias)
+            tree.mass_matrix(arm, s, s.M)
+        return value(s.M), value(s.bias)
+
+    def forward_dynamics(self, q: Any, dq: Any, u: Any, fixed_joints: int) -> Any:
+        """Return ddq; see `Model.forward_dynamics`."""
+        M, bias = self.mass_and_bias(q, dq)
+        return solve_where(~truths(fixed_joints, u), M, u - bias)
+
+    def reaction(self, q: Any, dq: Any, u: Any, fixed_joints: int) -> Any:
+        """Return what holds fixed joints; see `Model.reaction`."""
+        M, bias = self.mass_and_bias(q, dq)
+        return u - bias - dot(M, solve_where(~truths(fixed_joints, u), M, u - bias))
+
+
+@function
+def evaluate(arm: Any, q: Any, dq: Any, s: Any, M: Any, C: Any, G: Any) -> None:
+    """Set M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,), of an `Arm`."""
+    if arm.closed:
+        c = arm.scale
+        m11, m12, m22 = two_link.inertia(q)
+        c11, c12, c21 = two_link.coriolis(q, dq)
+        g1, g2 = two_link.gravity_torque(arm.gravity, q)
+        M[0, 0], M[0, 1], M[1, 0], M[1, 1] = c * m11, c * m12, c * m12, c * m22
+        C[0, 0], C[0, 1], C[1, 0], C[1, 1] = c * c11, c * c12, c * c21, 0.0
+        G[0], G[1] = c * g1, c * g2
+    else:
+        tree.evaluate(arm, q, dq, s, M, C, G)
