@@ -20,6 +20,7 @@ from ctc_chattering.simulation.plant_step import (
     PlantState,
     stepped,
 )
+from ctc_chattering.simulation.sensor import Measured
 import numpy as np
 
 
@@ -42,7 +43,7 @@ def compiled_plant(plant: Plant, arm: Arm) -> CompiledPlant:
         record(arm), record(body_scratch(plant.n)), packed(PlantParameters(
             plant.mechanics, plant.drives, plant.sensor.encoders, config.sample_loss,
             plant.last)),
-        packed(PlantState(0, plant.driven, plant.motion, plant.measured, 0)),
+        packed(PlantState(0, plant.driven, plant.motion, Measured(*plant.measured), 0)),
         np.zeros((max(config.input_delay, 1), plant.n)))
 
 

@@ -67,10 +67,11 @@ class BodyScratch:
     momentum: Array
     #: Force on a body: moment and force (6).
     force: Array
-    #: State of the joints; M and C dq + G there.
+    #: State of the joints; M, C and C dq + G there.
     q: Array
     dq: Array
     M: Array
+    C: Array
     bias: Array
 
 
@@ -112,4 +113,4 @@ def body_scratch(n: int) -> BodyScratch:
         return np.zeros((n, *shape))
     return BodyScratch(
         rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
-        rows(3, 3), rows(3), rows(6), rows(), rows(), rows(n), rows())
+        rows(3, 3), rows(3), rows(6), rows(), rows(), rows(n), rows(n), rows())

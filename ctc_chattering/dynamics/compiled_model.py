@@ -22,11 +22,9 @@ class CompiledModel(NamedTuple):
         write(s.q, q)
         write(s.dq, dq)
         if arm.closed:
-            m11, m12, m22 = two_link.inertia(q)
-            b1, b2 = two_link.bias(arm.gravity, q, dq)
-            s.M[0, 0], s.M[0, 1] = arm.scale * m11, arm.scale * m12
-            s.M[1, 0], s.M[1, 1] = arm.scale * m12, arm.scale * m22
-            s.bias[0], s.bias[1] = arm.scale * b1, arm.scale * b2
+            evaluate(arm, s.q, s.dq, s, s.M, s.C, s.bias)
+            for i in range(2):
+                s.bias[i] += s.C[i, 0] * dq[0] + s.C[i, 1] * dq[1]
         else:
             tree.place(arm, s.q, s)
             tree.weigh(arm, s)
@@ -50,12 +48,10 @@ class CompiledModel(NamedTuple):
 def evaluate(arm: Any, q: Any, dq: Any, s: Any, M: Any, C: Any, G: Any) -> None:
     """Set M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,), of an `Arm`."""
     if arm.closed:
-        c = arm.scale
-        m11, m12, m22 = two_link.inertia(q)
-        c11, c12, c21 = two_link.coriolis(q, dq)
-        g1, g2 = two_link.gravity_torque(arm.gravity, q)
+        m11, m12, m22, k, g1, g2 = two_link.terms(arm.gravity, q)
+        c, k = arm.scale, arm.scale * k
         M[0, 0], M[0, 1], M[1, 0], M[1, 1] = c * m11, c * m12, c * m12, c * m22
-        C[0, 0], C[0, 1], C[1, 0], C[1, 1] = c * c11, c * c12, c * c21, 0.0
+        C[0, 0], C[0, 1], C[1, 0], C[1, 1] = -k * dq[1], -k * (dq[0] + dq[1]), k * dq[0], 0.0
         G[0], G[1] = c * g1, c * g2
     else:
         tree.evaluate(arm, q, dq, s, M, C, G)

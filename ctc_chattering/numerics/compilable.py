@@ -10,7 +10,7 @@ Such code uses on vectors: arithmetic, comparisons, ``&``, ``|``, ``[i]``, ``.al
 functions of this module. It changes nothing in place: memory goes in and comes out as a record.
 
 The plant has many operations on few numbers: its vectors are lists, on which plain Python is
-faster than with small arrays. Its code uses ``[i]``, `each`, `every`, `along`, `least`,
+faster than with small arrays. Its code uses ``[i]``, ``in``, `each`, `every`, `along`, `least`,
 `bits` and `exchanged`.
 """
 
@@ -94,6 +94,8 @@ def every(x: float) -> Iterable[float]:
 
 def along(x: Vector, step: float, direction: Vector) -> Vector:
     """Return x + step direction, shape (n,)."""
+    if len(x) == 2:  # Written out, this takes a quarter of the time.
+        return [x[0] + step * direction[0], x[1] + step * direction[1]]
     return [a + step * b for a, b in zip(x, direction)]
 
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ctc_chattering.numerics.compilable import along, each, every, function
+from ctc_chattering.numerics.compilable import along, function
 from ctc_chattering.numerics.linear_algebra import Vector
 
 Load = tuple[Vector, Vector, Vector]
 
 
 @function
-def simpson(x: float, sixth: float, k1: float, k2: float, k3: float, k4: float) -> float:
-    """Return x after a step of six times `sixth`."""
-    return x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
+def simpson(x: Vector, sixth: float, k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
+    """Return x + sixth (k1 + 2 (k2 + k3) + k4), shape (n,)."""
+    middle = along(k1, 2.0, along(k2, 1.0, k3))
+    return along(x, sixth, along(middle, 1.0, k4))
 
 
 @function
@@ -45,5 +46,4 @@ def step(f: Callable[[Any, Vector, Vector, Vector], Vector], system: Any, q: Vec
     c = f(system, along(q, half, v2), v3, load[1])
     v4 = along(dq, h, c)
     d = f(system, along(q, h, v3), v4, load[2])
-    return (each(simpson, q, every(h / 6.0), dq, v2, v3, v4),
-            each(simpson, dq, every(h / 6.0), a, b, c, d))
+    return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, a, b, c, d)

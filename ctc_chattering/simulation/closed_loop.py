@@ -6,6 +6,7 @@ from array import array
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from itertools import chain
 from numbers import Real
 from typing import Any
 
@@ -143,11 +144,15 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     motion = make_motion(
         reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
+    in_order = reference.joint_names == controller.joint_names
     period = period_ns(plant.control_period)
     last = samples(plant.duration, period)
 
     def desired(k: int) -> Point:
-        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in motion.at(k * period))
+        point = motion.at(k * period)
+        if in_order:
+            return point
+        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
         return q_d, dq_d, ddq_d
 
     points = deque(map(desired, range(controller.input_delay)))
@@ -166,9 +171,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         sample = _step(law, t, *robot.measured, point, points)
         tau = sample.tau
         record.append(t)
-        for row in ((robot.q, robot.dq) if truth else robot.measured, point, (tau, sample.v)):
-            for column in row:
-                record.extend(column)
+        state = (robot.q, robot.dq) if truth else robot.measured
+        record.extend(chain(*state, *point, tau, sample.v))
         if k < last:
             robot.step(tau)
         if progress is not None and k % max(1, last // 100) == 0:

@@ -14,10 +14,9 @@ parts have a closed form, so that no integrator is needed and T may be shorter t
 from __future__ import annotations
 
 from math import copysign, exp
-import operator
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import each, every, exchanged, function, record
+from ctc_chattering.numerics.compilable import along, each, every, exchanged, function, record
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.simulation.sensor import quantised
 
@@ -144,6 +143,6 @@ def driven(drives: Drives, before: Driven, transit: list[Vector], k: int, tau: V
         command = each(within, command, drives.saturation)
     if drives.ideal:
         return Driven(tau, command, before.gap, command)
-    gap = each(operator.sub, command, before.torque)
+    gap = along(command, -1.0, before.torque)
     return Driven(tau, command, gap, each(
         plus_error, command, gap, drives.lag, drives.rate, every(drives.period)))

@@ -30,7 +30,6 @@ from ctc_chattering.simulation.friction import (
     Friction,
     holding,
     less_asymmetry,
-    less_friction,
     less_velocity_friction,
     loaded,
     margin_of_sliding,
@@ -81,9 +80,10 @@ class Motion(NamedTuple):
     #: Position [rad] and velocity [rad/s].
     q: Vector
     dq: Vector
-    #: As `modes` returns them, and whether they are decided.
+    #: As `modes` returns them, friction of sliding near rest [N·m], and whether all this is decided.
     mode: Vector
     fixed_joints: int
+    friction: Vector
     decided: float
 
 
@@ -113,6 +113,9 @@ class Smooth(NamedTuple):
     #: Time of its start [s], and command less the friction of sliding near rest [N·m].
     t: float
     load: Vector
+    #: The arm, and whether friction depends on the velocity, as `mechanism` has them.
+    model: Any
+    rubbing: float
 
 
 @function
@@ -191,9 +194,9 @@ def in_motion(mechanism: Mechanism, now: Acting, load: Vector, dq: Vector, mode:
 @function
 def acceleration(at: Smooth, q: Vector, dq: Vector, u: Vector) -> Vector:
     """Return ddq of (1), shape (n,) [rad/s²]; `u` has the friction near rest subtracted."""
-    if at.mechanism.mechanics.friction.by_velocity or at.mechanism.mechanics.friction.own:
+    if at.rubbing:
         u = in_motion(at.mechanism, at.acting, u, dq, at.start.mode)
-    ddq: Vector = at.mechanism.model.forward_dynamics(q, dq, u, at.start.fixed_joints)
+    ddq: Vector = at.model.forward_dynamics(q, dq, u, at.start.fixed_joints)
     return ddq
 
 
@@ -234,7 +237,7 @@ def decided(mechanism: Mechanism, now: Acting, q: Vector, dq: Vector, t: float) 
     u = total(mechanism.mechanics, now, now.commanded, t, 0.0)
     u = in_motion(mechanism, now, u, dq, each(direction, dq))
     mode, fixed = modes(mechanism.model, q, dq, u, now.breakaway)
-    return Motion(q, dq, mode, fixed, 1.0)
+    return Motion(q, dq, mode, fixed, each(operator.mul, now.breakaway, mode), 1.0)
 
 
 @function
@@ -242,8 +245,8 @@ def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: fl
     """Return the motion after `h` [s] from `t` [s], through any change of mode."""
     q, dq = start.q, start.dq
     for event in range(_MAX_EVENTS + 1):
-        at = Smooth(mechanism, now, start, t, each(
-            less_friction, now.commanded, now.breakaway, start.mode))
+        at = Smooth(mechanism, now, start, t, along(now.commanded, -1.0, start.friction),
+                    mechanism.model, mechanism.mechanics.friction.by_velocity)
         q, dq = after(at, h)
         held = margin(at, h, q, dq)
         if held >= 0.0 or event == _MAX_EVENTS:
@@ -252,15 +255,14 @@ def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: fl
         q, dq = after(at, s)
         start = decided(mechanism, now, q, each(stopped, dq, start.mode), t + s)
         t, h = t + s, h - s
-    return Motion(q, dq, start.mode, start.fixed_joints, 1.0)
+    return Motion(q, dq, start.mode, start.fixed_joints, start.friction, 1.0)
 
 
 @function
 def advanced(mechanism: Mechanism, now: Acting, motion: Motion) -> Motion:
     """Return the motion a sample period later."""
     p, t = mechanism.mechanics, now.start
-    if not motion.decided or motion.fixed_joints or p.friction.loaded or (
-            least(each(abs, motion.dq)) == 0.0):
+    if not motion.decided or motion.fixed_joints or p.friction.loaded or 0.0 in motion.dq:
         motion = decided(mechanism, now, motion.q, motion.dq, t)
     for i in range(p.steps):
         motion = integrated(mechanism, now, motion, t + i * p.step, p.step)

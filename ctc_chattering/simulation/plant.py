@@ -60,7 +60,8 @@ class Plant(Robot):
             self._encoders = (elastic.motors if config.encoder_side == 'motor'
                               else range(self.model.n))
         self.own: Any = NoFriction()
-        self.motion = Motion(*start, [0.0] * self._coupled.n, 0, 0.0)
+        rest = [0.0] * self._coupled.n
+        self.motion = Motion(*start, rest, 0, rest, 0.0)
         super().__init__(config, *maps, longest)
         self.configure(config)
 

@@ -135,10 +135,10 @@ class Sensor:
         self.random = Random(seed)
         self._shown: Measured | None = None
 
-    def measure(self, q: Vector, dq: Vector) -> Measured:
+    def measure(self, q: Vector, dq: Vector) -> tuple[Vector, Vector]:
         """Return position [rad] and velocity [rad/s] as measured, each of shape (n,)."""
         if self.perfect:
-            return Measured(q, dq)
+            return q, dq
         sensor, before = self.encoders, self._shown
         if before is None:
             before = Measured(q, dq)

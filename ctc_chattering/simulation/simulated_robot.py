@@ -171,7 +171,6 @@ class Robot(ABC):
             If the motion leaves the range of floating-point numbers.
 
         """
-        t = self.t
         try:
             command = [float(x) for x in tau]
         except (TypeError, ValueError, OverflowError):
@@ -180,29 +179,27 @@ class Robot(ABC):
             raise ParameterError('tau', tau, f'{self.n} numbers')
         tau = command
         if not isfinite(sum(tau)):
-            raise CtcError(f'the torque {tau} at t = {t:g} s is not finite')
+            raise CtcError(f'the torque {tau} at t = {self.t:g} s is not finite')
         late = self.lateness.random() if self.config.late_samples else 1.0
         self.driven = driven(self.drives, self.driven, self._transit, self.k, tau, late)
+        drives = self.driven
+        if self._on_motors is not _joints:
+            drives = Driven(*map(self._on_motors, drives))
         try:
-            self._move(self._acting())
+            self._move(acting(self.mechanics, drives, self.k))
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError
         except (ArithmeticError, ValueError):  # sin(inf)
             shown = ', '.join(f'{x:.4g}' for x in self.driven.commanded)
-            raise CtcError(f'the motion of the plant diverged at t = {t:g} s, '
+            raise CtcError(f'the motion of the plant diverged at t = {self.t:g} s, '
                            f'under a torque of [{shown}] N*m') from None
         self.k += 1
-        self.measured = self.sensor.measure(*self._seen())
-        loss = self.loss.random() if self.config.sample_loss else 1.0
-        self._lost_in_a_row = lost_in_a_row(
-            self.config.sample_loss, loss, self._lost_in_a_row, self.k, self.last)
-
-    def _acting(self) -> Acting:
-        """Return what acts over the present period."""
-        drives = self.driven
-        if self._on_motors is not _joints:
-            drives = Driven(*map(self._on_motors, drives))
-        return acting(self.mechanics, drives, self.k)
+        seen = self._seen()
+        self.measured = seen if self.sensor.perfect else self.sensor.measure(*seen)
+        if self._lost_in_a_row or self.config.sample_loss:
+            loss = self.loss.random() if self.config.sample_loss else 1.0
+            self._lost_in_a_row = lost_in_a_row(
+                self.config.sample_loss, loss, self._lost_in_a_row, self.k, self.last)
 
     @abstractmethod
     def _move(self, now: Acting) -> None:

@@ -14,6 +14,7 @@ from ctc_chattering.numerics.simd.records import packed, register
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import PlantState
+from ctc_chattering.simulation.sensor import Measured
 import numpy as np
 import pytest
 
@@ -51,7 +52,7 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
 def at(plant: Plant, k: int) -> Any:
     """Return the numbers of the plain plant as compiled code has its own."""
     return packed(PlantState(k, plant.driven, plant.motion._replace(decided=1.0),
-                             plant.measured, plant._lost_in_a_row))
+                             Measured(*plant.measured), plant._lost_in_a_row))
 
 
 def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tuple[float, int]:

@@ -246,6 +246,13 @@ def _item(x: Any, i: Any) -> Any:
     return None
 
 
+@overloaded(operator.contains)
+def _contains(x: Any, value: Any) -> Any:
+    if is_vector(x):
+        return lambda x, value: (x == value).any()
+    return None
+
+
 @lowered
 def with_element(_typing: Any, x: Any, i: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
