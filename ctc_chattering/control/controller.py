@@ -8,12 +8,14 @@ from math import isfinite
 from typing import Any, NamedTuple, NoReturn
 
 from ctc_chattering.arguments import checked, vector
+from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.control_step import control_memory, in_transit, step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.evaluation import control_settings, Models
 from ctc_chattering.control.handover import taken_over
 from ctc_chattering.control.laws.base import Law
 from ctc_chattering.control.laws.registry import law_class
+from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.scaled_model import Scaled
@@ -84,13 +86,18 @@ class Controller:
     @checked(config=ControllerConfig, model=(Model, type(None)))
     def __init__(self, config: ControllerConfig, model: Model | None = None) -> None:
         n = len(config.joint_names)
-        self.model = model or model_of(config)
+        self.model = known = model or model_of(config)
         if self.model.n != n:
             raise CtcError(f'joint_names: {list(config.joint_names)} are not allowed with a model '
                            f'of {self.model.n} joints')
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         self._models = Models(self.model, self.model, self.model)
+        self._arm: Arm | None = None
+        if config.compiled:
+            self._arm = arm_of(known, config.gravity, config.inertia_scale, config.gravity_scale)
+        #: The machine code of the steps until the next change; None for plain Python.
+        self._compiled: CompiledStep | None = None
         #: Laws that have been in force since the last reset, with what they remember.
         self._laws: dict[str, tuple[Law, Any]] = {}
         self.configure(config)
@@ -104,6 +111,7 @@ class Controller:
         The filter state ξ is preserved, so that v has no step (unless b itself changes), and
         so are integrals and estimates. `handover` says how another law takes over.
         """
+        self._take_back()
         law = law_class(config.law).made(config, seconds(period_ns(config.control_period)))
         before = self._laws.get(config.law)
         self._laws[config.law] = law, (
@@ -124,6 +132,7 @@ class Controller:
 
         """
         rest = np.zeros(self.model.n) if held is None else vector('held', held, self.model.n)
+        self._compiled, self._prepared = None, False
         self.memory = control_memory(rest)
         self.transit = in_transit(self.model.n, self.config.input_delay)
         self._laws = {self.config.law: (self.law, self.law.start())}
@@ -135,6 +144,25 @@ class Controller:
     def law_memory(self) -> Any:
         """What the law in force remembers."""
         return self._laws[self.config.law][1]
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the next step is machine code."""
+        return self._compiled is not None
+
+    def compiled_step(self) -> CompiledStep | None:
+        """Return the step from now on as machine code takes it; None where it cannot."""
+        if self._arm is None:
+            return None
+        return CompiledStep(self.settings, self.law, self.memory, self.law_memory, self.transit,
+                            self._arm)
+
+    def _take_back(self) -> None:
+        """Go on with what machine code remembers, as plain Python."""
+        if self._compiled is not None:
+            self.memory, memory = self._compiled.memories()
+            self._laws[self.config.law] = self.law, memory
+        self._compiled, self._prepared = None, False
 
     def prepare(self, rows: Array) -> None:
         """
@@ -155,6 +183,9 @@ class Controller:
                 self.model, rows)
             self._laws[self.config.law] = self.law, law_memory
         self._before = self.config.law
+        step = self.compiled_step()
+        self._compiled = step if step is not None and step.code.compiled else None
+        self._prepared = True
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
              ahead: Sequence[Point] = ()) -> Sample:
@@ -180,7 +211,13 @@ class Controller:
             wrong = True
         if wrong:
             self._refuse((q, dq, q_d, dq_d, ddq_d), ahead)
-        self.prepare(rows)
+        if not self._prepared:
+            self.prepare(rows)
+        if self._compiled is not None:
+            self._compiled.measured[:], self._compiled.points[:] = rows[:2], rows[2:]
+            self._compiled.step()
+            *made, lost = self._compiled.made.tolist()
+            return Sample(*made, lost if any(lost) else None)
         now, terms, sent, self.memory, law_memory = step(
             self.settings, self.law, self.memory, self.law_memory, self._models, rows[0], rows[1],
             rows[2:], self.transit)

@@ -28,3 +28,7 @@ class RobotConfig(Config):
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
+    compiled: bool = parameter(
+        'compiled', 'bool', True,
+        'Compute by the machine code that `ctc compile` has made, where there is any.',
+        read_only=True)

@@ -18,7 +18,17 @@ from numbers import Real
 
 from ctc_chattering.arguments import checked
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.linear_algebra import Rows, Vector
+from ctc_chattering.numerics.compilable import function
+from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
+import numpy as np
+
+
+@function
+def terms(gravity: float, q: Vector) -> tuple[float, float, float, float, float, float]:
+    """Return M11, M12, M22 [kg·m²], 0.51 s2 [kg·m²], and G [N·m]."""
+    c2, g12 = cos(q[1]), 0.63 * gravity * sin(q[0] + q[1])
+    return (8.77 + 1.02 * c2, 0.76 + 0.51 * c2, 0.62, 0.51 * sin(q[1]),
+            7.6 * gravity * sin(q[0]) + g12, g12)
 
 
 class TwoLink(Model):
@@ -37,58 +47,45 @@ class TwoLink(Model):
     @checked(gravity=Real)
     def __init__(self, gravity: float = 9.81) -> None:
         self.gravity = gravity
-        self._g1 = 7.6 * gravity
-        self._g2 = 0.63 * gravity
+
+    def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
+        """Return M(q), C(q, dq) and G(q) as arrays, shapes (2, 2), (2, 2) and (2,)."""
+        m11, m12, m22, k, *gravity = terms(self.gravity, q.tolist())
+        v1, v2 = dq.tolist()
+        return (np.array(((m11, m12), (m12, m22))),
+                np.array(((-k * v2, -k * (v1 + v2)), (k * v1, 0.0))), np.array(gravity))
 
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (2, 2)."""
-        c2 = cos(q[1])
-        m12 = 0.76 + 0.51 * c2
-        return ((8.77 + 1.02 * c2, m12), (m12, 0.62))
+        m11, m12, m22, *_ = terms(self.gravity, q)
+        return (m11, m12), (m12, m22)
 
     def coriolis_matrix(self, q: Vector, dq: Vector) -> Rows:
         """Return C(q, dq), shape (2, 2)."""
-        k = 0.51 * sin(q[1])
-        return ((-k * dq[1], -k * (dq[0] + dq[1])), (k * dq[0], 0.0))
+        k = terms(self.gravity, q)[3]
+        return (-k * dq[1], -k * (dq[0] + dq[1])), (k * dq[0], 0.0)
 
     def gravity_torque(self, q: Vector) -> Vector:
         """Return G(q), shape (2,)."""
-        g12 = self._g2 * sin(q[0] + q[1])
-        return (self._g1 * sin(q[0]) + g12, g12)
+        return terms(self.gravity, q)[4:]
 
     def potential_energy(self, q: Vector) -> float:
         """Return the potential energy, 0 where both links hang down [J]."""
-        return self._g1 * (1.0 - cos(q[0])) + self._g2 * (1.0 - cos(q[0] + q[1]))
+        return self.gravity * (7.6 * (1.0 - cos(q[0])) + 0.63 * (1.0 - cos(q[0] + q[1])))
 
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (2,)."""
-        q1, q2 = q
-        dq1, dq2 = dq
-        a1, a2 = a
-        c2 = cos(q2)
-        k = 0.51 * sin(q2)
-        m12 = 0.76 + 0.51 * c2
-        g12 = self._g2 * sin(q1 + q2)
-        return ((8.77 + 1.02 * c2) * a1 + m12 * a2 - k * dq2 * (dq1 + dq1 + dq2)
-                + self._g1 * sin(q1) + g12,
-                m12 * a1 + 0.62 * a2 + k * dq1 * dq1 + g12)
+        m11, m12, m22, k, g1, g2 = terms(self.gravity, q)
+        v1, v2 = dq
+        return (m11 * a[0] + m12 * a[1] - k * v2 * (v1 + v1 + v2) + g1,
+                m12 * a[0] + m22 * a[1] + k * v1 * v1 + g2)
 
     def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
         """Return ddq, shape (2,), with the joints of the bit mask `fixed_joints` held still."""
-        q1, q2 = q
-        dq1, dq2 = dq
-        c2 = cos(q2)
-        k = 0.51 * sin(q2)
-        g12 = self._g2 * sin(q1 + q2)
-        r1 = u[0] + k * dq2 * (dq1 + dq1 + dq2) - self._g1 * sin(q1) - g12
-        r2 = u[1] - k * dq1 * dq1 - g12
-        if not fixed_joints:
-            m11 = 8.77 + 1.02 * c2
-            m12 = 0.76 + 0.51 * c2
-            det = m11 * 0.62 - m12 * m12
-            return ((0.62 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det)
-        if fixed_joints == 1:
-            return (0.0, r2 / 0.62)
-        if fixed_joints == 2:
-            return (r1 / (8.77 + 1.02 * c2), 0.0)
-        return (0.0, 0.0)
+        m11, m12, m22, k, g1, g2 = terms(self.gravity, q)
+        v1, v2 = dq
+        r1, r2 = u[0] + k * v2 * (v1 + v1 + v2) - g1, u[1] - k * v1 * v1 - g2
+        if fixed_joints:
+            return 0.0 if fixed_joints & 1 else r1 / m11, 0.0 if fixed_joints & 2 else r2 / m22
+        det = m11 * m22 - m12 * m12
+        return (m22 * r1 - m12 * r2) / det, (m11 * r2 - m12 * r1) / det

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
+
+from ctc_chattering.numerics.compilable import function
 
 #: Enough for 40 bisections, one step in eight.
 _MAX_STEPS = 330
 
 
-def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: float) -> float:
+@function
+def first_negative(f: Callable[[Any, float], float], system: Any, end: float, f_end: float,
+                   tol: float) -> float:
     """
-    Return s in (0, end] with f(s) < 0 and a sign change within `tol` before it.
+    Return s in (0, end] with f(system, s) < 0 and a sign change within `tol` before it.
 
     The regula falsi with the Illinois rule, bisecting where that is slow. `f` may be 0 at 0 and
     rise from there (a joint that starts to slide): the sign change after the rise is found.
@@ -19,22 +24,24 @@ def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: f
     ----------
     f : callable
         Not negative just after 0.
+    system : Any
+        Handed on to `f`.
     end : float
         Where `f` is negative.
     f_end : float
-        f(end).
+        f(system, end).
     tol : float
         Width of the bracket that is small enough.
 
     """
     high, f_high = end, f_end
-    low, f_low = 0.5 * end, f(0.5 * end)
+    low, f_low = 0.5 * end, f(system, 0.5 * end)
     while f_low < 0.0:
         high, f_high = low, f_low
         low *= 0.5
         if low < tol:
             return high
-        f_low = f(low)
+        f_low = f(system, low)
     kept = 0
     for step in range(_MAX_STEPS):
         if high - low <= tol:
@@ -42,7 +49,7 @@ def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: f
         s = low + (high - low) * (0.5 if step % 8 == 7 else f_low / (f_low - f_high))
         if not low < s < high:
             s = 0.5 * (low + high)
-        value = f(s)
+        value = f(system, s)
         if value < 0.0:
             high, f_high = s, value
             if kept < 0:

@@ -89,14 +89,15 @@ class Code:
     @property
     def path(self) -> Path:
         """The file of the machine code."""
-        text = f'{source_key()} {_processor()} {_origin(self.function)} {self.layouts}'
-        key = hashlib.sha256(text.encode()).hexdigest()[:16]
-        return cache_directory() / f'{self.name}-{key}.o'
+        return cache_directory() / f'{self.name}-{_key(self.function, self.layouts)}.o'
 
     @property
     def compiled(self) -> bool:
-        """Whether there is machine code."""
-        return self.path.exists()
+        """Whether there is machine code, and what is needed to load it."""
+        try:
+            return self.path.exists()
+        except ImportError:
+            return False
 
     def address(self) -> int:
         """Return where the machine code is."""
@@ -174,6 +175,13 @@ def _of_the_user(directory: Path) -> bool:
     """Return whether nobody else can put machine code there."""
     status = directory.stat()
     return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+@lru_cache(1024)
+def _key(function: Callable[..., int], layouts: tuple[Layout, ...]) -> str:
+    """Return a word for all that machine code depends on."""
+    text = f'{source_key()} {_processor()} {_origin(function)} {layouts}'
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _origin(function: Callable[..., int]) -> str:

@@ -54,7 +54,15 @@ def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
     kinds = {name: np.zeros((), np.int8) for name in _marks(value, '')}
     return numpy_record(
-        {**{name: np.asarray(x, float) for name, x in _flat(value, '')}, **kinds})
+        {**{name: np.asarray(x, np.int64 if type(x) is int else float)
+            for name, x in _flat(value, '')}, **kinds})
+
+
+def record_of(values: Any) -> Any:
+    """Return a NumPy record of the fields of `values`, a data class."""
+    fields = {name: np.asarray(x) for name, x in vars(values).items()}
+    return numpy_record({
+        name: x.astype(np.int8) if x.dtype == bool else x for name, x in fields.items()})
 
 
 def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:

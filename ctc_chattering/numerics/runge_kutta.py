@@ -3,43 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+from ctc_chattering.numerics.compilable import along, function
 from ctc_chattering.numerics.linear_algebra import Vector
 
-#: f(q, dq, u, fixed_joints), as `Model.forward_dynamics` is.
-Dynamics = Callable[[Vector, Vector, Vector, int], Vector]
 Load = tuple[Vector, Vector, Vector]
 
 
-def step(f: Dynamics, q: Vector, dq: Vector, load: Load, fixed_joints: int, h: float
-         ) -> tuple[Vector, Vector]:
+@function
+def simpson(x: Vector, sixth: float, k1: Vector, k2: Vector, k3: Vector, k4: Vector) -> Vector:
+    """Return x + sixth (k1 + 2 (k2 + k3) + k4), shape (n,)."""
+    middle = along(k1, 2.0, along(k2, 1.0, k3))
+    return along(x, sixth, along(middle, 1.0, k4))
+
+
+@function
+def step(f: Callable[[Any, Vector, Vector, Vector], Vector], system: Any, q: Vector, dq: Vector,
+         load: Load, h: float) -> tuple[Vector, Vector]:
     """
     Return q and dq after `h`, to fourth order.
 
     Parameters
     ----------
     f : callable
-        Dynamics.
+        ddq = f(system, q, dq, u).
+    system : Any
+        Handed on to `f`.
     q, dq : sequence of float, shape (n,)
         Position [rad] and velocity [rad/s].
     load : (u(t), u(t + h/2), u(t + h))
         Torques, each of shape (n,) [N·m].
-    fixed_joints : int
-        Handed on to `f`.
     h : float
         Step [s].
 
     """
-    u0, um, u1 = load
-    half, sixth = 0.5 * h, h / 6.0
-    a = f(q, dq, u0, fixed_joints)
-    v2 = [x + half * y for x, y in zip(dq, a)]
-    b = f([x + half * y for x, y in zip(q, dq)], v2, um, fixed_joints)
-    v3 = [x + half * y for x, y in zip(dq, b)]
-    c = f([x + half * y for x, y in zip(q, v2)], v3, um, fixed_joints)
-    v4 = [x + h * y for x, y in zip(dq, c)]
-    d = f([x + h * y for x, y in zip(q, v3)], v4, u1, fixed_joints)
-    return ([x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
-             for x, k1, k2, k3, k4 in zip(q, dq, v2, v3, v4)],
-            [x + sixth * (k1 + 2.0 * (k2 + k3) + k4)
-             for x, k1, k2, k3, k4 in zip(dq, a, b, c, d)])
+    half = 0.5 * h
+    a = f(system, q, dq, load[0])
+    v2 = along(dq, half, a)
+    b = f(system, along(q, half, dq), v2, load[1])
+    v3 = along(dq, half, b)
+    c = f(system, along(q, half, v2), v3, load[1])
+    v4 = along(dq, h, c)
+    d = f(system, along(q, h, v3), v4, load[2])
+    return simpson(q, h / 6.0, dq, v2, v3, v4), simpson(dq, h / 6.0, a, b, c, d)

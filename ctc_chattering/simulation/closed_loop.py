@@ -6,6 +6,7 @@ from array import array
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from itertools import chain
 from numbers import Real
 from typing import Any
 
@@ -16,11 +17,15 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+from ctc_chattering.simulation.compiled_loop import BEYOND, CompiledLoop, DIVERGED, FINISHED
+from ctc_chattering.simulation.compiled_plant import compiled_plant, inputs
+from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.reference_table import reference_table
 from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
 import numpy.typing as npt
@@ -140,14 +145,25 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
     robot = robot or make_plant(plant)
     law = Controller(controller, model)
-    motion = make_motion(
-        reference, route, dict(zip(plant.joint_names, zip(*robot.measured))))
+    start = tuple(zip(plant.joint_names, zip(*map(tuple, robot.measured))))
+    loop = None if events else compiled_loop_of(robot, law, truth)
+    if loop is not None and loop.compiled:
+        table = reference_table(
+            reference, route, start if reference.start_duration or route is not None else (),
+            controller.joint_names, period_ns(plant.control_period),
+            robot.last + 1 + controller.input_delay)
+        return _run_of(loop, table, robot, law)
+    motion = make_motion(reference, route, dict(start))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
+    in_order = reference.joint_names == controller.joint_names
     period = period_ns(plant.control_period)
     last = samples(plant.duration, period)
 
     def desired(k: int) -> Point:
-        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in motion.at(k * period))
+        point = motion.at(k * period)
+        if in_order:
+            return point
+        q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
         return q_d, dq_d, ddq_d
 
     points = deque(map(desired, range(controller.input_delay)))
@@ -166,15 +182,55 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         sample = _step(law, t, *robot.measured, point, points)
         tau = sample.tau
         record.append(t)
-        for row in ((robot.q, robot.dq) if truth else robot.measured, point, (tau, sample.v)):
-            for column in row:
-                record.extend(column)
+        state = (robot.q, robot.dq) if truth else robot.measured
+        record.extend(chain(*state, *point, tau, sample.v))
         if k < last:
             robot.step(tau)
         if progress is not None and k % max(1, last // 100) == 0:
             progress(t)
     table = np.frombuffer(record).reshape(-1, 1 + 7 * robot.n)
     return Run(table[:, 0], *np.split(table[:, 1:], 7, axis=1))
+
+
+def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> CompiledLoop | None:
+    """
+    Return the loop as machine code takes it, before its first sample; None where it cannot.
+
+    It may have to be compiled first.
+    """
+    if type(robot) is not Plant or not robot.config.compiled:
+        return None
+    step, plant = law.compiled_step(), compiled_plant(robot)
+    if step is None or plant is None:
+        return None
+    return CompiledLoop(plant, step, inputs(robot, robot.last + 1), truth)
+
+
+def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller) -> Run:
+    """Run machine code under a reference; raise `CtcError` as `simulate` says."""
+    period, config = period_ns(robot.config.control_period), law.config
+    end, last, joint, rows = loop.run(table, np.array(config.error_limit))
+    t = seconds(last * period)
+    if end == DIVERGED:
+        raise CtcError(f'the motion of the plant diverged at t = {t:g} s')
+    if end == BEYOND:
+        raise CtcError(_beyond(config, joint, t, loop.error[joint]))
+    if end != FINISHED:
+        q, dq = loop.measured.tolist()
+        raise CtcError(_no_torque(t, q, dq))
+    at = rows[:, 0, 0].astype(int)
+    q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
+    return Run(at * period / 1e9, rows[:, 1], rows[:, 2], q_d, dq_d, ddq_d, rows[:, 3],
+               rows[:, 4])
+
+
+def _no_torque(t: float, q: Vector, dq: Vector) -> str:
+    return f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}'
+
+
+def _beyond(config: ControllerConfig, joint: int, t: float, error: float) -> str:
+    return (f'the position error of {config.joint_names[joint]} at t = {t:g} s, {error:.4g} rad, '
+            f'exceeds error_limit, {config.error_limit[joint]:g} rad')
 
 
 def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
@@ -198,12 +254,10 @@ def _step(law: Controller, t: float, q: Vector, dq: Vector, point: Point, ahead:
     """Return the law's sample at `t` [s]; raise `CtcError` if no torque may be sent for it."""
     sample = law.try_step(q, dq, *point, ahead)
     if sample is None:
-        raise CtcError(f'no torque can be computed at t = {t:g} s for {list(q)}, {list(dq)}')
+        raise CtcError(_no_torque(t, q, dq))
     i = joint_beyond(sample.e, law.config.error_limit)
     if i is not None:
-        raise CtcError(
-            f'the position error of {law.config.joint_names[i]} at t = {t:g} s, '
-            f'{sample.e[i]:.4g} rad, exceeds error_limit, {law.config.error_limit[i]:g} rad')
+        raise CtcError(_beyond(law.config, i, t, sample.e[i]))
     return sample
 
 

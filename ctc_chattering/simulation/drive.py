@@ -1,9 +1,11 @@
 """
-The drives between commanded and applied torque: a first-order lag whose rate is limited.
+The drives between the torque that is sent and the one that acts.
 
-While the command c is held, the torque τ of a drive follows, with the lag T and the rate limit R::
+A torque may come late, is in transit for some samples, is quantised and saturated: that is the
+command c, held over a period. The torque τ of a drive follows it, with the lag T and the rate
+limit R::
 
-    dτ/dt = (c - τ) / T, within ±R
+    dτ/dt = (c - τ) / T, within ±R                                                        (DR1)
 
 It rises at the rate R until |c - τ| = R T, then exponentially; without a lag it rises to c. Both
 parts have a closed form, so that no integrator is needed and T may be shorter than its step.
@@ -11,14 +13,52 @@ parts have a closed form, so that no integrator is needed and T may be shorter t
 
 from __future__ import annotations
 
-from math import copysign, exp, inf
+from math import copysign, exp
+from typing import NamedTuple
 
+from ctc_chattering.numerics.compilable import along, each, every, exchanged, function, record
 from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.simulation.sensor import quantised
 
 
+@record
+class Drives(NamedTuple):
+    """The drives of all joints; vectors of shape (n,), truth values 1.0 and 0.0."""
+
+    #: h [s]; samples in transit; probability of a late one.
+    period: float
+    delay: int
+    late_samples: float
+    #: Step of the command, 0 for none, and its largest, inf for none [N·m].
+    resolution: Vector
+    saturation: Vector
+    #: T [s] and R [N·m/s].
+    lag: Vector
+    rate: Vector
+    #: Whether any joint has a resolution, a limit, and whether none has a lag or a rate limit.
+    coarse: float
+    limited: float
+    ideal: float
+
+
+@record
+class Driven(NamedTuple):
+    """What the drives do over a period; vectors of shape (n,) [N·m]."""
+
+    #: Torque that was sent for it.
+    received: Vector
+    #: c.
+    commanded: Vector
+    #: c - τ at its start.
+    gap: Vector
+    #: τ at its end.
+    torque: Vector
+
+
+@function
 def response(gap: float, lag: float, rate: float, s: float) -> tuple[float, float]:
     """
-    Return τ - c [N·m] at `s`, and its integral from 0 to `s` [N·m·s].
+    Return τ - c [N·m] of (DR1) at `s`, and its integral from 0 to `s` [N·m·s].
 
     Parameters
     ----------
@@ -41,50 +81,68 @@ def response(gap: float, lag: float, rate: float, s: float) -> tuple[float, floa
     return now, area + lag * (rest - now)
 
 
-class Drives:
+@function
+def plus_error(x: float, gap: float, lag: float, rate: float, s: float) -> float:
+    """Return x + τ - c at `s` [s] after the command."""
+    return x + response(gap, lag, rate, s)[0]
+
+
+@function
+def plus_mean_error(x: float, gap: float, lag: float, rate: float, s: float) -> float:
+    """Return x plus the mean of τ - c until `s` [s] after the command."""
+    return x + response(gap, lag, rate, s)[1] / s
+
+
+@function
+def plus_middle_error(x: float, gap: float, lag: float, rate: float, s: float, half: float
+                      ) -> float:
     """
-    The drives of all joints.
+    Return x + τ - c for the middle of a step from `s` - `half` to `s` + `half` [s].
+
+    With it, Simpson's rule has the exact integral over the step, whatever the lag.
+    """
+    start, before = response(gap, lag, rate, s - half)
+    end, after = response(gap, lag, rate, s + half)
+    return x + (0.75 * (after - before) / half - 0.25 * (start + end))
+
+
+@function
+def within(x: float, limit: float) -> float:
+    """Return x within ±`limit`."""
+    return min(max(x, -limit), limit)
+
+
+@function
+def driven(drives: Drives, before: Driven, transit: list[Vector], k: int, tau: Vector,
+           chance: float) -> Driven:
+    """
+    Return what the drives do over the period after sample `k`.
 
     Parameters
     ----------
-    lag, rate : sequence of float, shape (n,)
-        T [s] and R [N·m/s].
-
-    Attributes
-    ----------
-    ideal : bool
-        Whether the torque is what was commanded, at once.
-    torque : list of float, shape (n,)
-        At the end of the period of the last command [N·m].
-    mean : list of float, shape (n,)
-        Over that period [N·m].
+    drives, before : Drives, Driven
+        Parameters, and the period before.
+    transit : sequence of `delay` vectors
+        Torques in transit; `tau` takes the place of the one that arrives.
+    k : int
+        Sample.
+    tau : sequence of float, shape (n,)
+        Torque sent at it [N·m].
+    chance : float
+        Number in [0, 1): below `late_samples`, this torque is late.
 
     """
-
-    def __init__(self, lag: Vector, rate: Vector) -> None:
-        self.ideal = not any(lag) and min(rate) == inf
-        self._limits = list(zip(lag, rate))
-        self._gaps = self.torque = self.mean = [0.0] * len(lag)
-
-    def command(self, tau: Vector, period: float) -> None:
-        """Take a command, shape (n,) [N·m], to be held for `period` [s]."""
-        self._gaps = [c - x for c, x in zip(tau, self.torque)]
-        ends = self._responses(period)
-        self.torque = [c + x for c, (x, _) in zip(tau, ends)]
-        self.mean = [c + area / period for c, (_, area) in zip(tau, ends)]
-
-    def error(self, s: float) -> list[float]:
-        """Return torque less command at `s` [s] after the command, shape (n,) [N·m]."""
-        return [x for x, _ in self._responses(s)]
-
-    def middle(self, s: float, half: float) -> list[float]:
-        """
-        Return the same for the middle of a step from `s` - `half` to `s` + `half` [s].
-
-        With it, Simpson's rule has the exact integral over the step, whatever the lag.
-        """
-        return [0.75 * (b - a) / half - 0.25 * (x + y) for (x, a), (y, b) in zip(
-            self._responses(s - half), self._responses(s + half))]
-
-    def _responses(self, s: float) -> list[tuple[float, float]]:
-        return [response(gap, lag, rate, s) for gap, (lag, rate) in zip(self._gaps, self._limits)]
+    command = tau
+    if chance < drives.late_samples:
+        command = before.received
+    if drives.delay > 0:
+        command = exchanged(transit, k % drives.delay, command)
+    if drives.coarse:
+        command = each(quantised, command, drives.resolution)
+    if drives.limited:
+        command = each(within, command, drives.saturation)
+    if drives.ideal:
+        return Driven(tau, command, before.gap, command)
+    gap = along(command, -1.0, before.torque)
+    return Driven(tau, command, gap, each(
+        plus_error, command, gap, drives.lag, drives.rate, every(drives.period)))

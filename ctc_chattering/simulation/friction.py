@@ -4,23 +4,146 @@ Coulomb friction as a set: F(dq) = Kf sgn(dq), and at dq = 0 any value in [-Kf, 
 A joint is in one of three modes: sliding forwards (+1), sliding backwards (-1), or at rest (0).
 At rest it sticks until the load exceeds Kf; which joints stick and which break away is one
 problem for all joints at rest together, because M couples them.
+
+What friction is, at a velocity, beyond its value near rest is a function of velocity, load and
+mode; `friction_model` adds one of your own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from math import exp, inf
+from typing import Any, NamedTuple
 
-from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.linear_algebra import Array, Vector
-import numpy as np
+from ctc_chattering.numerics.compilable import along, array, bits, each, function, least, record
+from ctc_chattering.numerics.linear_algebra import Vector
 
-Modes = tuple[int, ...]
 #: A load that rounding alone lifts above Kf breaks no joint away.
 _HOLD = 1.0 + 1e-12
 
 
-def modes(model: Model, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> Modes:
+@record
+class Friction(NamedTuple):
+    """Parameters of friction; vectors of shape (n,), truth values 1.0 and 0.0."""
+
+    #: Kf [N·m], part of the load that adds to it, asymmetry.
+    coulomb: Vector
+    share: Vector
+    asymmetry: Vector
+    #: At rest, without a load [N·m].
+    breakaway: Vector
+    #: Viscous [N·m·s/rad], Stribeck [N·m] and its velocity [rad/s].
+    viscous: Vector
+    stribeck: Vector
+    stribeck_velocity: Vector
+    #: Whether it depends on the load, the direction, the velocity, or on more than these.
+    loaded: float
+    uneven: float
+    by_velocity: float
+    own: float
+
+
+@record
+class NoFriction(NamedTuple):
+    """In the place of a `friction_model`."""
+
+    none: float = 0.0
+
+    def resistance(self, velocity: Vector, _load: Vector, _mode: Vector) -> Vector:
+        """Return what friction is beyond that of the parameters, 0, shape (n,) [N·m]."""
+        return along(velocity, -1.0, velocity)
+
+
+@function
+def loaded(coulomb: float, share: float, torque: float) -> float:
+    """Return Kf with what the torque of the drive adds to it."""
+    return coulomb + share * abs(torque)
+
+
+@function
+def less_asymmetry(load: float, asymmetry: float, coulomb: float) -> float:
+    """Return a load less the constant part of a friction that depends on the direction."""
+    return load - asymmetry * coulomb
+
+
+@function
+def less_friction(load: float, breakaway: float, mode: float) -> float:
+    """Return a load less the friction of sliding near rest."""
+    return load - breakaway * mode
+
+
+@function
+def less_velocity_friction(load: float, dq: float, mode: float, viscous: float, fall: float,
+                           speed: float) -> float:
+    """Return a load less what friction at the velocity exceeds its value near rest by."""
+    load -= viscous * dq
+    if fall:
+        r = dq / speed
+        load += fall * mode * (1.0 - exp(-r * r))
+    return load
+
+
+@function
+def direction(dq: float) -> float:
+    """Return the mode of a joint that moves; 0 for one that does not."""
+    return 1.0 if dq > 0.0 else -1.0 if dq < 0.0 else 0.0
+
+
+@function
+def sliding(dq: float, breakaway: float) -> float:
+    """Return the mode of a joint, 0 also for one without friction."""
+    return direction(dq) if breakaway > 0.0 else 0.0
+
+
+@function
+def if_resting(mode: float, breakaway: float) -> float:
+    """Return the breakaway torque of a joint at rest, else 0."""
+    return 0.0 if mode else breakaway
+
+
+@function
+def broken(reaction: float, mode: float, breakaway: float) -> float:
+    """Return the mode of a joint after what has held it is known."""
+    return direction(reaction) if not mode and abs(reaction) >= breakaway > 0.0 else mode
+
+
+@function
+def margin_of_rest(reaction: float, mode: float, breakaway: float) -> float:
+    """Return how far from its breakaway torque the load of a joint at rest is; inf of another."""
+    return _HOLD * breakaway - abs(reaction) if not mode and breakaway > 0.0 else inf
+
+
+@function
+def margin_of_sliding(dq: float, mode: float) -> float:
+    """Return how far a joint that slides is from rest; inf of another."""
+    return dq * mode if mode else inf
+
+
+@function
+def holding(model: Any, q: Vector, dq: Vector, load: Vector, breakaway: Vector, mode: Vector,
+            fixed_joints: int) -> float:
+    """
+    Return how far the most loaded joint at rest is from breaking away [N·m]; negative if it does.
+
+    Parameters
+    ----------
+    model : Model
+        Of the plant.
+    q, dq : sequence of float, shape (n,)
+        Position [rad] and velocity [rad/s].
+    load : sequence of float, shape (n,)
+        Torque less the friction of the joints that slide [N·m].
+    breakaway, mode : sequence of float, shape (n,)
+        Breakaway torque Kf [N·m] and modes.
+    fixed_joints : int
+        The joints at rest, as `Model.forward_dynamics` takes them.
+
+    """
+    return least(each(margin_of_rest, model.reaction(q, dq, load, fixed_joints), mode, breakaway))
+
+
+@function
+def modes(model: Any, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> tuple[Vector, int]:
     """
     Decide for every joint between sticking (0) and sliding (+1 or -1).
 
@@ -35,59 +158,22 @@ def modes(model: Model, q: Vector, dq: Vector, u: Vector, breakaway: Vector) -> 
 
     Returns
     -------
-    tuple of int, shape (n,)
+    sequence of float, shape (n,)
         A moving joint slides the way it moves. A joint at rest has the mode for which either
         its acceleration is 0 and the friction that this takes is within ±Kf, or its friction is
         ±Kf and it accelerates that way.
+    int
+        The joints that stick, as `Model.forward_dynamics` takes them.
 
     """
-    n = model.n
-    rest = [i for i in range(n) if dq[i] == 0.0 and breakaway[i] > 0.0]
-    mode = [(dq[i] > 0.0) - (dq[i] < 0.0) if breakaway[i] else 0 for i in range(n)]
-    if not rest:
-        return tuple(mode)
-    load = [u[i] - breakaway[i] * mode[i] for i in range(n)]
-    if max(excess(model, q, dq, load, breakaway, rest)) <= 0.0:
-        return tuple(mode)
-    # The inertia of the joints at rest, the others being free to move.
-    mass = _inverse(_inverse(np.array(model.mass_matrix(q)))[np.ix_(rest, rest)])
-    holding = mass.dot(np.array(model.forward_dynamics(q, dq, load))[rest])
-    reaction = nearest(mass, holding, np.array([breakaway[i] for i in rest]))
-    for i, f in zip(rest, reaction.tolist()):
-        if abs(f) >= breakaway[i]:
-            mode[i] = 1 if f > 0.0 else -1
-    return tuple(mode)
-
-
-def _inverse(a: Array) -> Array:
-    """Return the inverse of a matrix."""
-    return np.asarray(np.linalg.inv(a), float)
-
-
-def excess(model: Model, q: Vector, dq: Vector, load: Vector, breakaway: Vector,
-           stuck: Sequence[int]) -> list[float]:
-    """
-    Return for each stuck joint how far its load is beyond Kf [N·m]; negative while it holds.
-
-    Parameters
-    ----------
-    model : Model
-        Of the plant.
-    q, dq : sequence of float, shape (n,)
-        Position [rad] and velocity [rad/s].
-    load : sequence of float, shape (n,)
-        Torque less the friction of the joints that slide [N·m].
-    breakaway : sequence of float, shape (n,)
-        Breakaway torque Kf [N·m].
-    stuck : sequence of int
-        Joints at rest.
-
-    """
-    a = model.forward_dynamics(q, dq, load, bit_mask(stuck))
-    need = model.inverse_dynamics(q, dq, a)
-    return [abs(load[i] - need[i]) - _HOLD * breakaway[i] for i in stuck]
-
-
-def bit_mask(joints: Sequence[int]) -> int:
-    """Return the bit mask of `joints`, as `Model.forward_dynamics` takes it."""
-    return sum(1 << i for i in joints)
+    mode = each(sliding, dq, breakaway)
+    resting = each(if_resting, mode, breakaway)
+    fixed = bits(resting)
+    if fixed:
+        load = each(less_friction, u, breakaway, mode)
+        if holding(model, q, dq, load, breakaway, mode, fixed) < 0.0:
+            M, bias = model.mass_and_bias(q, dq)
+            reaction = nearest(M, array(load) - bias, array(resting))
+            mode = each(broken, reaction, mode, breakaway)
+            fixed = bits(each(if_resting, mode, breakaway))
+    return mode, fixed

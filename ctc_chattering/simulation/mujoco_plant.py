@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ElementTree
 from ctc_chattering.dynamics.urdf_parser import parse_description
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.simulation.motion import Acting, total
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot
 import numpy as np
@@ -100,37 +101,35 @@ class MujocoPlant(Robot):
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
         super().configure(config)
-        self.mjmodel.dof_frictionloss[self._order] = self._coulomb_friction()
-        self.mjmodel.dof_damping[self._order] = self._viscous_friction()
+        self.mjmodel.dof_damping[self._order] = self.mechanics.friction.viscous
 
-    def _move(self, t: float, tau: Vector) -> None:
+    def _move(self, now: Acting) -> None:
         """Go on by one control period in as many steps as `integration_step` asks for."""
-        order, h, data = self._order, self._h, self.mjdata
-        if self._loaded:
-            self.mjmodel.dof_frictionloss[order] = self._coulomb_friction()
-        if self._varying:
+        order, h, data, p = self._order, self._h, self.mjdata, self.mechanics
+        self.mjmodel.dof_frictionloss[order] = now.breakaway
+        if p.disturbed or now.pushed or not p.ideal:
             for i in range(self._substeps):
-                data.qfrc_applied[order] = self._mean_torque(t + (i + 0.5) * h, tau)
+                data.qfrc_applied[order] = self._mean_torque(now, now.start + (i + 0.5) * h)
                 self._mujoco.mj_step(self.mjmodel, data)
         else:
-            data.qfrc_applied[order] = tau
+            data.qfrc_applied[order] = now.commanded
             self._mujoco.mj_step(self.mjmodel, data, self._substeps)
         counts = data.warning.number.tolist()
         if any(counts):
             kind = next(i for i, count in enumerate(counts) if count)
             text = self._mujoco.mju_warningText(kind, data.warning[kind].lastinfo)
-            raise CtcError(f'the motion of the plant diverged at t = {t:g} s; MuJoCo: '
+            raise CtcError(f'the motion of the plant diverged at t = {now.start:g} s; MuJoCo: '
                            + ' '.join(text.split()))
         self.q, self.dq = data.qpos[order].tolist(), data.qvel[order].tolist()
 
-    def _mean_torque(self, t: float, tau: Vector) -> Vector:
+    def _mean_torque(self, now: Acting, t: float) -> Vector:
         """Return the torque for the step whose middle is at `t` [s], shape (n,) [N·m]."""
-        half = 0.5 * self._h
-        middle = self._torque(t, tau, half)
-        if self._drives.ideal:
+        p, command, half = self.mechanics, now.commanded, 0.5 * self._h
+        middle = total(p, now, command, t, half)
+        if p.ideal:
             return middle
         return [(a + 4.0 * b + c) / 6.0 for a, b, c in zip(
-            self._torque(t - half, tau), middle, self._torque(t + half, tau))]
+            total(p, now, command, t - half, 0.0), middle, total(p, now, command, t + half, 0.0))]
 
 
 def _compiled(mujoco: Any, names: Sequence[str], description: str, locked: Mapping[str, float]

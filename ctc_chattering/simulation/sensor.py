@@ -2,13 +2,96 @@
 
 from __future__ import annotations
 
-from math import expm1, isfinite
+from math import expm1
 from random import Random
+from typing import NamedTuple
 
+from ctc_chattering.numerics.compilable import each, every, function, record
 from ctc_chattering.numerics.linear_algebra import Vector
 
 #: Values of the parameter ``velocity_sensor``.
 VELOCITY_SENSORS = ('exact', 'difference', 'filtered')
+
+
+@record
+class Encoders(NamedTuple):
+    """Parameters of the sensors; vectors of shape (n,), truth values 1.0 and 0.0."""
+
+    #: Step of the position [rad], 0 for none, and standard deviations of noise [rad, rad/s].
+    resolution: Vector
+    position_noise: Vector
+    velocity_noise: Vector
+    #: 1 - exp(-ω h) of the low-pass, 1 for none, and h [s].
+    gain: float
+    period: float
+    #: Whether the velocity is the true one, and all else as well.
+    exact: float
+    perfect: float
+
+
+@record
+class Measured(NamedTuple):
+    """Position [rad] and velocity [rad/s] as measured, each of shape (n,)."""
+
+    q: Vector
+    dq: Vector
+
+
+@function
+def quantised(x: float, step: float) -> float:
+    """Return the multiple of `step` nearest to x; x where rounding is coarser, or without one."""
+    return step * round(x / step) if step and abs(x / step) < 1e15 else x
+
+
+@function
+def encoder(x: float, step: float, deviation: float, noise: float) -> float:
+    """Return a position as an encoder has it; `noise` is of the deviation 1."""
+    return quantised(x + deviation * noise, step)
+
+
+@function
+def difference(x: float, last: float, period: float) -> float:
+    """Return the velocity between two positions."""
+    return (x - last) / period
+
+
+@function
+def noisy(x: float, deviation: float, noise: float) -> float:
+    """Return x with noise; `noise` is of the deviation 1."""
+    return x + deviation * noise
+
+
+@function
+def low_pass(y: float, x: float, gain: float) -> float:
+    """Return the next output after y."""
+    return y + gain * (x - y)
+
+
+@function
+def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, position_noise: Vector,
+             velocity_noise: Vector) -> Measured:
+    """
+    Return what the sensors show.
+
+    Parameters
+    ----------
+    sensor, before : Encoders, Measured
+        Parameters, and what they showed a sample before.
+    q, dq : sequence of float, shape (n,)
+        Position [rad] and velocity [rad/s].
+    position_noise, velocity_noise : sequence of float, shape (n,)
+        Noise of the deviation 1.
+
+    """
+    if sensor.perfect:
+        return Measured(q, dq)
+    q = each(encoder, q, sensor.resolution, sensor.position_noise, position_noise)
+    if not sensor.exact:
+        dq = each(difference, q, before.q, every(sensor.period))
+    dq = each(noisy, dq, sensor.velocity_noise, velocity_noise)
+    if sensor.gain < 1.0:
+        dq = each(low_pass, before.dq, dq, every(sensor.gain))
+    return Measured(q, dq)
 
 
 class Sensor:
@@ -42,37 +125,32 @@ class Sensor:
     def __init__(self, resolution: Vector, position_noise: Vector, velocity_noise: Vector,
                  seed: int, velocity: str = 'exact', cutoff: float = 1.0, period: float = 1.0
                  ) -> None:
-        self._resolution = resolution
-        self._position, self._velocity = position_noise, velocity_noise
-        self._gauss = Random(seed).gauss
-        self._exact, self._period = velocity == 'exact', period
-        self._gain = -expm1(-cutoff * period) if velocity == 'filtered' else 1.0
-        self._last: Vector | None = None
-        self._output: Vector | None = None
-        self.perfect = self._exact and not (
+        exact = velocity == 'exact'
+        self.perfect = exact and not (
             any(resolution) or any(position_noise) or any(velocity_noise))
+        self.encoders = Encoders(
+            resolution, position_noise, velocity_noise,
+            -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period, float(exact),
+            float(self.perfect))
+        self.random = Random(seed)
+        self._shown: Measured | None = None
 
     def measure(self, q: Vector, dq: Vector) -> tuple[Vector, Vector]:
         """Return position [rad] and velocity [rad/s] as measured, each of shape (n,)."""
         if self.perfect:
             return q, dq
-        h, gauss = self._period, self._gauss
-        if self._last is None and not self._exact:
-            self._last = self._encoders([x - h * v for x, v in zip(q, dq)])
-        q = self._encoders(q)
-        if self._last is not None:
-            dq, self._last = [(x - last) / h for x, last in zip(q, self._last)], q
-        dq = [x + gauss(0.0, s) if s else x for x, s in zip(dq, self._velocity)]
-        if self._gain < 1.0:
-            dq = [y + self._gain * (x - y) for x, y in zip(dq, self._output or dq)]
-            self._output = dq
-        return q, dq
+        sensor, before = self.encoders, self._shown
+        if before is None:
+            before = Measured(q, dq)
+            if not sensor.exact:
+                last = [x - sensor.period * v for x, v in zip(q, dq)]
+                before = Measured(each(encoder, last, sensor.resolution, sensor.position_noise,
+                                       self._noise(sensor.position_noise)), dq)
+            sensor = sensor._replace(gain=1.0)
+        self._shown = measured(sensor, before, q, dq, self._noise(sensor.position_noise),
+                               self._noise(sensor.velocity_noise))
+        return self._shown
 
-    def _encoders(self, q: Vector) -> list[float]:
-        q = [x + self._gauss(0.0, s) if s else x for x, s in zip(q, self._position)]
-        return quantised(q, self._resolution)
-
-
-def quantised(x: Vector, step: Vector) -> list[float]:
-    """Return the multiples of `step` that are nearest to `x`, shape (n,); a step of 0 is none."""
-    return [r * round(a / r) if r and isfinite(a / r) else a for a, r in zip(x, step)]
+    def _noise(self, deviation: Vector) -> Vector:
+        """Return noise of the deviation 1 where there is any; nothing else is drawn."""
+        return [self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation]

@@ -14,16 +14,15 @@ def test_another_source_text_is_another_cache(monkeypatch: pytest.MonkeyPatch, t
     copy.mkdir()
     for path in Path(compiler.__file__).parent.glob('*.py'):
         (copy / path.name).write_bytes(path.read_bytes())
-    (tmp_path / 'simulation').mkdir()
-    (tmp_path / 'numerics').mkdir()
-    (tmp_path / 'control' / 'laws').mkdir(parents=True)
+    for folder in ('simulation', 'dynamics', 'numerics', 'control/laws'):
+        (tmp_path / folder).mkdir(parents=True)
     drive, law = (tmp_path / name for name in ('simulation/drive.py', 'control/laws/law.py'))
     for path in (drive, law):
         path.write_text('h = 1')
     monkeypatch.setattr(compiler, '_HERE', copy)
     before = compiler.source_key()
     assert before != compiler.cache_directory().name
-    for path in (copy / 'tree.py', drive, law):
+    for path in (copy / 'plant.py', drive, law):
         path.write_bytes(path.read_bytes() + b'\n')
         assert compiler.source_key() != before
         before = compiler.source_key()

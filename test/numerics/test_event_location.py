@@ -3,7 +3,7 @@
 from collections.abc import Callable
 import math
 
-from ctc_chattering.numerics.event_location import first_negative
+from ctc_chattering.numerics import event_location
 import pytest
 from scipy.optimize import brentq  # type: ignore[import-untyped]
 
@@ -19,6 +19,10 @@ CASES: list[tuple[Callable[[float], float], float]] = [
     (lambda s: 1.0 if s < 0.25 else -1.0, 0.25),          # a jump
     (lambda s: min(0.6 - s, 5.0 * (0.55 - s)), 0.55),     # the nearer of two joints
 ]
+
+
+def first_negative(f: Callable[[float], float], end: float, f_end: float, tol: float) -> float:
+    return event_location.first_negative(lambda g, s: float(g(s)), f, end, f_end, tol)
 
 
 @pytest.mark.parametrize(('f', 'root'), CASES)

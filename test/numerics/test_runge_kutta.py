@@ -9,9 +9,9 @@ from ctc_chattering.numerics.runge_kutta import step
 import pytest
 
 
-def swing(q: Vector, _dq: Vector, u: Vector, _locked: int) -> Vector:
-    """Two oscillators of 2 and 3 rad/s."""
-    return [u[0] - 4.0 * q[0], u[1] - 9.0 * q[1]]
+def swing(squares: Vector, q: Vector, _dq: Vector, u: Vector) -> Vector:
+    """Two oscillators."""
+    return [x - a * y for x, a, y in zip(u, squares, q)]
 
 
 def test_oscillators_to_fourth_order() -> None:
@@ -20,7 +20,7 @@ def test_oscillators_to_fourth_order() -> None:
         q: Vector = (1.0, 0.0)
         dq: Vector = (0.0, 3.0)
         for _ in range(n):
-            q, dq = step(swing, q, dq, ((0.0, 0.0),) * 3, 0, 1.0 / n)
+            q, dq = step(swing, (4.0, 9.0), q, dq, ((0.0, 0.0),) * 3, 1.0 / n)
         errors.append(max(abs(q[0] - math.cos(2.0)), abs(q[1] - math.sin(3.0)),
                           abs(dq[0] + 2.0 * math.sin(2.0)), abs(dq[1] - 3.0 * math.cos(3.0))))
     assert errors[1] < 1e-6
@@ -29,10 +29,10 @@ def test_oscillators_to_fourth_order() -> None:
 
 def test_a_load_that_changes_is_integrated_by_simpson_s_rule() -> None:
     """With ddq = u(t) alone, dq is exact for cubic u."""
-    def free(_q: Vector, _dq: Vector, u: Vector, _locked: int) -> Vector:
+    def free(_: None, _q: Vector, _dq: Vector, u: Vector) -> Vector:
         return u
 
     h = 0.7
     first, middle, last = ([s ** 3, 1.0 - s ** 2] for s in (0.0, 0.5 * h, h))
-    _, dq = step(free, (0.0, 0.0), (0.0, 0.0), (first, middle, last), 0, h)
+    _, dq = step(free, None, (0.0, 0.0), (0.0, 0.0), (first, middle, last), h)
     assert dq == pytest.approx((h ** 4 / 4.0, h - h ** 3 / 3.0), rel=1e-14)

@@ -2,11 +2,17 @@
 
 from math import inf
 
-from ctc_chattering.simulation.disturbance import disturbance
+from ctc_chattering.numerics.compilable import each, every
+from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.simulation.motion import disturbed
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 import numpy as np
 import pytest
+
+
+def disturbance(amplitude: Vector, frequency: Vector, t: float) -> Vector:
+    return each(disturbed, every(0.0), amplitude, frequency, every(t))
 
 
 def test_is_the_paper_s() -> None:

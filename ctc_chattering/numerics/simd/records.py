@@ -9,7 +9,7 @@ from typing import Any
 
 from ctc_chattering.numerics import compilable
 from ctc_chattering.numerics.records import kinds_of, load, rows, store, value, write
-from ctc_chattering.numerics.simd import matrices, vectors
+from ctc_chattering.numerics.simd import joint_by_joint, matrices, vectors  # noqa: F401
 from ctc_chattering.numerics.simd.matrices import MatrixType
 from ctc_chattering.numerics.simd.vectors import lowered, overloaded, read, VectorType
 from numba import types

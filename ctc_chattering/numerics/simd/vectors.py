@@ -18,7 +18,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, overload_method, register_model
 import numpy as np
 
-_DOUBLE, _BIT, _INT = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
+DOUBLE, BIT, INT = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 
 
 def lowered(function: Callable[..., Any]) -> Any:
@@ -55,7 +55,7 @@ class VectorType(types.Type):
 @register_model(VectorType)
 class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: VectorType) -> None:
-        super().__init__(manager, kind, ir.VectorType(_BIT if kind.truth else _DOUBLE, kind.n))
+        super().__init__(manager, kind, ir.VectorType(BIT if kind.truth else DOUBLE, kind.n))
 
 
 def method(name: str) -> Callable[[Callable[..., Any]], Any]:
@@ -63,7 +63,7 @@ def method(name: str) -> Callable[[Callable[..., Any]], Any]:
     return lambda chosen: overload_method(VectorType, name)(_bare(chosen))
 
 
-def _is_vector(kind: Any) -> bool:
+def is_vector(kind: Any) -> bool:
     return isinstance(kind, VectorType) and not kind.truth
 
 
@@ -75,8 +75,8 @@ def _is_number(kind: Any) -> bool:
     return isinstance(kind, types.Number | types.Boolean)
 
 
-def _constant(n: int, value: float) -> Any:
-    return ir.Constant(ir.VectorType(_DOUBLE, n), [ir.Constant(_DOUBLE, value)] * n)
+def constant(n: int, value: float) -> Any:
+    return ir.Constant(ir.VectorType(DOUBLE, n), [ir.Constant(DOUBLE, value)] * n)
 
 
 def _broadcast(context: Any, builder: Any, kind: Any, value: Any, n: int) -> Any:
@@ -84,9 +84,9 @@ def _broadcast(context: Any, builder: Any, kind: Any, value: Any, n: int) -> Any
     if isinstance(kind, VectorType):
         return value
     number = context.cast(builder, value, kind, types.float64)
-    made = ir.Constant(ir.VectorType(_DOUBLE, n), ir.Undefined)
+    made = ir.Constant(ir.VectorType(DOUBLE, n), ir.Undefined)
     for i in range(n):
-        made = builder.insert_element(made, number, ir.Constant(_INT, i))
+        made = builder.insert_element(made, number, ir.Constant(INT, i))
     return made
 
 
@@ -104,12 +104,12 @@ def _elementwise(function: Any, emit: Callable[..., Any], truth: bool = False) -
 
     @overloaded(function)
     def chosen(a: Any, b: Any) -> Any:
-        if any(map(_is_vector, (a, b))) and all(_is_vector(x) or _is_number(x) for x in (a, b)):
+        if any(map(is_vector, (a, b))) and all(is_vector(x) or _is_number(x) for x in (a, b)):
             return lambda a, b: made(a, b)
         return None
 
 
-def _of_one(function: Any, emit: Callable[..., Any], takes: Callable[[Any], bool] = _is_vector
+def _of_one(function: Any, emit: Callable[..., Any], takes: Callable[[Any], bool] = is_vector
             ) -> None:
     """Have `function` take a vector and return one; `emit` writes it."""
     @lowered
@@ -145,9 +145,9 @@ def _each(name: str) -> Callable[..., Any]:
     """Return what calls a function of the C library for each element."""
     def emit(builder: Any, value: Any, n: int) -> Any:
         called = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(_DOUBLE, [_DOUBLE]), name)
+            builder.module, ir.FunctionType(DOUBLE, [DOUBLE]), name)
         made = ir.Constant(value.type, ir.Undefined)
-        for place in (ir.Constant(_INT, i) for i in range(n)):
+        for place in (ir.Constant(INT, i) for i in range(n)):
             one = builder.call(called, [builder.extract_element(value, place)])
             made = builder.insert_element(made, one, place)
         return made
@@ -155,10 +155,10 @@ def _each(name: str) -> Callable[..., Any]:
 
 
 def _sign(builder: Any, value: Any, n: int) -> Any:
-    zero = _constant(n, 0.0)
+    zero = constant(n, 0.0)
     negative = builder.select(
-        builder.fcmp_ordered('<', value, zero), _constant(n, -1.0), value)  # nan and 0 are kept
-    return builder.select(builder.fcmp_ordered('>', value, zero), _constant(n, 1.0), negative)
+        builder.fcmp_ordered('<', value, zero), constant(n, -1.0), value)  # nan and 0 are kept
+    return builder.select(builder.fcmp_ordered('>', value, zero), constant(n, 1.0), negative)
 
 
 def _extreme(comparison: str) -> Callable[..., Any]:
@@ -248,6 +248,13 @@ def _item(x: Any, i: Any) -> Any:
     return None
 
 
+@overloaded(operator.contains)
+def _contains(x: Any, value: Any) -> Any:
+    if is_vector(x):
+        return lambda x, value: (x == value).any()
+    return None
+
+
 @lowered
 def with_element(_typing: Any, x: Any, i: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -259,9 +266,9 @@ def with_element(_typing: Any, x: Any, i: Any, value: Any) -> Any:
 @lowered
 def total(_typing: Any, x: Any) -> Any:
     def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        total = builder.extract_element(values[0], ir.Constant(_INT, 0))
+        total = builder.extract_element(values[0], ir.Constant(INT, 0))
         for i in range(1, x.n):
-            total = builder.fadd(total, builder.extract_element(values[0], ir.Constant(_INT, i)))
+            total = builder.fadd(total, builder.extract_element(values[0], ir.Constant(INT, i)))
         return total
     return types.float64(x), generate
 
@@ -269,9 +276,9 @@ def total(_typing: Any, x: Any) -> Any:
 @lowered
 def _largest(_typing: Any, x: Any) -> Any:
     def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
-        largest = builder.extract_element(values[0], ir.Constant(_INT, 0))
+        largest = builder.extract_element(values[0], ir.Constant(INT, 0))
         for i in range(1, x.n):
-            one = builder.extract_element(values[0], ir.Constant(_INT, i))
+            one = builder.extract_element(values[0], ir.Constant(INT, i))
             larger = builder.and_(builder.fcmp_ordered('ord', largest, largest),  # nan is kept
                                   builder.fcmp_unordered('>', one, largest))
             largest = builder.select(larger, one, largest)
@@ -305,7 +312,7 @@ def _replaced(x: Any, i: Any, value: Any) -> Any:
 
 def read(builder: Any, pointer: Any, n: int) -> Any:
     """Return the vector at a pointer."""
-    made = builder.load(builder.bitcast(pointer, ir.VectorType(_DOUBLE, n).as_pointer()))
+    made = builder.load(builder.bitcast(pointer, ir.VectorType(DOUBLE, n).as_pointer()))
     made.align = 8
     return made
 

@@ -7,11 +7,11 @@ Frame of body i: at the joint, its axis along z. A body's parent comes before it
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.errors import CtcError
+from ctc_chattering.dynamics.urdf_model import Bodies, UrdfModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +19,14 @@ import numpy.typing as npt
 
 @dataclasses.dataclass
 class Arm:
-    """A model of n joints; with no bodies it is the two-link arm in closed form."""
+    """A model of n joints: a tree of bodies, or the two-link arm."""
 
-    #: Acceleration of gravity, downwards [m/s²].
+    #: Whether it is the two-link arm, in closed form, which has no bodies.
+    closed: bool
+    #: Acceleration of gravity, downwards [m/s²], and a factor of M, C and G. Those of a tree are
+    #: in its masses.
     gravity: float
-    #: Factors of M and C, and of G, for a controller that knows its arm badly; those of a tree
-    #: are in its masses and its gravity.
-    inertia_scale: float
-    gravity_scale: float
+    scale: float
     #: Body that carries each body; -1 for the base. Shape (n,).
     parent: npt.NDArray[np.int64]
     #: Whether the joint is prismatic, shape (n,).
@@ -67,44 +67,45 @@ class BodyScratch:
     momentum: Array
     #: Force on a body: moment and force (6).
     force: Array
-    #: Of `forward_dynamics`: M, C dq + G, and those of the joints that are free.
+    #: State of the joints; M, C and C dq + G there.
+    q: Array
+    dq: Array
     M: Array
+    C: Array
     bias: Array
-    part: Array
-    lower: Array
-    rest: Array
 
 
 def arm_of(model: Model, gravity: float, inertia_scale: float = 1.0, gravity_scale: float = 1.0
-           ) -> Arm:
+           ) -> Arm | None:
     """
-    Return the numbers of a model.
+    Return the numbers of a `TwoLink` or `UrdfModel`; None for another model.
 
     Parameters
     ----------
     model : Model
-        A `TwoLink` or `UrdfModel`.
+        Whose numbers they are.
     gravity : float
         [m/s²].
     inertia_scale, gravity_scale : float
         Factors of M and C, and of G.
 
-    Raises
-    ------
-    CtcError
-        For another model.
-
     """
-    if isinstance(model, UrdfModel):
-        bodies, c = model.bodies(), inertia_scale
-        return Arm(gravity * gravity_scale / c, c, gravity_scale, bodies.parent, bodies.prismatic,
-                   bodies.joint, bodies.rotation, bodies.offset, c * bodies.mass, bodies.center,
-                   c * bodies.inertia)
-    if not isinstance(model, TwoLink):
-        raise CtcError(f'no compiled dynamics for the model {type(model).__name__}')
-    return Arm(gravity, inertia_scale, gravity_scale, np.zeros(0, np.int64), np.zeros(0, np.bool_),
-               np.zeros(0, np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0),
-               np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    g, c = gravity * gravity_scale / inertia_scale, inertia_scale
+    if type(model) is UrdfModel:
+        bodies = _bodies(model)
+        return Arm(False, g, 1.0, bodies.parent, bodies.prismatic, bodies.joint, bodies.rotation,
+                   bodies.offset, c * bodies.mass, bodies.center, c * bodies.inertia)
+    if type(model) is not TwoLink:
+        return None
+    none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
+    return Arm(True, g, c, none.astype(np.int64), none.astype(np.bool_), none.astype(np.int64),
+               square, row, none, row, square)
+
+
+@lru_cache(64)
+def _bodies(model: UrdfModel) -> Bodies:
+    """Return the bodies of a model; those of many runs are one model."""
+    return model.bodies()
 
 
 def body_scratch(n: int) -> BodyScratch:
@@ -113,4 +114,4 @@ def body_scratch(n: int) -> BodyScratch:
         return np.zeros((n, *shape))
     return BodyScratch(
         rows(3, 3), rows(3), rows(6), rows(6), rows(6), rows(6), rows(), rows(3), rows(6),
-        rows(3, 3), rows(3), rows(6), rows(n), rows(), rows(n), rows(n), rows())
+        rows(3, 3), rows(3), rows(6), rows(), rows(), rows(n), rows(n), rows())

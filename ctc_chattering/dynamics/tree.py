@@ -1,5 +1,7 @@
 """
-M, C and G of a tree of bodies, from placements and inertias.
+M, C and G of a tree of bodies, from placements and inertias: what compiled code has.
+
+Plain Python has Pinocchio (`urdf_model`), and takes this for tests only.
 
 Everything is in the frame of the base. A motion (ω, v) has the velocity v of the point at the
 origin; the motion of joint i is S_i = (z, p x z), or (0, z) of a prismatic one, with the axis z
@@ -8,12 +10,12 @@ about the origin, P the linear momentum, and W collects the velocity terms of ro
 velocity of each body's centre c, its rate ω and its inertia I about c (Echeandia & Wensing,
 *Numerical methods to compute the Coriolis matrix and Christoffel symbols*, 2021)::
 
-    W = Σ ½ (ω̂ I - I ω̂ - (I ω)^) + m ((c · dc) 1 - dc cᵀ),     P = Σ m dc                  (1)
-    (K, L)   = (J ω + h x v, m v + ω x h)                       of S_j                       (2)
-    (K', L') = the same of dS_j/dt, plus (W z, z x P)                                        (3)
-    M_ij = S_i · (K, L),   C_ij = S_i · (K', L')                for i that carries j         (4)
-    C_ji = (K, L) · dS_i/dt + (Wᵀ z_j + P x v_j) · z_i                                       (5)
-    G_j  = -S_j · (h x g, m g)                                                               (6)
+    W = Σ ½ (ω̂ I - I ω̂ - (I ω)^) + m ((c · dc) 1 - dc cᵀ),     P = Σ m dc                  (RB1)
+    (K, L)   = (J ω + h x v, m v + ω x h)                       of S_j                       (RB2)
+    (K', L') = the same of dS_j/dt, plus (W z, z x P)                                        (RB3)
+    M_ij = S_i · (K, L),   C_ij = S_i · (K', L')                for i that carries j         (RB4)
+    C_ji = (K, L) · dS_i/dt + (Wᵀ z_j + P x v_j) · z_i                                       (RB5)
+    G_j  = -S_j · (h x g, m g)                                                               (RB6)
 
 C is that of Christoffel's symbols. C dq + G alone is found by Newton and Euler: the force that
 moves each body, added up over what a joint carries.
@@ -23,15 +25,15 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from ctc_chattering.batch.arm import Arm, BodyScratch
-from ctc_chattering.batch.compiler import inlined
+from ctc_chattering.dynamics.arm import Arm, BodyScratch
+from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Row and column of the six elements of an inertia that is kept.
 _ROW, _COLUMN = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
 
-@inlined
+@function
 def place(arm: Arm, q: Array, s: BodyScratch) -> None:
     """Set rotations, origins and the motions S of all joints."""
     for i in range(len(arm.parent)):
@@ -65,7 +67,7 @@ def place(arm: Arm, q: Array, s: BodyScratch) -> None:
         S[3], S[4], S[5] = py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx
 
 
-@inlined
+@function
 def weigh(arm: Arm, s: BodyScratch) -> None:
     """Set mass, first moment and inertia of every body about the origin."""
     for i in range(len(arm.parent)):
@@ -90,7 +92,7 @@ def weigh(arm: Arm, s: BodyScratch) -> None:
         J[5] -= m * cy * cz
 
 
-@inlined
+@function
 def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
     """Set the twist of every body, and dS/dt of every joint."""
     for i in range(len(arm.parent)):
@@ -106,9 +108,9 @@ def move(arm: Arm, dq: Array, s: BodyScratch) -> None:
         D[5] = V[0] * S[4] - V[1] * S[3] + V[3] * S[1] - V[4] * S[0]
 
 
-@inlined
+@function
 def couple(arm: Arm, s: BodyScratch) -> None:
-    """Set W and P of (1) of every body."""
+    """Set W and P of (RB1) of every body."""
     for i in range(len(arm.parent)):
         m, h, J, V, W, P = (s.mass[i], s.moment[i], s.inertia[i], s.twist[i], s.coupling[i],
                             s.momentum[i])
@@ -137,7 +139,7 @@ def couple(arm: Arm, s: BodyScratch) -> None:
         W[1, 2], W[2, 1] = e + lx - P[1] * cz, e - lx - P[2] * cy
 
 
-@inlined
+@function
 def gather(arm: Arm, s: BodyScratch, i: int, moving: bool) -> None:
     """Add what body `i` carries to what its parent carries; with `moving`, W and P as well."""
     p = arm.parent[i]
@@ -155,10 +157,10 @@ def gather(arm: Arm, s: BodyScratch, i: int, moving: bool) -> None:
                 s.coupling[p, a, b] += s.coupling[i, a, b]
 
 
-@inlined
+@function
 def momentum_of(m: float, h: Array, J: Array, S: Array) -> tuple[
         float, float, float, float, float, float]:
-    """Return (K, L) of (2)."""
+    """Return (K, L) of (RB2)."""
     x, y, z, u, v, w = S[0], S[1], S[2], S[3], S[4], S[5]
     return (J[0] * x + J[3] * y + J[4] * z + h[1] * w - h[2] * v,
             J[3] * x + J[1] * y + J[5] * z + h[2] * u - h[0] * w,
@@ -167,9 +169,9 @@ def momentum_of(m: float, h: Array, J: Array, S: Array) -> tuple[
             m * w + x * h[1] - y * h[0])
 
 
-@inlined
+@function
 def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
-    """Set M by (4), after `place` and `weigh`."""
+    """Set M by (RB4), after `place` and `weigh`."""
     for j in range(len(arm.parent) - 1, -1, -1):
         x, y, z, u, v, w = momentum_of(s.mass[j], s.moment[j], s.inertia[j], s.joint[j])
         i = j
@@ -181,9 +183,9 @@ def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
         gather(arm, s, j, False)
 
 
-@inlined
+@function
 def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, G: Array) -> None:
-    """Set M, C and G by (4) to (6); joints that do not carry each other have 0."""
+    """Set M, C and G by (RB4) to (RB6); joints that do not carry each other have 0."""
     place(arm, q, s)
     weigh(arm, s)
     move(arm, dq, s)
@@ -218,7 +220,7 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
         gather(arm, s, j, True)
 
 
-@inlined
+@function
 def bias(arm: Arm, s: BodyScratch, dq: Array, out: Array) -> None:
     """Set C dq + G, after `place`, `weigh` and `move`, before `mass_matrix`."""
     n = len(arm.parent)

@@ -1,0 +1,63 @@
+"""Machine code for what a parameter file describes: whether it is there, and making it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from importlib.util import find_spec
+
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.numerics.machine_code import Code
+from ctc_chattering.simulation.closed_loop import compiled_loop_of
+from ctc_chattering.simulation.registry import make_plant
+
+#: How a run is computed.
+COMPILED, PLAIN = 'compiled', 'plain'
+
+
+def codes(setup: Setup) -> tuple[Code, ...]:
+    """Return the functions that a setup needs as machine code; none where it cannot have them."""
+    robot = make_plant(setup.plant, setup.descriptions.get('plant', ''))
+    law = Controller(setup.controller, model_of(
+        setup.controller, setup.descriptions.get('controller', '')))
+    loop = compiled_loop_of(robot, law)
+    return () if loop is None else loop.codes
+
+
+def way(setup: Setup) -> str:
+    """Return how a run of a setup is computed now, `COMPILED` or `PLAIN`."""
+    found = codes(setup)
+    return COMPILED if found and not setup.events and all(x.compiled for x in found) else PLAIN
+
+
+def missing(setups: Iterable[Setup]) -> dict[str, Code]:
+    """Return the functions that setups need and that are not compiled yet, by their files."""
+    found = {code.path.name: code for setup in setups for code in codes(setup)}
+    return {name: code for name, code in found.items() if not code.compiled}
+
+
+def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
+    """
+    Compile what setups need and is not compiled yet; return how many functions.
+
+    Without numba, which compiles, the runs are plain Python.
+
+    Parameters
+    ----------
+    setups : iterable of Setup
+        What will run.
+    show : callable
+        Takes a line that says so, before each of them.
+
+    """
+    if find_spec('numba') is None or find_spec('llvmlite') is None:
+        show('numba is not installed: plain Python computes, 20 times slower '
+             '(pip install numba)')
+        return 0
+    from ctc_chattering.numerics.simd.build import build
+    todo = missing(setups)
+    for i, code in enumerate(todo.values()):
+        show(f'compiling {code.name} ({i + 1} of {len(todo)}), once for this version ...')
+        build(code)
+    return len(todo)

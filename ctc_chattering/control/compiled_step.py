@@ -1,0 +1,116 @@
+"""The control step as machine code: `control.control_step.step` on records in memory."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ctc_chattering.control import control_step
+from ctc_chattering.control.evaluation import ControlSettings, Models
+from ctc_chattering.dynamics.arm import Arm, body_scratch
+from ctc_chattering.dynamics.compiled_model import EvaluatedModel, Place
+from ctc_chattering.numerics.compilable import function
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.machine_code import Call, Code
+from ctc_chattering.numerics.records import load, packed, record_of, rows, store
+import numpy as np
+
+#: Rows of what a step computes, those of `control.controller.Sample` in this order.
+TAU, E, DE, V, NOMINAL, COMPENSATION, ROBUST, SATURATION_ERROR = range(8)
+
+
+class ControlRecords(NamedTuple):
+    """A controller, each part a NumPy record of what it is named after, or an array."""
+
+    settings: Any
+    law: Any
+    memory: Any
+    law_memory: Any
+    arm: Any
+    body: Any
+    #: Where M, C and G of the sample are kept, of the arrival of its torque, and a period later.
+    now: Any
+    arriving: Any
+    after: Any
+    #: Torques in transit, shape (4 d, n).
+    transit: Array
+    #: Position [rad] and velocity [rad/s], shape (2, n), and what is computed of it, (8, n).
+    measured: Array
+    made: Array
+
+
+class CompiledStep:
+    """
+    The control step of a controller between two changes of its settings.
+
+    Parameters
+    ----------
+    settings, law, memory, law_memory, transit
+        As of `control_step.step`; the torques in transit are not copied.
+    arm : Arm
+        Model.
+
+    Attributes
+    ----------
+    code : Code
+        Machine code, the same for all controllers with this law and number of joints.
+    measured, points : array, shape (2, n) and (3 (1 + d), n)
+        Of `control_step.step`, to be set before a call of `step`.
+    made : array, shape (8, n)
+        What it computes.
+    step : Call
+        Goes on by a sample; only if there is machine code.
+
+    """
+
+    step: Call
+
+    def __init__(self, settings: ControlSettings, law: Any, memory: Any, law_memory: Any,
+                 transit: Array, arm: Arm) -> None:
+        n = len(settings.zero)
+        zero, square = np.zeros(n), np.zeros((n, n))
+        self.measured, self.made = np.zeros((2, n)), np.zeros((8, n))
+        self.points = np.zeros((3 + 3 * int(settings.delay), n))
+        place = Place(zero, zero, square, square, zero)
+        self._records = ControlRecords(
+            packed(settings), packed(law), packed(memory), packed(law_memory), record_of(arm),
+            record_of(body_scratch(n)), packed(place), packed(place), packed(place), transit,
+            self.measured, self.made)
+        arguments = (self._records, self.points)
+        self.code = Code(stepped, arguments, f'control-{type(law).__name__}-{n}'.lower())
+        if self.code.compiled:
+            self.step = Call(self.code, arguments)
+
+    def memories(self) -> tuple[Any, Any]:
+        """Return the memory of the step and that of the law."""
+        return load(self._records.memory), load(self._records.law_memory)
+
+
+@function
+def stepped(p: ControlRecords, points: Array) -> int:
+    """
+    Go on by a sample, and set `p.made`.
+
+    Parameters
+    ----------
+    p : ControlRecords
+        After the last sample, with what is measured.
+    points : array, shape (3 (1 + d), n)
+        The reference at this sample and those of the delay; there may be more.
+
+    """
+    memory = load(p.memory)
+    like = memory.xi
+    measured = rows(p.measured, like)
+    models = Models(EvaluatedModel(p.arm, p.body, p.now),
+                    EvaluatedModel(p.arm, p.body, p.arriving),
+                    EvaluatedModel(p.arm, p.body, p.after))
+    step = control_step.step(
+        load(p.settings), load(p.law), memory, load(p.law_memory), models, measured[0],
+        measured[1], rows(points, like), rows(p.transit, like))
+    store(p.memory, step.memory)
+    store(p.law_memory, step.law_memory)
+    made, terms = rows(p.made, like), step.parts
+    made[TAU], made[E], made[DE], made[V] = step.sent.tau, step.now.e, step.now.de, step.now.v
+    made[NOMINAL], made[COMPENSATION] = terms.nominal, terms.compensation
+    made[ROBUST], made[SATURATION_ERROR] = terms.robust, step.sent.saturation_error
+    return 0

@@ -1,0 +1,162 @@
+"""The closed loop sample by sample as machine code, for simulation that takes milliseconds."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any, NamedTuple
+
+from ctc_chattering.control.compiled_step import CompiledStep, E, TAU, V
+from ctc_chattering.numerics.compilable import function
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.machine_code import Call, Code, invoke
+from ctc_chattering.numerics.records import numpy_record
+from ctc_chattering.simulation.compiled_plant import advance, CompiledPlant
+import numpy as np
+
+#: How a run ends, and the sample: at its end, without a finite torque, with a position error
+#: beyond its limit (and its joint), with a state that is not finite.
+FINISHED, NO_TORQUE, BEYOND, DIVERGED = range(4)
+
+
+class Control(NamedTuple):
+    """The control step, which machine code calls by its address."""
+
+    #: Address of the function and of its arguments' places, of the reference and its rows.
+    step: Any
+    #: Places of its arguments, the last but one that of the reference.
+    places: Array
+    #: As of `CompiledStep`.
+    measured: Array
+    made: Array
+    #: Largest position error, shape (n,) [rad]; inf for any.
+    error_limit: Array
+
+
+class CompiledLoop:
+    """
+    A closed loop from its start to its end.
+
+    Parameters
+    ----------
+    plant : CompiledPlant
+        Which has not moved yet.
+    step : CompiledStep
+        Of the controller, at its start.
+    given : array of records, shape (N,)
+        Of `PlantInput`, for every sample.
+    truth : bool
+        Record the true state in place of the one that the sensors show.
+
+    Attributes
+    ----------
+    code : Code
+        Of plant and loop, the same for all laws.
+    codes : tuple of Code
+        Those that must be compiled: this one and that of the control step.
+    measured, error : array, shape (2, n) and (n,)
+        q and dq [rad, rad/s], and the position error [rad], of the last sample.
+
+    """
+
+    def __init__(self, plant: CompiledPlant, step: CompiledStep, given: Any, truth: bool) -> None:
+        self.measured, self.error, self._step = step.measured, step.made[E], step
+        n = len(self.error)
+        zero = np.array(0)
+        self._called = numpy_record(
+            dict.fromkeys(('function', 'places', 'points', 'stride'), zero))
+        self._result = numpy_record(
+            {'rows': zero, 'last': zero, 'joint': zero, 'truth': np.array(int(truth))})
+        self._rows = np.empty((len(given), 5, n))
+        self._given, self._plant = given, plant
+        self.code = Code(run, self._arguments(np.zeros(n), np.zeros(1, np.int64)), f'loop-{n}')
+        self.codes = step.code, self.code
+
+    def _arguments(self, error_limit: Array, places: Any) -> tuple[Any, ...]:
+        step = Control(self._called, places, self._step.measured, self._step.made, error_limit)
+        return self._plant, step, self._given, self._rows, self._result
+
+    @property
+    def compiled(self) -> bool:
+        """Whether it can run."""
+        return all(code.compiled for code in self.codes)
+
+    def run(self, table: Array, error_limit: Array) -> tuple[int, int, int, Array]:
+        """
+        Run it.
+
+        Parameters
+        ----------
+        table : array, shape (N + delay, 3, n)
+            q_d, dq_d and ddq_d at each sample.
+        error_limit : array, shape (n,)
+            Largest position error [rad]; inf for any.
+
+        Returns
+        -------
+        end, last, joint : int
+            How the run ended, at which sample, with which joint.
+        rows : array, shape (N, 5, n)
+            k, q, dq, tau, v of each sample that is not lost.
+
+        """
+        call, called = self._step.step, self._called
+        called.function, called.places = call.function, call.places.ctypes.data
+        called.points, called.stride = table.ctypes.data, table.strides[0]
+        end = Call(self.code, self._arguments(error_limit, call.places))()
+        return end, int(self._result.last), int(self._result.joint), (
+            self._rows[:self._result.rows])
+
+
+@function
+def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> int:
+    """
+    Run the closed loop from the first sample to the last; return how it ended.
+
+    Parameters
+    ----------
+    p, c
+        Plant and controller.
+    given : array of records, shape (N,)
+        Of `PlantInput`, their torque to be filled.
+    out : array, shape (N, 5, n)
+        Rows to be filled with k, q, dq, tau, v of each sample that is not lost.
+    result : record
+        To be filled: the number of rows, the last sample, the joint that is concerned.
+
+    """
+    s, n = p.state, out.shape[2]
+    last = p.parameters.last
+    for k in range(last + 1):
+        result.last = k
+        tau = given[k].tau
+        if s.lost_in_a_row:
+            for i in range(n):
+                tau[i] = given[k - 1].tau[i]
+        else:
+            for i in range(n):
+                c.measured[0, i], c.measured[1, i] = s.shown__q[i], s.shown__dq[i]
+            c.places[len(c.places) - 2] = c.step.points + k * c.step.stride
+            invoke(c.step.function, c.step.places)
+            row, total = out[result.rows], 0.0
+            for i in range(n):
+                row[0, i], tau[i] = k, c.made[TAU, i]
+                row[1, i], row[2, i] = s.shown__q[i], s.shown__dq[i]
+                if result.truth:
+                    row[1, i], row[2, i] = s.motion__q[i], s.motion__dq[i]
+                row[3, i], row[4, i] = tau[i], c.made[V, i]
+                total += tau[i] + c.made[V, i]
+            if not isfinite(total):
+                return NO_TORQUE
+            for i in range(n):
+                if not abs(c.made[E, i]) <= c.error_limit[i]:
+                    result.joint = i
+                    return BEYOND
+            result.rows += 1
+        if k < last:
+            advance(p, given[k])
+            total = 0.0
+            for i in range(n):
+                total += s.motion__q[i] + s.motion__dq[i]
+            if not isfinite(total):
+                return DIVERGED
+    return FINISHED

@@ -1,0 +1,83 @@
+"""The simulated robot from sample to sample: drives, motion, sensors, and what is lost."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ctc_chattering.numerics.compilable import function, record
+from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.simulation.drive import Driven, driven, Drives
+from ctc_chattering.simulation.motion import acting, advanced, Mechanics, Mechanism, Motion
+from ctc_chattering.simulation.sensor import Encoders, Measured, measured
+
+#: Most samples in a row that are lost: the controller takes a gap of three periods for no outage.
+_MOST_LOST = 2
+
+
+@record
+class PlantParameters(NamedTuple):
+    """Parameters of a robot with rigid joints."""
+
+    mechanics: Mechanics
+    drives: Drives
+    encoders: Encoders
+    #: Probability that a measurement is lost, and the last sample of the run.
+    sample_loss: float
+    last: int
+
+
+@record
+class PlantState(NamedTuple):
+    """State of a robot at sample `k`."""
+
+    k: int
+    driven: Driven
+    motion: Motion
+    shown: Measured
+    #: Measurements that are lost with this one; 0 if it is sent.
+    lost_in_a_row: int
+
+
+@record
+class PlantInput(NamedTuple):
+    """What a robot receives at a sample; vectors of shape (n,)."""
+
+    #: Torque [N·m].
+    tau: Vector
+    #: Numbers in [0, 1) that decide whether it is late, and the next measurement lost.
+    late: float
+    loss: float
+    #: Noise of the next measurement, of the deviation 1.
+    position_noise: Vector
+    velocity_noise: Vector
+
+
+@function
+def lost_in_a_row(probability: float, chance: float, before: int, k: int, last: int) -> int:
+    """
+    Return how many measurements have been lost in a row with that of sample `k`; 0 if it is sent.
+
+    Parameters
+    ----------
+    probability : float
+        Of losing one.
+    chance : float
+        Number in [0, 1): below the probability, this one is lost.
+    before, k, last : int
+        What was returned for the sample before; the sample; the last one, which is sent.
+
+    """
+    return before + 1 if chance < probability and before < _MOST_LOST and k != last else 0
+
+
+@function
+def stepped(mechanism: Mechanism, p: PlantParameters, state: PlantState, transit: Any,
+            given: PlantInput) -> PlantState:
+    """Return the state a sample later; `transit` as of `driven`."""
+    k, drives = state.k, driven(
+        p.drives, state.driven, transit, state.k, given.tau, given.late)
+    motion = advanced(mechanism, acting(p.mechanics, drives, k), state.motion)
+    shown = measured(p.encoders, state.shown, motion.q, motion.dq, given.position_noise,
+                     given.velocity_noise)
+    return PlantState(k + 1, drives, motion, shown, lost_in_a_row(
+        p.sample_loss, given.loss, state.lost_in_a_row, k + 1, p.last))

@@ -1,0 +1,89 @@
+"""One step of the compiled plant is one of the plain one, at random states and settings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ctc_chattering.batch.plant import compiled_plant, CompiledPlant, inputs, step
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.dynamics.arm import arm_of
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.numerics.simd.records import packed, register
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.plant_step import PlantState
+from ctc_chattering.simulation.sensor import Measured
+import numpy as np
+import pytest
+
+#: Samples of one robot.
+STEPS = 4
+
+
+def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
+    """Return a configuration in which all that a plant has is there by turns."""
+    kf = np.array(base.coulomb_friction)
+
+    def each(low: float, high: float) -> list[float]:
+        return [float(x) for x in rng.uniform(low, high, len(kf))]
+
+    start = np.array(base.initial_position) + each(-0.3, 0.3)
+    values = {
+        'coulomb_friction': (kf * each(0.0, 1.5)).tolist(), 'viscous_friction': each(0.0, 2.0),
+        'stribeck_friction': (kf * each(0.0, 0.4)).tolist(), 'load_friction': each(0.0, 0.05),
+        'friction_asymmetry': each(-0.4, 0.4), 'disturbance.amplitude': each(0.0, 2.0),
+        'disturbance.frequency': each(0.0, 20.0), 'disturbance.push': each(-5.0, 5.0),
+        'disturbance.push_duration': 2e-3, 'position_noise': each(0.0, 1e-4),
+        'velocity_noise': each(0.0, 5e-3), 'encoder_resolution': each(0.0, 1e-4),
+        'velocity_sensor': str(rng.choice(['difference', 'filtered'])), 'sample_loss': 0.5,
+        'late_samples': 0.5, 'torque_resolution': each(0.0, 0.1),
+        'torque_rate_limit': (5e3 * kf).tolist(), 'actuator_lag': each(0.0, 3e-3),
+        'torque_saturation': (5.0 * kf).tolist(), 'input_delay': int(rng.integers(1, 3)),
+        'integration_step': 4e-4}
+    moving = rng.choice([0.0, 1e-3, 0.5], len(kf)) * each(-1.0, 1.0)
+    return base.changed({
+        **{name: x for name, x in values.items() if rng.random() < 0.3},
+        'initial_position': start.tolist(), 'initial_velocity': moving.tolist(),
+        'noise_seed': int(rng.integers(1000))})
+
+
+def at(plant: Plant, k: int) -> Any:
+    """Return the numbers of the plain plant as compiled code has its own."""
+    return packed(PlantState(k, plant.driven, plant.motion._replace(decided=1.0),
+                             Measured(*plant.measured), plant._lost_in_a_row))
+
+
+def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tuple[float, int]:
+    """Return the largest difference after single steps, and how many modes were seen."""
+    plain = Plant(config, model)
+    made: CompiledPlant = compiled_plant(plain, arm_of(model, config.gravity))
+    given = inputs(Plant(config, model), STEPS)
+    weight = np.array(model.gravity_torque(plain.q))
+    kf, largest, modes = np.array(config.coulomb_friction), 0.0, set()
+    for k in range(STEPS):
+        given[k].tau[:] = weight + kf * rng.uniform(-1.6, 1.6, plain.n)
+        step(made, given[k])
+        plain.step(given[k].tau.tolist())
+        modes.add(plain.modes)
+        for name in made.state.dtype.names:
+            right = at(plain, k + 1)[name]
+            error = np.abs(made.state[name] - right) / (1.0 + np.abs(right))
+            largest = max(largest, float(np.max(error)))
+        made = made._replace(state=at(plain, k + 1))
+    return largest, len(modes)
+
+
+@pytest.mark.parametrize(('name', 'count'), [
+    ('friction', 150), pytest.param('panda', 60, marks=pytest.mark.slow)])
+def test_one_step_is_the_same(name: str, count: int) -> None:
+    setup = parameter_file.load(config_directory() / f'{name}.yaml')
+    model = kept_model_of(setup.plant, setup.descriptions.get('plant', ''))
+    rng, modes = np.random.default_rng(1), 0
+    register()
+    for _ in range(count):
+        largest, seen = compared(random_config(setup.plant, rng), model, rng)
+        assert largest < 1e-10
+        modes += seen
+    assert modes > count
