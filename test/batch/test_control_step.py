@@ -77,7 +77,8 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
                                  transit=plain.transit.copy())
             made.measured[:] = q, dq
             step(made, points)
-        sample = plain.step(q, dq, *points[0], ahead=points[1:])
+        sample = plain.step(
+            q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
         if k >= 5:
             for row, right in ((TAU, sample.tau), (E, sample.e), (V, sample.v),
                                (ROBUST, sample.robust)):
