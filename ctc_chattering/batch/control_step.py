@@ -11,7 +11,7 @@ from ctc_chattering.batch.records import record as record_of
 from ctc_chattering.control.control_step import control_memory, in_transit
 from ctc_chattering.control.control_step import step as control_step
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import control_settings, Models
+from ctc_chattering.control.evaluation import Context, control_settings, Models
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.compilable import record
@@ -104,8 +104,9 @@ def step(p: ControlRecords, points: Array) -> None:
     measured = rows(p.measured, like)
     models = Models(CompiledModel(p.arm, p.body, p.now), CompiledModel(p.arm, p.body, p.arriving),
                     CompiledModel(p.arm, p.body, p.after))
-    made = control_step(load(p.settings), load(p.law), memory, load(p.law_memory), models,
-                        measured[0], measured[1], rows(points, like), rows(p.transit, like))
+    made = control_step(
+        Context(load(p.settings), models, rows(p.transit, like)), load(p.law), memory,
+        load(p.law_memory), measured[0], measured[1], rows(points, like))
     store(p.memory, made.memory)
     store(p.law_memory, made.law_memory)
     out, terms = rows(p.out, like), made.parts
