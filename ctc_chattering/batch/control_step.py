@@ -14,7 +14,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import Context, control_settings, Models
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.numerics.compilable import record
+from ctc_chattering.numerics.compilable import dot, record, solve
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.simd.records import load, packed, register, rows, store, value, write
 from ctc_chattering.numerics.time_grid import period_ns, seconds
@@ -51,6 +51,11 @@ class CompiledModel(NamedTuple):
         dynamics.evaluate(self.arm, place.q, place.dq, self.body, place.M, place.C, place.G)
         return value(place.M), value(place.C), value(place.G)
 
+    def acceleration(self, q: Array, dq: Array, u: Array) -> Array:
+        """Return ddq, as `Model.acceleration` does; M, C and G are lost."""
+        M, C, G = self.evaluate(q, dq)
+        return solve(M, u - dot(C, dq) - G)
+
 
 class ControlRecords(NamedTuple):
     """A controller, each part a NumPy record of what it is named after, or an array."""
@@ -80,7 +85,7 @@ def control_records(config: ControllerConfig, model: Model) -> ControlRecords:
     place = Place(zero, zero, square, square, zero)
     return ControlRecords(
         packed(control_settings(config, model.effort_limits)), packed(law),
-        packed(control_memory(zero)), packed(law.start()),
+        packed(control_memory(zero, config.input_delay)), packed(law.start()),
         record_of(arm_of(model, config.gravity, config.inertia_scale, config.gravity_scale)),
         record_of(body_scratch(n)), packed(place), packed(place), packed(place),
         in_transit(n, config.input_delay), np.zeros((2, n)), np.zeros((8, n)))

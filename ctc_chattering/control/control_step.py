@@ -15,6 +15,7 @@ from ctc_chattering.control.evaluation import (
     Context,
     ControlMemory,
     evaluated,
+    losing,
     State,
 )
 from ctc_chattering.control.laws.base import Applied, Terms
@@ -37,10 +38,10 @@ class Step(NamedTuple):
     law_memory: Any
 
 
-def control_memory(held: Array) -> ControlMemory:
+def control_memory(held: Array, delay: int) -> ControlMemory:
     """Return the memory at the start, with the torque that is still held, shape (n,) [N·m]."""
     zero = np.zeros_like(held)
-    return ControlMemory(zero, held, zero, 0.0, 0.0, 0.0)
+    return ControlMemory(zero, held, zero, float(-delay), 0.0, 0.0)
 
 
 def in_transit(n: int, delay: int) -> Array:
@@ -76,13 +77,14 @@ def step(context: Context, law: Any, memory: ControlMemory, law_memory: Any, q: 
     own = terms.nominal - terms.compensation - terms.robust
     tau, sent = own, Applied(own, settings.zero, settings.zero, terms.clipping_error)
     fading, difference, turn = memory.fading, memory.difference, memory.turn
-    losing = limiter.limited + fading + settings.delay > 0.0
-    if losing:
+    lossy = losing(settings, memory)
+    if lossy:
         wanted = own
         if fading > 0.0:
             if memory.fresh != 0.0:
                 difference = memory.held - own
-            wanted, fading = own + fading / settings.fading * difference, fading - 1.0
+            wanted = own + fading / settings.fading * difference
+        fading = max(fading - 1.0, -settings.delay)
         tau = limiter.limit(wanted, memory.held)
         sent = Applied(tau, wanted - tau, own - tau, terms.clipping_error)
     applied = sent
@@ -90,7 +92,7 @@ def step(context: Context, law: Any, memory: ControlMemory, law_memory: Any, q: 
         applied = exchanged(context.transit, ROWS * int(turn), sent)
         turn = (turn + 1.0) % settings.delay
     correction, xi = settings.zero, settings.filter.next_state(memory.xi, now.de, now.u)
-    if losing:
+    if lossy:
         correction = limiter.correction(now.M, applied.excess)
         xi = xi + correction
     law_memory = law.advanced(law_memory, now, applied, correction)

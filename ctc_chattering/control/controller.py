@@ -132,7 +132,7 @@ class Controller:
         """
         n = self.model.n
         self.memory = control_memory(
-            np.zeros(n) if held is None else vector('held', held, n))
+            np.zeros(n) if held is None else vector('held', held, n), self.config.input_delay)
         self.transit[:] = 0.0
         self.law_memory = self.law.start()
         self._others.clear()

@@ -14,9 +14,10 @@ from ctc_chattering.control.evaluation import (
     ControlMemory,
     evaluated,
     Evaluates,
+    losing,
     State,
 )
-from ctc_chattering.numerics.compilable import dot, function, solve
+from ctc_chattering.numerics.compilable import function, solve
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Rows of a torque in transit.
@@ -42,13 +43,14 @@ def arriving(law: Any, law_memory: Any, now: State, context: Context, memory: Co
     settings, at, xi = context.settings, now, memory.xi
     if settings.delay == 0.0:
         return now
-    delay, perturbation = int(settings.delay), law.acting(law_memory, now)
+    delay, perturbation, h = int(settings.delay), law.acting(law_memory, now), settings.period
+    lossy, turn = losing(settings, memory), int(memory.turn)
     for j in range(delay):
-        row = ROWS * ((int(memory.turn) + j) % delay)
-        xi = (settings.filter.next_state(xi, at.de, at.u)
-              + settings.limiter.correction(at.M, context.transit[row + 2]))
-        q, dq = predict(context.models.arriving, at, context.transit[row] - perturbation,
-                        settings.period)
+        row = ROWS * ((turn + j) % delay)
+        xi = settings.filter.next_state(xi, at.de, at.u)
+        if lossy:
+            xi = xi + settings.limiter.correction(at.M, context.transit[row + 2])
+        q, dq = predict(context.models.arriving, at, context.transit[row] - perturbation, h)
         at = evaluated(settings, context.models.arriving, q, dq, points, 3 * j + 3, xi)
     return at
 
@@ -71,5 +73,4 @@ def predict(model: Evaluates, at: State, u: Array, h: float) -> tuple[Array, Arr
 
     """
     middle = at.dq + 0.5 * h * solve(at.M, u - at.bias)
-    M, C, G = model.evaluate(at.q + 0.5 * h * at.dq, middle)
-    return at.q + h * middle, at.dq + h * solve(M, u - dot(C, middle) - G)
+    return at.q + h * middle, at.dq + h * model.acceleration(at.q + 0.5 * h * at.dq, middle, u)

@@ -40,6 +40,9 @@ class Evaluates(Protocol):
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M, C and G, shapes (n, n), (n, n) and (n,)."""
 
+    def acceleration(self, q: Array, dq: Array, u: Array) -> Array:
+        """Return ddq, shape (n,) [rad/s²], under a torque [N·m]."""
+
 
 @record
 class Models(NamedTuple):
@@ -102,12 +105,19 @@ class ControlMemory(NamedTuple):
     #: Torque sent last, shape (n,) [N·m].
     held: Array
     #: Of a law that took over (`handover`): what its torque differed from the last one sent,
-    #: shape (n,) [N·m]; for how many samples it is still added; 1.0 before the first of them.
+    #: shape (n,) [N·m]; for how many samples it is still added, -d once none of it is in transit;
+    #: 1.0 before the first of them.
     difference: Array
     fading: float
     fresh: float
     #: Which of the torques in transit is applied next.
     turn: float
+
+
+@function
+def losing(settings: ControlSettings, memory: ControlMemory) -> bool:
+    """Return whether a torque that is applied may be another one than that of its law."""
+    return settings.limiter.limited != 0.0 or memory.fading > -settings.delay
 
 
 def control_settings(config: ControllerConfig, effort_limits: Vector) -> ControlSettings:

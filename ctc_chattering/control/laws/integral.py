@@ -25,7 +25,7 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.numerics.compilable import dot, record, solve
+from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -70,7 +70,7 @@ class Integral(NamedTuple):
                  ) -> Integrated:
         """Advance x by (I2)."""
         x = memory.x + self.gain * now.e
-        if applied.saturation_error.any():
+        if some(applied.saturation_error):
             x = x - self.tracking * solve(now.M, applied.saturation_error)
         return Integrated(x)
 
