@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ctc_chattering.control import control_step
-from ctc_chattering.control.evaluation import ControlSettings, Models
+from ctc_chattering.control.evaluation import Context, ControlSettings, Models
 from ctc_chattering.dynamics.arm import Arm, body_scratch
 from ctc_chattering.dynamics.compiled_model import EvaluatedModel, Place
 from ctc_chattering.numerics.compilable import function
@@ -105,8 +105,8 @@ def stepped(p: ControlRecords, points: Array) -> int:
                     EvaluatedModel(p.arm, p.body, p.arriving),
                     EvaluatedModel(p.arm, p.body, p.after))
     step = control_step.step(
-        load(p.settings), load(p.law), memory, load(p.law_memory), models, measured[0],
-        measured[1], rows(points, like), rows(p.transit, like))
+        Context(load(p.settings), models, rows(p.transit, like)), load(p.law), memory,
+        load(p.law_memory), measured[0], measured[1], rows(points, like))
     store(p.memory, step.memory)
     store(p.law_memory, step.law_memory)
     made, terms = rows(p.made, like), step.parts

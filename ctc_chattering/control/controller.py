@@ -11,7 +11,7 @@ from ctc_chattering.arguments import checked, vector
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.control_step import control_memory, in_transit, step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import control_settings, Models
+from ctc_chattering.control.evaluation import Context, control_settings, Models
 from ctc_chattering.control.handover import taken_over
 from ctc_chattering.control.laws.base import Law
 from ctc_chattering.control.laws.registry import law_class
@@ -92,16 +92,19 @@ class Controller:
                            f'of {self.model.n} joints')
         if (config.inertia_scale, config.gravity_scale) != (1.0, 1.0):
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
-        self._models = Models(self.model, self.model, self.model)
         self._arm: Arm | None = None
         if config.compiled:
             self._arm = arm_of(known, config.gravity, config.inertia_scale, config.gravity_scale)
-        #: The machine code of the steps until the next change; None for plain Python.
-        self._compiled: CompiledStep | None = None
-        #: Laws that have been in force since the last reset, with what they remember.
-        self._laws: dict[str, tuple[Law, Any]] = {}
-        self.configure(config)
+        self.transit = in_transit(n, config.input_delay)
+        #: Laws that are not in force, with what they remember.
+        self._others: dict[str, tuple[Law, Any]] = {}
+        self.config, self.law, self.law_memory = config, self._made(config), None
         self.reset()
+        self.configure(config)
+
+    @staticmethod
+    def _made(config: ControllerConfig) -> Law:
+        return law_class(config.law).made(config, seconds(period_ns(config.control_period)))
 
     @checked(config=ControllerConfig)
     def configure(self, config: ControllerConfig) -> None:
@@ -112,12 +115,14 @@ class Controller:
         so are integrals and estimates. `handover` says how another law takes over.
         """
         self._take_back()
-        law = law_class(config.law).made(config, seconds(period_ns(config.control_period)))
-        before = self._laws.get(config.law)
-        self._laws[config.law] = law, (
-            law.start() if before is None else law.reconfigured(before[1], before[0]))
-        self.config, self.law = config, law
+        law = self._made(config)
+        self._others[self.config.law] = self.law, self.law_memory
+        before, known = self._others.pop(config.law, (law, law.initial()))
+        self.law, self.law_memory = law, law.reconfigured(known, before)
+        self.config = config
         self.settings = control_settings(config, self.model.effort_limits)
+        self._context = Context(
+            self.settings, Models(self.model, self.model, self.model), self.transit)
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
@@ -131,19 +136,18 @@ class Controller:
             Torque that is still held, from which `effort_rate_limit` goes on; 0 if left out.
 
         """
-        rest = np.zeros(self.model.n) if held is None else vector('held', held, self.model.n)
-        self._compiled, self._prepared = None, False
-        self.memory = control_memory(rest)
-        self.transit = in_transit(self.model.n, self.config.input_delay)
-        self._laws = {self.config.law: (self.law, self.law.start())}
+        n = self.model.n
+        #: The machine code of the steps until the next change; None for plain Python.
+        self._compiled: CompiledStep | None = None
+        self._prepared = False
+        self.memory = control_memory(
+            np.zeros(n) if held is None else vector('held', held, n), self.config.input_delay)
+        self.transit[:] = 0.0
+        self.law_memory = self.law.initial()
+        self._others.clear()
         #: Law of the last step; empty before the first.
         self._before = ''
         self._bumpless = bumpless
-
-    @property
-    def law_memory(self) -> Any:
-        """What the law in force remembers."""
-        return self._laws[self.config.law][1]
 
     @property
     def compiled(self) -> bool:
@@ -160,8 +164,7 @@ class Controller:
     def _take_back(self) -> None:
         """Go on with what machine code remembers, as plain Python."""
         if self._compiled is not None:
-            self.memory, memory = self._compiled.memories()
-            self._laws[self.config.law] = self.law, memory
+            self.memory, self.law_memory = self._compiled.memories()
         self._compiled, self._prepared = None, False
 
     def prepare(self, rows: Array) -> None:
@@ -177,14 +180,13 @@ class Controller:
         if self._bumpless:
             self.memory = self.memory._replace(xi=self.settings.filter.b * (rows[3] - rows[1]))
             self._bumpless = False
-        if self._before not in ('', self.config.law):
-            self.memory, law_memory = taken_over(
-                self.settings, self._laws[self._before], self.law, self.law_memory, self.memory,
+        if self._before in self._others:
+            self.memory, self.law_memory = taken_over(
+                self.settings, self._others[self._before], self.law, self.law_memory, self.memory,
                 self.model, rows)
-            self._laws[self.config.law] = self.law, law_memory
         self._before = self.config.law
-        step = self.compiled_step()
-        self._compiled = step if step is not None and step.code.compiled else None
+        compiled = self.compiled_step()
+        self._compiled = compiled if compiled is not None and compiled.code.compiled else None
         self._prepared = True
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
@@ -217,16 +219,15 @@ class Controller:
             self._compiled.measured[:], self._compiled.points[:] = rows[:2], rows[2:]
             self._compiled.step()
             *made, lost = self._compiled.made.tolist()
-            return Sample(*made, lost if any(lost) else None)
-        now, terms, sent, self.memory, law_memory = step(
-            self.settings, self.law, self.memory, self.law_memory, self._models, rows[0], rows[1],
-            rows[2:], self.transit)
-        self._laws[self.config.law] = self.law, law_memory
+            return Sample(*made, saturation_error=lost if any(lost) else None)
+        now, terms, sent, self.memory, self.law_memory = step(
+            self._context, self.law, self.memory, self.law_memory, rows[0], rows[1], rows[2:])
         lost = sent.saturation_error
+        saturated = lost is not self.settings.zero and lost.any()
         return Sample(
             sent.tau.tolist(), now.e.tolist(), now.de.tolist(), now.v.tolist(),
             terms.nominal.tolist(), terms.compensation.tolist(), terms.robust.tolist(),
-            lost.tolist() if lost.any() else None)
+            lost.tolist() if saturated else None)
 
     def _refuse(self, rows: Sequence[Vector], ahead: Sequence[Point]) -> NoReturn:
         """Raise the error for what `step` cannot take."""

@@ -9,8 +9,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.control.evaluation import Context, evaluated, Evaluates, State
-from ctc_chattering.numerics.compilable import dot, function, solve
+from ctc_chattering.control.evaluation import (
+    Context,
+    ControlMemory,
+    evaluated,
+    Evaluates,
+    losing,
+    State,
+)
+from ctc_chattering.numerics.compilable import function, solve
 from ctc_chattering.numerics.linear_algebra import Array
 
 #: Rows of a torque in transit.
@@ -18,32 +25,33 @@ ROWS = 4
 
 
 @function
-def arriving(law: Any, memory: Any, now: State, context: Context) -> State:
+def arriving(law: Any, law_memory: Any, now: State, context: Context, memory: ControlMemory,
+             points: Array) -> State:
     """
     Return the state in which the torque of this sample is applied; `now` without a delay.
 
     Parameters
     ----------
-    law, memory
+    law, law_memory
         Law in force, and its memory: of what acts until the torque arrives.
     now : State
         Measured.
-    context : Context
-        All else.
+    context, memory, points
+        As of the control step.
 
     """
-    settings, at, xi = context.settings, now, context.xi
-    delay = int(settings.delay)
-    if delay == 0:
+    settings, at, xi = context.settings, now, memory.xi
+    if settings.delay == 0.0:
         return now
-    perturbation = law.acting(memory, now)
+    delay, perturbation, h = int(settings.delay), law.acting(law_memory, now), settings.period
+    lossy, turn = losing(settings, memory), int(memory.turn)
     for j in range(delay):
-        row = ROWS * ((context.turn + j) % delay)
-        xi = (settings.filter.next_state(xi, at.de, at.u)
-              + settings.limiter.correction(at.M, context.transit[row + 2]))
-        q, dq = predict(context.models.arriving, at, context.transit[row] - perturbation,
-                        settings.period)
-        at = evaluated(settings, context.models.arriving, q, dq, context.points, 3 * j + 3, xi)
+        row = ROWS * ((turn + j) % delay)
+        xi = settings.filter.next_state(xi, at.de, at.u)
+        if lossy:
+            xi = xi + settings.limiter.correction(at.M, context.transit[row + 2])
+        q, dq = predict(context.models.arriving, at, context.transit[row] - perturbation, h)
+        at = evaluated(settings, context.models.arriving, q, dq, points, 3 * j + 3, xi)
     return at
 
 
@@ -65,5 +73,4 @@ def predict(model: Evaluates, at: State, u: Array, h: float) -> tuple[Array, Arr
 
     """
     middle = at.dq + 0.5 * h * solve(at.M, u - at.bias)
-    M, C, G = model.evaluate(at.q + 0.5 * h * at.dq, middle)
-    return at.q + h * middle, at.dq + h * solve(M, u - dot(C, middle) - G)
+    return at.q + h * middle, at.dq + h * model.acceleration(at.q + 0.5 * h * at.dq, middle, u)

@@ -40,6 +40,9 @@ class Evaluates(Protocol):
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M, C and G, shapes (n, n), (n, n) and (n,)."""
 
+    def acceleration(self, q: Array, dq: Array, u: Array) -> Array:
+        """Return ddq, shape (n,) [rad/s²], under a torque [N·m]."""
+
 
 @record
 class Models(NamedTuple):
@@ -85,17 +88,36 @@ class State(NamedTuple):
 
 @record
 class Context(NamedTuple):
-    """What a law may look at to find the state in which its torque is applied."""
+    """What is the same at all samples."""
 
     settings: ControlSettings
     models: Models
-    #: ξ of the filter [rad/s].
-    xi: Array
-    #: The reference: q_d, dq_d, ddq_d now and for each sample of the delay, shape (3 (1 + d), n).
-    points: Array
-    #: Torques in transit: `Applied` in four rows each, shape (4 d, n), and which is the next one.
+    #: Torques in transit: `Applied` in four rows each, shape (4 d, n).
     transit: Array
-    turn: int
+
+
+@record
+class ControlMemory(NamedTuple):
+    """What the control step remembers, besides the memory of the law and torques in transit."""
+
+    #: ξ of the filter [rad/s], shape (n,).
+    xi: Array
+    #: Torque sent last, shape (n,) [N·m].
+    held: Array
+    #: Of a law that took over (`handover`): what its torque differed from the last one sent,
+    #: shape (n,) [N·m]; for how many samples it is still added, -d once none of it is in transit;
+    #: 1.0 before the first of them.
+    difference: Array
+    fading: float
+    fresh: float
+    #: Which of the torques in transit is applied next.
+    turn: float
+
+
+@function
+def losing(settings: ControlSettings, memory: ControlMemory) -> bool:
+    """Return whether a torque that is applied may be another one than that of its law."""
+    return settings.limiter.limited != 0.0 or memory.fading > -settings.delay
 
 
 def control_settings(config: ControllerConfig, effort_limits: Vector) -> ControlSettings:

@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import function, record, solve
+from ctc_chattering.numerics.compilable import function, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -116,7 +116,7 @@ class FeasibleReference(NamedTuple):
             return by
         slack = _BEHIND * self.rate
         rest = missing - np.minimum(np.maximum(missing, -slack), slack)
-        if not rest.any():
+        if not some(rest):
             return by
         return Deviation(by.x, by.dx - solve(mass, rest) / self.relief)
 

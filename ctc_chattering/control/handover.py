@@ -12,8 +12,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.control.control_step import ControlMemory
-from ctc_chattering.control.evaluation import ControlSettings, evaluated, Evaluates
+from ctc_chattering.control.evaluation import (
+    ControlMemory,
+    ControlSettings,
+    evaluated,
+    Evaluates,
+)
 from ctc_chattering.control.laws.base import Law
 from ctc_chattering.numerics.linear_algebra import Array
 

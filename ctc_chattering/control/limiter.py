@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import record, solve
+from ctc_chattering.numerics.compilable import record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -38,7 +38,7 @@ class Limiter(NamedTuple):
 
     def correction(self, mass: Array, lost: Array) -> Array:
         """Return the anti-windup correction of ξ and v for a torque lost, (n,) [rad/s]."""
-        if self.anti_windup == 0.0 or not lost.any():
+        if self.anti_windup == 0.0 or not some(lost):
             return self.zero
         return self.anti_windup * solve(mass, lost)
 

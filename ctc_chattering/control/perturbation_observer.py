@@ -25,7 +25,7 @@ from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.numerics.box_qp import nearest
-from ctc_chattering.numerics.compilable import dot, record
+from ctc_chattering.numerics.compilable import dot, record, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -73,7 +73,7 @@ class PerturbationObserver(NamedTuple):
             What the bound has taken from the chattering term [N·m].
 
         """
-        if clipping_error.any():
+        if some(clipping_error):
             shallow = np.abs(clipping_error) < self.bound
             torque_residual = torque_residual + np.where(shallow, 0.5 * clipping_error, 0.0)
         return Perturbation(last.perturbation, mass, nominal, torque_residual, 1.0)

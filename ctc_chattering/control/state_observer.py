@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from ctc_chattering.control.drive_model import DriveModel
 from ctc_chattering.numerics.box_qp import nearest, nearest_and_rest
-from ctc_chattering.numerics.compilable import dot, record, solve
+from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -82,7 +82,7 @@ class StateObserver(NamedTuple):
         dq = h * rest
         q = at.q + 0.5 * h * (at.dq + dq)
         other = drive.weighted - drive.mean + h / 6.0 * at.slope
-        if other.any():
+        if some(other):
             q = q + 0.5 * h * h * solve(mass, other)
         return Observed(q, dq, drive.end, at.perturbation + h * at.slope, at.slope)
 
@@ -93,7 +93,7 @@ class StateObserver(NamedTuple):
         P, slope = at.perturbation - self.acceleration * force, at.slope - self.jerk * force
         bounded = nearest(mass, P, self.bound)
         at_bound = np.abs(bounded) >= self.bound
-        if at_bound.any():
+        if some(at_bound):
             slope = np.where(at_bound & (slope * bounded > 0.0), 0.0, slope)
         return Observed(at.q + self.position * error, at.dq + self.velocity * error, at.torque,
                         bounded, slope)

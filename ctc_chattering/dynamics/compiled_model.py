@@ -72,6 +72,10 @@ class EvaluatedModel(NamedTuple):
         terms(self.arm, place.q, place.dq, self.body, place.M, place.C, place.G)
         return value(place.M), value(place.C), value(place.G)
 
+    def acceleration(self, q: Any, dq: Any, u: Any) -> Any:
+        """Return ddq, as `Model.acceleration` does."""
+        return CompiledModel(self.arm, self.body).forward_dynamics(q, dq, u, 0)
+
 
 @function
 def terms(arm: Any, q: Any, dq: Any, s: Any, M: Any, C: Any, G: Any) -> None:

@@ -49,6 +49,10 @@ class Model(ABC):
                 np.array(self.coriolis_matrix(at, speed), float),
                 np.array(self.gravity_torque(at), float))
 
+    def acceleration(self, q: Array, dq: Array, u: Array) -> Array:
+        """Return what `forward_dynamics` does, of arrays."""
+        return np.array(self.forward_dynamics(q.tolist(), dq.tolist(), u.tolist()), float)
+
     def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
         """Return M(q) a + C(q, dq) dq + G(q), shape (n,) [N·m], the left side of (1)."""
         torque: Array = (np.array(self.mass_matrix(q)).dot(a)

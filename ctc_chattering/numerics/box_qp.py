@@ -20,10 +20,13 @@ from __future__ import annotations
 from ctc_chattering.numerics.compilable import (
     diagonal,
     dot,
+    every,
     first,
     function,
     replaced,
+    solve,
     solve_where,
+    some,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -54,23 +57,28 @@ def nearest_and_rest(mass: Array, point: Array, bound: Array) -> tuple[Array, Ar
 
     """
     size = np.abs(point)
-    if (size <= bound).all():
+    inside = size <= bound
+    if every(inside):
         return point, 0.0 * point
-    if not (size < 1e280).all():  # The elimination below would overflow.
-        return np.sign(point) * bound, point
+    side = np.sign(point)
+    if not every(size < 1e280):  # The elimination below would overflow.
+        return side * bound, point
+    if not some(inside):  # Most often all of them are at their bounds.
+        z = side * bound
+        x = solve(mass, point - z)
+        if every(side * x >= 0.0):
+            return z, x
     #: The bound at which a joint is; 0 for none.
-    side = np.where(size > bound, np.sign(point), 0.0)
+    side = np.where(inside, 0.0, side)
     rounding = -1e-13 * (size + bound).max() / diagonal(mass)
     z = x = point
     for _ in range(_MOST_CHANGES):
         active = side != 0.0
         z = np.where(active, side * bound, point)
         x = solve_where(active, mass, point - z)
-        if active.all() and (side * x >= rounding).all():
-            return z, x
         z = np.where(active, z, point - dot(mass, x))
         wrong = np.where(active, side * x < rounding, np.abs(z) > bound)
-        if not wrong.any():
+        if not some(wrong):
             break
         i = first(wrong)
         side = replaced(side, i, 0.0 if active[i] else np.sign(z[i]))

@@ -91,6 +91,16 @@ def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
     return y
 
 
+def some(condition: Truths | Array) -> bool:
+    """Return whether any element is true, or not 0; a fifth of the time of ``.any()``."""
+    return any(condition.tolist())
+
+
+def every(condition: Truths) -> bool:
+    """Return whether all elements are true."""
+    return all(condition.tolist())
+
+
 def first(condition: Truths) -> int:
     """Return the index of the first element that is true; of none, 0."""
     return int(condition.argmax())

@@ -60,21 +60,25 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
     config = ControllerConfig.from_mapping({
         **names, **random_values(rng, n), 'law': 'integral', 'switching': switching})
     plain = Controller(config, model)
-    size = 10.0 ** rng.uniform(-4.0, 0.0)
+    # The observer takes a jump of the position for a force, over h².
+    size = 10.0 ** (rng.uniform(-7.0, -4.0) if law == 'observer_feedback' else rng.uniform(-4, 0))
+    start, h = rng.normal(size=n), plain.settings.period
     for k in range(20):
         if k == 5:
             plain.configure(config.changed({'law': law}))
             made = control_records(plain.config, model)
-        q, dq, ddq_d = rng.normal(size=n), rng.normal(size=n), 5.0 * rng.normal(size=n)
-        points = np.array([(q + size * rng.normal(size=n), dq + size * rng.normal(size=n), ddq_d)
-                           for _ in range(1 + config.input_delay)])
+        t = h * np.arange(k, k + 1 + config.input_delay)[:, np.newaxis]
+        points = np.stack((start + np.sin(9.0 * t), 9.0 * np.cos(9.0 * t) + 0.0 * start,
+                           -81.0 * np.sin(9.0 * t) + 0.0 * start), axis=1)
+        q, dq = points[0, :2] + size * rng.normal(size=(2, n))
         plain.prepare(np.array((q, dq, *points[0])))
         if k >= 5:
             made = made._replace(memory=packed(plain.memory), law_memory=packed(plain.law_memory),
                                  transit=plain.transit.copy())
             made.measured[:] = q, dq
             step(made, points)
-        sample = plain.step(q, dq, *points[0], points[1:])
+        sample = plain.step(
+            q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
         if k >= 5:
             for row, right in ((TAU, sample.tau), (E, sample.e), (V, sample.v),
                                (ROBUST, sample.robust)):

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import arriving
-from ctc_chattering.control.evaluation import Context, State
+from ctc_chattering.control.evaluation import Context, ControlMemory, State
 from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
 
@@ -70,7 +70,7 @@ class Law(Protocol):
     def made(cls, config: ControllerConfig, period: float) -> Law:
         """Return the law of a configuration, with the sample period [s]."""
 
-    def start(self) -> Any:
+    def initial(self) -> Any:
         """Return the memory at the start."""
 
     def reconfigured(self, memory: Any, before: Any) -> Any:
@@ -109,8 +109,21 @@ class Law(Protocol):
     def updated(self, memory: Any, now: State) -> Any:
         """Return the memory improved by what the measured state has become."""
 
-    def answer(self, memory: Any, now: State, context: Context) -> tuple[Terms, Any]:
-        """Return the terms of the torque of a sample, and the memory: those at `arriving`."""
+    def answer(self, memory: Any, now: State, context: Context, control: ControlMemory,
+               points: Array) -> tuple[Terms, Any]:
+        """
+        Return the terms of the torque of a sample, and the memory: `terms` at `arriving`.
+
+        Parameters
+        ----------
+        memory
+            After `updated`.
+        now : State
+            The measured state.
+        context, control, points
+            As of the control step.
+
+        """
 
     def terms(self, memory: Any, at: State) -> tuple[Terms, Any]:
         """Return the terms of the torque for a state, and the memory."""
@@ -159,8 +172,10 @@ def _updated(self: Any, memory: T, now: State) -> T:
     return memory
 
 
-def _answer(self: Any, memory: T, now: State, context: Context) -> tuple[Terms, T]:
-    terms: tuple[Terms, T] = self.terms(memory, arriving(self, memory, now, context))
+def _answer(self: Any, memory: T, now: State, context: Context, control: ControlMemory,
+            points: Array) -> tuple[Terms, T]:
+    terms: tuple[Terms, T] = self.terms(
+        memory, arriving(self, memory, now, context, control, points))
     return terms
 
 

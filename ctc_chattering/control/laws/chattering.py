@@ -44,7 +44,7 @@ class Chattering(NamedTuple):
         """Whether the switching has an estimate."""
         return self.switching.estimates
 
-    def start(self) -> Perturbation:
+    def initial(self) -> Perturbation:
         """Return P̂ = 0."""
         return unperturbed(len(self.ka))
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.evaluation import State
 from ctc_chattering.control.laws.base import Applied, law, Terms
-from ctc_chattering.numerics.compilable import dot, record, solve
+from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
@@ -54,13 +54,13 @@ class Integral(NamedTuple):
         tracking = -np.expm1(-period * ki / np.diag(kp))
         return cls(period * ki, tracking if config.anti_windup else 0.0 * tracking)
 
-    def start(self) -> Integrated:
+    def initial(self) -> Integrated:
         """Return x = 0."""
         return Integrated(0.0 * self.gain)
 
     def initialized(self, memory: Integrated, now: State, estimate: Array | None) -> Integrated:
         """Set x so that it cancels the estimated perturbation."""
-        return self.start() if estimate is None else Integrated(solve(now.M, estimate))
+        return self.initial() if estimate is None else Integrated(solve(now.M, estimate))
 
     def terms(self, memory: Integrated, at: State) -> tuple[Terms, Integrated]:
         """Return the terms of (I1)."""
@@ -70,7 +70,7 @@ class Integral(NamedTuple):
                  ) -> Integrated:
         """Advance x by (I2)."""
         x = memory.x + self.gain * now.e
-        if applied.saturation_error.any():
+        if some(applied.saturation_error):
             x = x - self.tracking * solve(now.M, applied.saturation_error)
         return Integrated(x)
 

@@ -61,13 +61,13 @@ class MomentumObserver(NamedTuple):
         return cls(1.0 - exp(-config.momentum_gain * period), period,
                    np.zeros(len(config.joint_names)))
 
-    def start(self) -> Momentum:
+    def initial(self) -> Momentum:
         """Return P̂ = 0."""
         return Momentum(self.zero, self.zero, self.zero, self.zero, 0.0)
 
     def initialized(self, memory: Momentum, now: State, estimate: Array | None) -> Momentum:
         """Go on from the estimate of the other law."""
-        start = self.start()
+        start = self.initial()
         return start if estimate is None else start._replace(perturbation=estimate)
 
     def updated(self, memory: Momentum, now: State) -> Momentum:

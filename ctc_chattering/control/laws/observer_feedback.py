@@ -27,7 +27,7 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
 from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.evaluation import Context, Evaluates, State
+from ctc_chattering.control.evaluation import Context, ControlMemory, Evaluates, State
 from ctc_chattering.control.feasible_reference import (
     Desired,
     Deviation,
@@ -115,7 +115,7 @@ class ObserverFeedback(NamedTuple):
             feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
             friction_level(config.friction_learning, bandwidth, period, ka))
 
-    def start(self) -> Memory:
+    def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""
         zero = 0.0 * self.given
         return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
@@ -139,14 +139,15 @@ class ObserverFeedback(NamedTuple):
         return Memory(at, memory.mass, memory.known, memory.learned, memory.deviation,
                       memory.deviating, memory.ddq, memory.followed), at.q, at.dq
 
-    def answer(self, memory: Memory, now: State, context: Context) -> tuple[Terms, Memory]:
+    def answer(self, memory: Memory, now: State, context: Context, control: ControlMemory,
+               points: Array) -> tuple[Terms, Memory]:
         """Return the terms of (OF4), for the state in which the torque arrives."""
         place, delay = Place(memory.observed, now.M, now.bias), int(context.settings.delay)
         for j in range(delay):
-            command = context.transit[ROWS * ((context.turn + j) % delay)]
+            command = context.transit[ROWS * ((int(control.turn) + j) % delay)]
             place = placed(context.models.arriving, self.predicted(memory, place, command))
         row = 3 * delay
-        point = Desired(context.points[row], context.points[row + 1], context.points[row + 2])
+        point = Desired(points[row], points[row + 1], points[row + 2])
         by = memory.deviation
         if memory.deviating == 0.0:
             by = Deviation(place.at.q - point.q, place.at.dq - point.dq)

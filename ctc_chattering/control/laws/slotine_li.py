@@ -66,13 +66,13 @@ class SlotineLi(NamedTuple):
                    config.friction_velocity, period * np.array(config.adaptation_gain),
                    np.array(config.friction_level), float(config.anti_windup))
 
-    def start(self) -> Adapted:
+    def initial(self) -> Adapted:
         """Return the given level."""
         return Adapted(self.given)
 
     def reconfigured(self, memory: Adapted, before: SlotineLi) -> Adapted:
         """Keep f̂ unless another level is given."""
-        return memory if (self.given == before.given).all() else self.start()
+        return memory if (self.given == before.given).all() else self.initial()
 
     def initialized(self, memory: Adapted, now: State, estimate: Array | None) -> Adapted:
         """Take f̂ from the estimate on joints that move; without one, go on from the last own."""

@@ -59,14 +59,14 @@ class SuperTwisting(NamedTuple):
         return cls(filter_of(config, period), np.array(config.super_twisting_k1),
                    period * np.array(config.super_twisting_k2))
 
-    def start(self) -> Twisted:
+    def initial(self) -> Twisted:
         """Return w = 0."""
         return Twisted(0.0 * self.k1, 0.0 * self.k1)
 
     def initialized(self, memory: Twisted, now: State, estimate: Array | None) -> Twisted:
         """Set w so that it cancels the estimated perturbation."""
         if estimate is None:
-            return self.start()
+            return self.initial()
         w = -solve(now.M, estimate)
         return Twisted(w, w)
 

@@ -222,14 +222,16 @@ def _any_of(_typing: Any, condition: Any) -> Any:
 
 
 @method('any')
-def _any(condition: Any) -> Any:
-    if not condition.truth:
-        return lambda condition: _any_of(condition != 0.0)
-    return lambda condition: _any_of(condition)
+@overloaded(compilable.some)
+def _some(condition: Any) -> Any:
+    if condition.truth:
+        return lambda condition: _any_of(condition)
+    return lambda condition: _any_of(condition != 0.0)
 
 
 @method('all')
-def _all(condition: Any) -> Any:
+@overloaded(compilable.every)
+def _every(condition: Any) -> Any:
     return (lambda condition: not _any_of(~condition)) if condition.truth else None
 
 
