@@ -218,8 +218,8 @@ class Controller:
         if self._compiled is not None:
             self._compiled.measured[:], self._compiled.points[:] = rows[:2], rows[2:]
             self._compiled.step()
-            *made, lost = self._compiled.made.tolist()
-            return Sample(*made, saturation_error=lost if any(lost) else None)
+            made: list[Vector] = self._compiled.made.tolist()
+            return Sample(*made[:7], made[7] if any(made[7]) else None)  # type: ignore[call-arg]
         now, terms, sent, self.memory, self.law_memory = step(
             self._context, self.law, self.memory, self.law_memory, rows[0], rows[1], rows[2:])
         lost = sent.saturation_error

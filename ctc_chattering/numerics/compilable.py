@@ -12,7 +12,7 @@ record. The one exception are rows that outlive a call: of an array of shape (k,
 is a vector and ``rows[i] = x`` sets it.
 
 The plant has many operations on few numbers: its vectors are lists, on which plain Python is
-faster than with small arrays. Its code uses ``[i]``, ``in``, `each`, `every`, `along`, `least`,
+faster than with small arrays. Its code uses ``[i]``, ``in``, `each`, `uniform`, `along`, `least`,
 `bits` and `exchanged`.
 """
 
@@ -118,7 +118,7 @@ def each(scalar: Callable[..., float], *vectors: Vector | Iterable[float]) -> Ve
     return list(map(scalar, *vectors))
 
 
-def every(x: float) -> Iterable[float]:
+def uniform(x: float) -> Iterable[float]:
     """Return the same number for every joint, for `each`."""
     return repeat(x)
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from math import copysign, exp
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import along, each, every, exchanged, function, record
+from ctc_chattering.numerics.compilable import along, each, exchanged, function, record, uniform
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.simulation.sensor import quantised
 
@@ -145,4 +145,4 @@ def driven(drives: Drives, before: Driven, transit: list[Vector], k: int, tau: V
         return Driven(tau, command, before.gap, command)
     gap = along(command, -1.0, before.torque)
     return Driven(tau, command, gap, each(
-        plus_error, command, gap, drives.lag, drives.rate, every(drives.period)))
+        plus_error, command, gap, drives.lag, drives.rate, uniform(drives.period)))

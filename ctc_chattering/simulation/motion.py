@@ -16,7 +16,7 @@ import operator
 from typing import Any, NamedTuple
 
 from ctc_chattering.numerics import runge_kutta
-from ctc_chattering.numerics.compilable import along, each, every, function, least, record
+from ctc_chattering.numerics.compilable import along, each, function, least, record, uniform
 from ctc_chattering.numerics.event_location import first_negative
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.simulation.drive import (
@@ -80,7 +80,7 @@ class Motion(NamedTuple):
     #: Position [rad] and velocity [rad/s].
     q: Vector
     dq: Vector
-    #: As `modes` returns them, friction of sliding near rest [N·m], and whether all this is decided.
+    #: As `modes` returns them, friction of sliding near rest [N·m], whether all this is decided.
     mode: Vector
     fixed_joints: int
     friction: Vector
@@ -138,7 +138,7 @@ def acting(mechanics: Mechanics, drives: Driven, k: int) -> Acting:
     mean = command
     if rubbing.loaded:
         if not p.ideal:
-            mean = each(plus_mean_error, command, drives.gap, p.lag, p.rate, every(p.period))
+            mean = each(plus_mean_error, command, drives.gap, p.lag, p.rate, uniform(p.period))
         coulomb = each(loaded, coulomb, rubbing.share, mean)
         breakaway = each(operator.add, coulomb, rubbing.stribeck)
     if rubbing.uneven:
@@ -167,13 +167,13 @@ def total(mechanics: Mechanics, now: Acting, load: Vector, t: float, half: float
     """
     p = mechanics
     if p.disturbed:
-        load = each(disturbed, load, p.amplitude, p.frequency, every(t))
+        load = each(disturbed, load, p.amplitude, p.frequency, uniform(t))
     if now.pushed:
         load = along(load, 1.0, p.push)
     if not p.ideal:
-        s = every(t - now.start)
+        s = uniform(t - now.start)
         if half:
-            load = each(plus_middle_error, load, now.gap, p.lag, p.rate, s, every(half))
+            load = each(plus_middle_error, load, now.gap, p.lag, p.rate, s, uniform(half))
         else:
             load = each(plus_error, load, now.gap, p.lag, p.rate, s)
     return load

@@ -6,7 +6,7 @@ from math import expm1
 from random import Random
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import each, every, function, record
+from ctc_chattering.numerics.compilable import each, function, record, uniform
 from ctc_chattering.numerics.linear_algebra import Vector
 
 #: Values of the parameter ``velocity_sensor``.
@@ -87,10 +87,10 @@ def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, position
         return Measured(q, dq)
     q = each(encoder, q, sensor.resolution, sensor.position_noise, position_noise)
     if not sensor.exact:
-        dq = each(difference, q, before.q, every(sensor.period))
+        dq = each(difference, q, before.q, uniform(sensor.period))
     dq = each(noisy, dq, sensor.velocity_noise, velocity_noise)
     if sensor.gain < 1.0:
-        dq = each(low_pass, before.dq, dq, every(sensor.gain))
+        dq = each(low_pass, before.dq, dq, uniform(sensor.gain))
     return Measured(q, dq)
 
 

@@ -2,7 +2,7 @@
 
 from math import inf
 
-from ctc_chattering.numerics.compilable import each, every
+from ctc_chattering.numerics.compilable import each, uniform
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.simulation.motion import disturbed
 from ctc_chattering.simulation.plant import Plant
@@ -12,7 +12,7 @@ import pytest
 
 
 def disturbance(amplitude: Vector, frequency: Vector, t: float) -> Vector:
-    return each(disturbed, every(0.0), amplitude, frequency, every(t))
+    return each(disturbed, uniform(0.0), amplitude, frequency, uniform(t))
 
 
 def test_is_the_paper_s() -> None:

@@ -152,7 +152,7 @@ class Law(Protocol):
         """Return what the delay prediction takes for P; `estimate` if a law does not say."""
 
 
-def _start(self: Any) -> Nothing:
+def _initial(self: Any) -> Nothing:
     return Nothing()
 
 
@@ -192,7 +192,7 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
     """Mark a law, with what `Law` says of these; return it with the methods that it lacks."""
     def marked(kind: type[T]) -> type[T]:
         attributes = {'symbol': symbol, 'of_the_paper': of_the_paper, 'acts_on_v': acts_on_v,
-                      'start': _start, 'reconfigured': _reconfigured,
+                      'initial': _initial, 'reconfigured': _reconfigured,
                       'initialized': _initialized, 'corrected': _corrected, 'answer': _answer}
         return with_defaults(kind, attributes)
     return marked

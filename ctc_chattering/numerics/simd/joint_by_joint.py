@@ -37,8 +37,8 @@ def _each_joint(scalar: Any, *vectors: Any) -> Any:
     return names['joint_by_joint']
 
 
-@overloaded(compilable.every)
-def _every(x: Any) -> Any:
+@overloaded(compilable.uniform)
+def _uniform(x: Any) -> Any:
     del x
     return lambda x: x
 
