@@ -127,7 +127,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
                 self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
-                self.config.joint_names)
+                lambda: self.config.joint_names)
         elif self._states is not None and begun:
             self._states.subscription.destroy()
             self._states = None
