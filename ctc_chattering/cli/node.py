@@ -54,7 +54,7 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     if parent is not None:
         child_process.end_with(parent)
     with given_by_user(ros.assigned):
-        values = ros.values([name])[name]
+        values = ros.checked(name)
     module = importlib.import_module(f'ctc_chattering.nodes.{name}')
     run = importlib.import_module('ctc_chattering.ros.run').run
 

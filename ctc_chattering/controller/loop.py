@@ -186,11 +186,12 @@ class ControlLoop:
 
     def _desired(self, state: JointSample) -> list[Point] | None:
         """Return what is desired at a state and for each sample of delay, if it is known yet."""
+        before = self.motion.way_back_since
         try:
             points = self.motion.desired(*state, self.simulated, self.restart_duration)
         except ParameterError as error:
             raise RejectedMessage('overflow', str(error)) from None
-        if self.motion.way_back_since == state.t and points is not None:
+        if self.motion.way_back_since not in (before, None):
             self._log.info(
                 'no torque was sent for a while: back to the reference from where the robot is '
                 f'within {self.restart_duration:g} s')

@@ -96,8 +96,7 @@ class GraphReader(BaseNode):
         self.clear()
         fast = QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT)
         once = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._follow(JOINT_STATES, StateReader().read, self._on_state, once, lambda state: (
-            state.names, not set(self.names).isdisjoint(state.names)))
+        self._follow(JOINT_STATES, StateReader().read, self._on_state, once, lambda: self.names)
         for topic, take in ((TRACKING, self._on_tracking), (FILTER, self._on_filter),
                             (TORQUES, self._on_torques)):
             self._follow(f'controller/{topic}', StateReader().read, take, fast)
@@ -121,7 +120,7 @@ class GraphReader(BaseNode):
         self._tracked: Instant | None = None
 
     def _follow(self, topic: str, read: Any, take: Any, profile: QoSProfile,
-                part: Any = None) -> None:
+                joints: Any = None) -> None:
         def heard(message: Any, now: int) -> None:
             self._heard[topic] = seconds(now)
             try:
@@ -132,7 +131,7 @@ class GraphReader(BaseNode):
             except CtcError as error:
                 raise RejectedMessage('unusable', str(error)) from None
         made = ValidatedSubscription(
-            self, message_type(TOPICS[topic].kind), topic, read, heard, profile, part)
+            self, message_type(TOPICS[topic].kind), topic, read, heard, profile, joints)
         self.inputs.append(made)
         self._polled.append((made.subscription, made.receive))
 

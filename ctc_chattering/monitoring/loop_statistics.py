@@ -70,10 +70,9 @@ class LoopStatistics:
     """
 
     def __init__(self) -> None:
-        self._periods, self._computing, self._answers = Durations(), Durations(), Durations()
-        self._processor = Durations()
-        self._durations = {'period': self._periods, 'computing time': self._computing,
-                           'processor time': self._processor, 'answer time': self._answers}
+        self._durations = {name: Durations() for name in (
+            'period', 'computing time', 'processor time', 'answer time')}
+        self._periods, self._computing, self._processor, self._answers = self._durations.values()
         self.samples = self.misses = 0
         self.rate = 0.0
         self._last: int | None = None

@@ -74,7 +74,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             qos())
         states = ValidatedSubscription(
             self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(),
-            self._names, newest=False)
+            lambda: self._names, newest=False)
         self.inputs = [states, reference]
 
     @property

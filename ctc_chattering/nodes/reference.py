@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 import time
@@ -13,7 +12,6 @@ from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError, RejectedMessage
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
-from ctc_chattering.parameters import Config
 from ctc_chattering.ros.loop_node import LoopNode
 from ctc_chattering.ros.messages import LATEST, read_stamp
 from ctc_chattering.ros.node import ERROR, OK, qos, Status, WARN
@@ -89,11 +87,9 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
             self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
         self._plan.prepare()
 
-    def check(self, configs: Sequence[Config]) -> None:
+    def check(self, config: ReferenceConfig) -> None:
         """Raise `CtcError` if a set would lead beyond the limits."""
-        for config in configs:
-            if isinstance(config, ReferenceConfig):
-                self._plan.check(config)
+        self._plan.check(config)
 
     def on_change(self) -> None:
         """Try again to begin, where that was refused; `_extend` sees what else has changed."""
@@ -127,7 +123,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
         if self._states is None and not begun:
             self._states = ValidatedSubscription(
                 self, JointState, JOINT_STATES, StateReader().read, self._on_state, qos(10),
-                self.config.joint_names)
+                lambda: self.config.joint_names)
         elif self._states is not None and begun:
             self._states.subscription.destroy()
             self._states = None
@@ -171,8 +167,7 @@ class ReferenceNode(LoopNode[ReferenceConfig, ReferenceSettings]):
     def _on_state(self, state: StateMessage, _arrival: int) -> None:
         t = state.t
         if self.count_publishers(CLOCK) == 0:
-            if not self._publisher.get_subscription_count() or not self.matched(
-                    self._publisher):
+            if not self._publisher.get_subscription_count() or not self.matched(self._publisher):
                 return
             if not self._is_in_step(t, self.get_clock().now().nanoseconds):
                 return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, cast, Generic, TypeVar
 
 from ctc_chattering.configuration.node_parameters import NODES, RealTimeSettings
@@ -10,11 +9,11 @@ from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import Config
-from ctc_chattering.ros.matching import MatchingSubscription
-from ctc_chattering.ros.node import BaseNode, qos
+from ctc_chattering.ros.matching import compatible, MatchingSubscription, qos
+from ctc_chattering.ros.node import BaseNode
 from ctc_chattering.ros.parameters import NodeParameters
 from ctc_chattering.ros.real_time import RealTime
-from ctc_chattering.ros.topics import ROBOT_DESCRIPTION
+from ctc_chattering.ros.topics import ROBOT_DESCRIPTION, TOPICS
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
@@ -47,7 +46,8 @@ class LoopNode(BaseNode, Generic[C, S]):
 
     def __init__(self, name: str, values: Values | None) -> None:
         super().__init__(name, values)
-        self.parameters = NodeParameters(self, NODES[name], self.on_change, self.check)
+        self.parameters = NodeParameters(
+            self, NODES[name], self.on_change, lambda configs: self.check(cast(C, configs[0])))
         self.scheduling = RealTime(self.parameters.get(RealTimeSettings))
         self.problem = ''
 
@@ -64,15 +64,31 @@ class LoopNode(BaseNode, Generic[C, S]):
     def on_change(self) -> None:
         """Take what has been set."""
 
-    def check(self, configs: Sequence[Config]) -> None:
-        """Raise `CtcError` if what would be set is not allowed."""
+    def check(self, config: C) -> None:
+        """Raise `CtcError` if a configuration that would be set is not allowed."""
 
     def begin(self, description: str) -> None:
         """Begin with a robot; its description is empty where none is needed."""
 
     def matched(self, *publishers: Publisher) -> bool:
-        """Return whether all who should hear the first message of `publishers` would."""
-        return self.subscribers_matched(publishers, cast(Any, self.settings).wait_for)
+        """
+        Return whether all who should hear the first message of `publishers` would.
+
+        Those are the subscribers, and of the nodes that the parameter `wait_for` names all that
+        read the topic, by `TOPICS`.
+        """
+        for publisher in publishers:
+            infos = [
+                info for info in self.get_subscriptions_info_by_topic(publisher.topic_name)
+                if compatible(publisher.qos_profile, info.qos_profile)]
+            if publisher.get_subscription_count() < len(infos):
+                return False
+            awaited = set(cast(Any, self.settings).wait_for) - {info.node_name for info in infos}
+            for topic in TOPICS.values():
+                if publisher.topic_name.endswith('/' + topic.name) and awaited & set(
+                        topic.readers):
+                    return False
+        return True
 
     def find_description(self) -> None:
         """

@@ -9,16 +9,15 @@ from typing import Any, NamedTuple
 from ctc_chattering.configuration.parameter_file import OF_ROS, Values
 from ctc_chattering.monitoring.loop_statistics import LoopStatistics
 from ctc_chattering.numerics.time_grid import NANOSECONDS
-from ctc_chattering.ros.matching import compatible, qos
+from ctc_chattering.ros.matching import qos
 from ctc_chattering.ros.parameter_service import TolerantParameterService
 from ctc_chattering.ros.real_time import RealTime
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import DIAGNOSTICS, TOPICS
+from ctc_chattering.ros.topics import DIAGNOSTICS
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.publisher import Publisher
 from rclpy.task import Future
 
 try:
@@ -206,33 +205,6 @@ class BaseNode(Node):
 
     def finish(self) -> None:
         """Do what must be done before the node goes."""
-
-    def subscribers_matched(self, publishers: Sequence[Publisher], wait_for: Sequence[str]
-                            ) -> bool:
-        """
-        Return whether all who should hear the first message of `publishers` would.
-
-        Parameters
-        ----------
-        publishers : sequence of Publisher
-            Those about to send.
-        wait_for : sequence of str
-            Names of nodes that have been started; those of them that read a topic, by
-            `graph.TOPICS`, must have matched with its publisher.
-
-        """
-        for publisher in publishers:
-            infos = [
-                info for info in self.get_subscriptions_info_by_topic(publisher.topic_name)
-                if compatible(publisher.qos_profile, info.qos_profile)]
-            if publisher.get_subscription_count() < len(infos):
-                return False
-            names = {info.node_name for info in infos}
-            for topic in TOPICS.values():
-                if publisher.topic_name.endswith('/' + topic.name) and not (
-                        names >= set(wait_for) & set(topic.readers)):
-                    return False
-        return True
 
 
 def _shown(value: object) -> str:

@@ -75,7 +75,7 @@ class RosArguments:
         UsageError
             For a parameter or a file that concerns none of the nodes.
         CtcError
-            For a value that is not allowed, or a file that is none.
+            For a file that is none.
 
         """
         names = {executable: self.node or executable for executable in executables}
@@ -85,13 +85,19 @@ class RosArguments:
                      else _assigned(source, names))
             for executable, values in given.items():
                 found[executable] |= values
-        for executable, values in found.items():
-            specs = parameters_of(executable)
-            joints = specs.get('joint_names')
-            n = len(joints.coerce(values.get(joints.name, joints.default))) if joints else 0
-            for name in values.keys() & specs:
-                values[name] = specs[name].coerce(values[name], n)
         return found
+
+    def checked(self, executable: str) -> Values:
+        """
+        Return the parameters of a node of its own; raise as `values` does, and `ParameterError`.
+
+        What comes from these arguments alone is checked before anything starts.
+        """
+        values = self.values([executable])[executable]
+        for config in NODES[executable]:
+            config.from_mapping({
+                name: value for name, value in values.items() if name in config.parameters()})
+        return values
 
     def _in_file(self, file: Path, names: Mapping[str, str]) -> dict[str, Values]:
         """Return what a file has for the nodes called `names`, by executable."""

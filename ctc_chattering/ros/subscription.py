@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import inspect
 import time
 from typing import Any, Generic, TypeVar
@@ -59,9 +59,9 @@ class ValidatedSubscription(Generic[T]):
         [ns]. It raises `RejectedMessage` before it has changed anything.
     profile : QoSProfile
         As the subscription has it.
-    joints : sequence of str, optional
-        For a topic that publishers share, a part of the robot each: our joints. Messages whose
-        `names` have none of them are passed over.
+    joints : callable, optional
+        For a topic that publishers share, a part of the robot each: returns our joints. Messages
+        whose `names` have none of them are passed over.
     newest : bool, optional
         Whether the newest message that waits is used and older ones are skipped, where time is
         real; it may change. None if every message is always used.
@@ -81,12 +81,12 @@ class ValidatedSubscription(Generic[T]):
 
     def __init__(self, node: Node, kind: Any, topic: str, read: Callable[[bytes], T],
                  take: Callable[[T, int], None], profile: QoSProfile,
-                 joints: Sequence[str] = (),
+                 joints: Callable[[], Iterable[str]] | None = None,
                  newest: bool | None = None) -> None:
         self._node = node
         self.topic = topic
         self._read, self._take, self.newest = read, take, newest
-        self._joints = frozenset(joints)
+        self._joints = joints
         self._depth = profile.depth
         self.skipped = 0
         self.rejected: Counter[str] = Counter()
@@ -147,9 +147,9 @@ class ValidatedSubscription(Generic[T]):
         except Exception as error:
             raise RejectedMessage('undecodable', f'{len(data)} bytes that are no message: '
                                   f'{" ".join(str(error).split())}') from None
-        if self._joints:
+        if self._joints is not None:
             names = message.names  # type: ignore[attr-defined]
-            ours = not self._joints.isdisjoint(names)
+            ours = not set(names).isdisjoint(self._joints())
             self.ownership.note_part(names, ours, time.time_ns())
             if not ours:
                 return None

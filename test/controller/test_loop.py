@@ -245,6 +245,20 @@ def test_a_way_back_that_is_not_finite_is_none() -> None:
     assert robot.loop.mode is Mode.RESTARTING
 
 
+def test_a_way_back_is_reported_once_however_often_the_law_has_no_torque(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot(simulated=False)
+    robot.reference(0, 1000)
+    robot.state(0)
+    robot.silence(500)
+    monkeypatch.setattr(robot.loop.law, 'try_step', lambda *_: None)
+    robot.loop.take_state(JointSample(501 * MS, ZERO, ZERO), 501 * MS, False)
+    for _ in range(3):
+        with pytest.raises(RejectedMessage, match='no torque can be computed'):
+            robot.answer()
+    assert len([line for line in robot.log.lines if 'back to the reference' in line]) == 1
+
+
 def test_references_without_states_do_not_fill_the_memory() -> None:
     robot = Robot(simulated=False)
     for k in range(100):

@@ -80,6 +80,7 @@ def test_what_is_for_ros_is_left_to_ros() -> None:
     (['--ros-args', '-p', 'b:='], ['YAML']), (['--ros-args', '-p'], ['needs a value']),
     (['--ros-args', '--law', 'x'], ['--law']), (['--ros-args', 'x'], ['x is no argument of ROS']),
     (['--ros-args', '-r', 'joint_stats:=/x'], ['joint_stats', 'joint_states']),
+    (['--ros-args', '-p', 'b:=-1'], ['b: -1']), (['--ros-args', '-p', 'b:=x'], ["b: 'x'"]),
     (['--ros-args', '-r', 'joint_states'], ['FROM:=TO']),
     (['--ros-args', '-r', 'joint_states:=a b'], ['joint_states:=a b']),
     (['--ros-args', '-r'], ['remap']), (['--ros-args', '--log-level', 'loud'], ['loud'])])
@@ -123,6 +124,13 @@ def test_arguments_of_bringup_for_ros_stand_above_its_own(file: Path) -> None:
     with pytest.raises(UsageError, match='plant'):
         file.write_text('/other/plant: {ros__parameters: {gravity: 1.0}}\n')
         bringup_values(parse(['--ros-args', '--params-file', str(file)])[1])
+
+
+def test_one_number_for_all_joints_of_a_file() -> None:
+    _, ros = parse(['--ros-args', '-p', 'ka:=12', '-p', 'kp:=[1, 2.5, 3, 4, 5, 6, 7]'])
+    setup = parameter_file.load(ROOT / 'config' / 'panda.yaml', bringup_values(ros))
+    assert setup.controller.ka == (12.0,) * 7
+    assert setup.controller.kp == (1.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0)
 
 
 @pytest.mark.parametrize('name', NODE_DESCRIPTIONS)
