@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.control import control_step
 from ctc_chattering.control.evaluation import Context, ControlSettings, Models
-from ctc_chattering.dynamics.arm import Arm, body_scratch
-from ctc_chattering.dynamics.compiled_model import EvaluatedModel, Place
+from ctc_chattering.dynamics.arm import Arm
+from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel, EvaluatedModel
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.machine_code import Call, Code
-from ctc_chattering.numerics.records import load, packed, record_of, rows, store
+from ctc_chattering.numerics.records import load, packed, rows, store
 import numpy as np
 
 #: Rows of what a step computes, those of `control.controller.Sample` in this order.
@@ -25,7 +25,8 @@ class ControlRecords(NamedTuple):
     law: Any
     memory: Any
     law_memory: Any
-    arm: Any
+    #: Of the model: as of `CompiledModel`.
+    call: Any
     body: Any
     #: Where M, C and G of the sample are kept, of the arrival of its torque, and a period later.
     now: Any
@@ -51,8 +52,8 @@ class CompiledStep:
 
     Attributes
     ----------
-    code : Code
-        Machine code, the same for all controllers with this law and number of joints.
+    codes : tuple of Code
+        What must be compiled, for all controllers with this law and number of joints.
     measured, points : array, shape (2, n) and (3 (1 + d), n)
         Of `control_step.step`, to be set before a call of `step`.
     made : array, shape (8, n)
@@ -67,18 +68,23 @@ class CompiledStep:
     def __init__(self, settings: ControlSettings, law: Any, memory: Any, law_memory: Any,
                  transit: Array, arm: Arm) -> None:
         n = len(settings.zero)
-        zero, square = np.zeros(n), np.zeros((n, n))
         self.measured, self.made = np.zeros((2, n)), np.zeros((8, n))
         self.points = np.zeros((3 + 3 * int(settings.delay), n))
-        place = Place(zero, zero, square, square, zero)
+        self._arm = CompiledArm(arm, n)
         self._records = ControlRecords(
-            packed(settings), packed(law), packed(memory), packed(law_memory), record_of(arm),
-            record_of(body_scratch(n)), packed(place), packed(place), packed(place), transit,
-            self.measured, self.made)
+            packed(settings), packed(law), packed(memory), packed(law_memory), *self._arm.model,
+            self._arm.place(), self._arm.place(), self._arm.place(), transit, self.measured,
+            self.made)
         arguments = (self._records, self.points)
-        self.code = Code(stepped, arguments, f'control-{type(law).__name__}-{n}'.lower())
-        if self.code.compiled:
-            self.step = Call(self.code, arguments)
+        code = Code(stepped, arguments, f'control-{type(law).__name__}-{n}'.lower())
+        self.codes = *self._arm.codes, code
+        if self.compiled:
+            self.step = Call(code, arguments)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether there is machine code."""
+        return all(code.compiled for code in self.codes)
 
     def memories(self) -> tuple[Any, Any]:
         """Return the memory of the step and that of the law."""
@@ -101,9 +107,9 @@ def stepped(p: ControlRecords, points: Array) -> int:
     memory = load(p.memory)
     like = memory.xi
     measured = rows(p.measured, like)
-    models = Models(EvaluatedModel(p.arm, p.body, p.now),
-                    EvaluatedModel(p.arm, p.body, p.arriving),
-                    EvaluatedModel(p.arm, p.body, p.after))
+    model = CompiledModel(p.call, p.body)
+    models = Models(EvaluatedModel(model, p.now), EvaluatedModel(model, p.arriving),
+                    EvaluatedModel(model, p.after))
     step = control_step.step(
         Context(load(p.settings), models, rows(p.transit, like)), load(p.law), memory,
         load(p.law_memory), measured[0], measured[1], rows(points, like))

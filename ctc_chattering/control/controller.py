@@ -186,7 +186,7 @@ class Controller:
                 self.model, rows)
         self._before = self.config.law
         compiled = self.compiled_step()
-        self._compiled = compiled if compiled is not None and compiled.code.compiled else None
+        self._compiled = compiled if compiled is not None and compiled.compiled else None
         self._prepared = True
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
@@ -218,7 +218,7 @@ class Controller:
         if self._compiled is not None:
             self._compiled.measured[:], self._compiled.points[:] = rows[:2], rows[2:]
             self._compiled.step()
-            made: list[Vector] = self._compiled.made.tolist()
+            made: list[list[float]] = self._compiled.made.tolist()
             return Sample(*made[:7], made[7] if any(made[7]) else None)  # type: ignore[call-arg]
         now, terms, sent, self.memory, self.law_memory = step(
             self._context, self.law, self.memory, self.law_memory, rows[0], rows[1], rows[2:])

@@ -73,4 +73,4 @@ def predict(model: Evaluates, at: State, u: Array, h: float) -> tuple[Array, Arr
 
     """
     middle = at.dq + 0.5 * h * solve(at.M, u - at.bias)
-    return at.q + h * middle, at.dq + h * model.acceleration(at.q + 0.5 * h * at.dq, middle, u)
+    return at.q + h * middle, at.dq + h * model.forward(at.q + 0.5 * h * at.dq, middle, u)

@@ -40,7 +40,7 @@ class Evaluates(Protocol):
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M, C and G, shapes (n, n), (n, n) and (n,)."""
 
-    def acceleration(self, q: Array, dq: Array, u: Array) -> Array:
+    def forward(self, q: Array, dq: Array, u: Array) -> Array:
         """Return ddq, shape (n,) [rad/s²], under a torque [N·m]."""
 
 

@@ -5,15 +5,21 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ctc_chattering.dynamics import tree, two_link
+from ctc_chattering.dynamics.arm import Arm, body_scratch
 from ctc_chattering.numerics.compilable import dot, function, record, solve_where, truths
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.records import value, write
+from ctc_chattering.numerics.machine_code import Call, Code, invoke
+from ctc_chattering.numerics.records import numpy_record, packed, record_of, value, write
+import numpy as np
 
 
 @record
 class Place(NamedTuple):
-    """Where the terms of a state are kept; arrays of shape (n,) and (n, n)."""
+    """Where the terms of a state are computed and kept; arrays of shape (n,) and (n, n)."""
 
+    #: Address of `set_terms`, and that of the places of its arguments.
+    function: int  # noqa: A003
+    places: int
     q: Array
     dq: Array
     M: Array
@@ -23,26 +29,17 @@ class Place(NamedTuple):
 
 @record
 class CompiledModel(NamedTuple):
-    """An arm with the memory in which its terms are computed, each a NumPy record."""
+    """A model as the plant takes it: addresses of `set_mass_and_bias`, and the `BodyScratch`."""
 
-    arm: Any
+    call: Any
     body: Any
 
     def mass_and_bias(self, q: Any, dq: Any) -> Any:
         """Return M and C dq + G; see `Model.mass_and_bias`. The next call changes M."""
-        arm, s = self.arm, self.body
+        s = self.body
         write(s.q, q)
         write(s.dq, dq)
-        if arm.closed:
-            terms(arm, s.q, s.dq, s, s.M, s.C, s.bias)
-            for i in range(2):
-                s.bias[i] += s.C[i, 0] * dq[0] + s.C[i, 1] * dq[1]
-        else:
-            tree.place(arm, s.q, s)
-            tree.weigh(arm, s)
-            tree.move(arm, s.dq, s)
-            tree.bias(arm, s, s.dq, s.bias)
-            tree.mass_matrix(arm, s, s.M)
+        invoke(self.call.function, self.call.places)
         return value(s.M), value(s.bias)
 
     def forward_dynamics(self, q: Any, dq: Any, u: Any, fixed_joints: int) -> Any:
@@ -58,10 +55,9 @@ class CompiledModel(NamedTuple):
 
 @record
 class EvaluatedModel(NamedTuple):
-    """An arm with its memory, and a `Place` for what it is evaluated to, each a NumPy record."""
+    """A model as the control step takes it: of the plant's form, with a `Place`."""
 
-    arm: Any
-    body: Any
+    model: CompiledModel
     place: Any
 
     def evaluate(self, q: Any, dq: Any) -> Any:
@@ -69,12 +65,88 @@ class EvaluatedModel(NamedTuple):
         place = self.place
         write(place.q, q)
         write(place.dq, dq)
-        terms(self.arm, place.q, place.dq, self.body, place.M, place.C, place.G)
+        invoke(place.function, place.places)
         return value(place.M), value(place.C), value(place.G)
 
-    def acceleration(self, q: Any, dq: Any, u: Any) -> Any:
-        """Return ddq, as `Model.acceleration` does."""
-        return CompiledModel(self.arm, self.body).forward_dynamics(q, dq, u, 0)
+    def forward(self, q: Any, dq: Any, u: Any) -> Any:
+        """Return ddq, as `Model.forward` does."""
+        return self.model.forward_dynamics(q, dq, u, 0)
+
+
+class CompiledArm:
+    """
+    The dynamics of an arm as machine code, compiled once for all laws and the plant.
+
+    Parameters
+    ----------
+    arm : Arm
+        Numbers of the model.
+    n : int
+        Number of joints.
+
+    Attributes
+    ----------
+    codes : tuple of Code
+        What must be compiled.
+    model : CompiledModel
+        As compiled functions take it.
+
+    """
+
+    def __init__(self, arm: Arm, n: int) -> None:
+        self._n, self._arm, body = n, record_of(arm), record_of(body_scratch(n))
+        call = numpy_record(dict.fromkeys(('function', 'places'), np.array(0)))
+        self.model = CompiledModel(call, body)
+        self._kept: list[Call] = []
+        self._terms = Code(set_terms, (*self._bodies, self._place()), f'dynamics-{n}')
+        self._mass = Code(set_mass_and_bias, self._bodies, f'mass-{n}')
+        self.codes = self._terms, self._mass
+        if self._mass.compiled:
+            self._set(call, self._mass, self._bodies)
+
+    @property
+    def _bodies(self) -> tuple[Any, Any]:
+        return self._arm, self.model.body
+
+    def _place(self) -> Any:
+        zero, square = np.zeros(self._n), np.zeros((self._n, self._n))
+        return packed(Place(0, 0, zero, zero, square, square, zero))
+
+    def _set(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
+        """Set the addresses by which compiled code calls another one."""
+        made = Call(code, arguments)
+        self._kept.append(made)
+        called.function, called.places = made.function, made.places.ctypes.data
+
+    def place(self) -> Any:
+        """Return a place for the terms of a state."""
+        place = self._place()
+        if self._terms.compiled:
+            self._set(place, self._terms, (*self._bodies, place))
+        return place
+
+
+@function
+def set_terms(arm: Any, body: Any, place: Any) -> int:
+    """Set M, C and G of a `Place` for its q and dq."""
+    terms(arm, place.q, place.dq, body, place.M, place.C, place.G)
+    return 0
+
+
+@function
+def set_mass_and_bias(arm: Any, s: Any) -> int:
+    """Set M and C dq + G of a `BodyScratch` for its q and dq."""
+    if arm.closed:
+        terms(arm, s.q, s.dq, s, s.M, s.C, s.bias)
+        for i in range(2):
+            s.bias[i] += s.C[i, 0] * s.dq[0] + s.C[i, 1] * s.dq[1]
+    else:
+        tree.place(arm, s.q, s)
+        tree.weigh(arm, s)
+        tree.move(arm, s.dq, s)
+        tree.bias(arm, s, s.dq, s.bias)
+        tree.mass_matrix(arm, s, s.M)
+    return 0
 
 
 @function

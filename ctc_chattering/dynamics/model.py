@@ -49,7 +49,7 @@ class Model(ABC):
                 np.array(self.coriolis_matrix(at, speed), float),
                 np.array(self.gravity_torque(at), float))
 
-    def acceleration(self, q: Array, dq: Array, u: Array) -> Array:
+    def forward(self, q: Array, dq: Array, u: Array) -> Array:
         """Return what `forward_dynamics` does, of arrays."""
         return np.array(self.forward_dynamics(q.tolist(), dq.tolist(), u.tolist()), float)
 

@@ -13,12 +13,13 @@ from typing import Any
 from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.error_limit import joint_beyond
+from ctc_chattering.dynamics.arm import arm_of
+from ctc_chattering.dynamics.compiled_model import CompiledArm
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.compiled_loop import BEYOND, CompiledLoop, DIVERGED, FINISHED
-from ctc_chattering.simulation.compiled_plant import compiled_plant, inputs
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
@@ -198,12 +199,12 @@ def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> Comp
 
     It may have to be compiled first.
     """
-    if type(robot) is not Plant or not robot.config.compiled:
+    if type(robot) is not Plant or not robot.config.compiled or robot.config.elastic:
         return None
-    step, plant = law.compiled_step(), compiled_plant(robot)
-    if step is None or plant is None:
+    step, arm = law.compiled_step(), arm_of(robot.model, robot.config.gravity)
+    if step is None or arm is None:
         return None
-    return CompiledLoop(plant, step, inputs(robot, robot.last + 1), truth)
+    return CompiledLoop(robot, CompiledArm(arm, robot.n), step, truth)
 
 
 def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller) -> Run:

@@ -6,11 +6,18 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.compiled_step import CompiledStep, E, TAU, V
+from ctc_chattering.dynamics.compiled_model import CompiledArm
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.machine_code import Call, Code, invoke
 from ctc_chattering.numerics.records import numpy_record
-from ctc_chattering.simulation.compiled_plant import advance, CompiledPlant
+from ctc_chattering.simulation.compiled_plant import (
+    advance,
+    compiled_plant,
+    CompiledPlant,
+    inputs,
+)
+from ctc_chattering.simulation.plant import Plant
 import numpy as np
 
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error
@@ -38,12 +45,12 @@ class CompiledLoop:
 
     Parameters
     ----------
-    plant : CompiledPlant
+    plant : Plant
         Which has not moved yet.
+    arm : CompiledArm
+        Model of the plant.
     step : CompiledStep
         Of the controller, at its start.
-    given : array of records, shape (N,)
-        Of `PlantInput`, for every sample.
     truth : bool
         Record the true state in place of the one that the sensors show.
 
@@ -52,13 +59,14 @@ class CompiledLoop:
     code : Code
         Of plant and loop, the same for all laws.
     codes : tuple of Code
-        Those that must be compiled: this one and that of the control step.
+        All that must be compiled.
     measured, error : array, shape (2, n) and (n,)
         q and dq [rad, rad/s], and the position error [rad], of the last sample.
 
     """
 
-    def __init__(self, plant: CompiledPlant, step: CompiledStep, given: Any, truth: bool) -> None:
+    def __init__(self, plant: Plant, arm: CompiledArm, step: CompiledStep, truth: bool) -> None:
+        given = inputs(plant, plant.last + 1)
         self.measured, self.error, self._step = step.measured, step.made[E], step
         n = len(self.error)
         zero = np.array(0)
@@ -67,9 +75,9 @@ class CompiledLoop:
         self._result = numpy_record(
             {'rows': zero, 'last': zero, 'joint': zero, 'truth': np.array(int(truth))})
         self._rows = np.empty((len(given), 5, n))
-        self._given, self._plant = given, plant
+        self._given, self._plant, self._arm = given, compiled_plant(plant, arm), arm
         self.code = Code(run, self._arguments(np.zeros(n), np.zeros(1, np.int64)), f'loop-{n}')
-        self.codes = step.code, self.code
+        self.codes = *step.codes, *arm.codes, self.code
 
     def _arguments(self, error_limit: Array, places: Any) -> tuple[Any, ...]:
         step = Control(self._called, places, self._step.measured, self._step.made, error_limit)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ctc_chattering.dynamics.arm import arm_of, body_scratch
-from ctc_chattering.dynamics.compiled_model import CompiledModel
+from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.records import load, packed, record_of, store
+from ctc_chattering.numerics.records import load, packed, store
 from ctc_chattering.simulation.friction import NoFriction
 from ctc_chattering.simulation.motion import Mechanism
 from ctc_chattering.simulation.plant import Plant
@@ -22,8 +21,8 @@ import numpy as np
 class CompiledPlant(NamedTuple):
     """A plant as compiled code takes it."""
 
-    #: `Arm` and `BodyScratch`, `PlantParameters`, `PlantState`: NumPy records.
-    arm: Any
+    #: As of `CompiledModel`; `PlantParameters`, `PlantState`: NumPy records.
+    call: Any
     body: Any
     parameters: Any
     state: Any
@@ -31,14 +30,11 @@ class CompiledPlant(NamedTuple):
     transit: Array
 
 
-def compiled_plant(plant: Plant) -> CompiledPlant | None:
-    """Return a plant that has not moved yet; None if its model cannot be compiled."""
-    config, arm = plant.config, arm_of(plant.model, plant.config.gravity)
-    if arm is None or config.elastic:
-        return None
+def compiled_plant(plant: Plant, arm: CompiledArm) -> CompiledPlant:
+    """Return a plant that has not moved yet, with its model."""
+    config = plant.config
     return CompiledPlant(
-        record_of(arm), record_of(body_scratch(plant.n)),
-        packed(PlantParameters(
+        *arm.model, packed(PlantParameters(
             plant.mechanics, plant.drives, plant.sensor.encoders, config.sample_loss,
             plant.last)),
         packed(PlantState(0, plant.driven, plant.motion, Measured(*plant.measured), 0)),
@@ -65,5 +61,5 @@ def inputs(plant: Plant, count: int) -> Any:
 def advance(p: CompiledPlant, given: Any) -> None:
     """Go on by one control period."""
     parameters = load(p.parameters)
-    mechanism = Mechanism(CompiledModel(p.arm, p.body), NoFriction(0.0), parameters.mechanics)
+    mechanism = Mechanism(CompiledModel(p.call, p.body), NoFriction(0.0), parameters.mechanics)
     store(p.state, plant_step(mechanism, parameters, load(p.state), p.transit, load(given)))
