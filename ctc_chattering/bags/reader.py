@@ -22,14 +22,8 @@ from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.ros import topics
 from ctc_chattering.ros.joint_order import select
-from ctc_chattering.ros.topics import (
-    COMMANDS,
-    FILTER,
-    JOINT_STATES,
-    PARAMETERS,
-    REFERENCE,
-)
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Trajectory
@@ -95,7 +89,7 @@ class _RunTopics(BagTopics):
         self._history = self.parameters('controller', ControllerConfig)
         if not self._history:
             raise CtcError(f'{path}: not a bag of this package: no message on '
-                           f'controller/{PARAMETERS}')
+                           f'controller/{topics.PARAMETERS}')
         config = self._history[0][1]
         self._names = config.joint_names
         self._period = period_ns(config.control_period)
@@ -104,11 +98,11 @@ class _RunTopics(BagTopics):
         """Return the run."""
         states, repeats = self._states(self._history[0][0])
         if not states:
-            raise CtcError(f'{self.path}: no state on {JOINT_STATES} that was answered')
+            raise CtcError(f'{self.path}: no state on {topics.JOINT_STATES} that was answered')
         trajectory, start = self._trajectory()
         points = [p for state in states if (p := trajectory.at(state.t))]
         if not points:
-            raise CtcError(f'{self.path}: no {REFERENCE} for the state at '
+            raise CtcError(f'{self.path}: no {topics.REFERENCE} for the state at '
                            f'{seconds(states[0].t):g} s')
         # A recorder that is started during a run receives states before the first reference.
         unknown = len(states) - len(points)
@@ -131,7 +125,7 @@ class _RunTopics(BagTopics):
     def _filtered_error(self, start: int) -> dict[float, list[float]]:
         """Return v as the controller published it [rad/s] by time since `start` [s]."""
         found = {}
-        for _, message in self.messages(f'controller/{FILTER}'):
+        for _, message in self.messages(f'controller/{topics.FILTER}'):
             (v,) = self._select(message.name, message.velocity)
             if np.isfinite(v).all():
                 found[seconds(nanoseconds(message.header.stamp) - start)] = v.tolist()
@@ -147,7 +141,7 @@ class _RunTopics(BagTopics):
 
     def _valid_states(self, since: int) -> Iterator[_StampedState]:
         """Yield the states from time `since` [ns] on that a controller would accept."""
-        for recorded, message in self.messages(JOINT_STATES):
+        for recorded, message in self.messages(topics.JOINT_STATES):
             t = nanoseconds(message.header.stamp)
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))
             row = self._select(message.name, message.position, message.velocity)
@@ -187,7 +181,7 @@ class _RunTopics(BagTopics):
     def _trajectory(self) -> tuple[Trajectory, int]:
         """Return the reference and the time of its first point [ns]."""
         trajectory, start = Trajectory(), 0
-        for _, message in self.messages(REFERENCE):
+        for _, message in self.messages(topics.REFERENCE):
             first = nanoseconds(message.header.stamp)
             times = [first + nanoseconds(p.time_from_start) for p in message.points]
             rows = [self._select(message.joint_names, p.positions, p.velocities, p.accelerations)
@@ -204,7 +198,7 @@ class _RunTopics(BagTopics):
         commands: list[Array] = []
         recorded: list[int] = []
         left = 0
-        for t, message in self.messages(COMMANDS):
+        for t, message in self.messages(topics.COMMANDS):
             labels = [dim.label for dim in message.layout.dim] or self._names
             (tau,) = self._select(labels, message.data)
             if not np.isfinite(tau).all():

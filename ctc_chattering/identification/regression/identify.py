@@ -12,16 +12,10 @@ from ctc_chattering.identification.regression.delay_and_lag import Profile, Timi
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.least_squares import (
-    BACKWARDS,
     Data,
-    FORWARDS,
-    LOAD,
-    MODEL,
-    STRIBECK_SLOPE,
-    STRIBECK_TERM,
+    Kind,
     stribeck_velocity,
     Term,
-    VISCOUS,
 )
 from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
@@ -216,16 +210,16 @@ def _friction(selected: Selected, i: int) -> JointFriction:
     """Return the friction of joint i."""
     terms, missing = selected.fit.terms, selected.missing
 
-    def number(kind: str, unit: str) -> Estimate:
+    def number(kind: Kind, unit: str) -> Estimate:
         for term in terms:
             if (term.kind, term.joint) == (kind, i):
                 return Estimate(*selected.interval(term), unit)
         return Estimate.none(missing.get((kind, i), NONE))
 
-    forwards, backwards = number(FORWARDS, 'N*m'), number(BACKWARDS, 'N*m')
+    forwards, backwards = number(Kind.FORWARDS, 'N*m'), number(Kind.BACKWARDS, 'N*m')
     both = forwards.value is not None and backwards.value is not None
     if both:
-        a, b = Term(FORWARDS, i), Term(BACKWARDS, i)
+        a, b = Term(Kind.FORWARDS, i), Term(Kind.BACKWARDS, i)
         coulomb = Estimate(*selected.combined({a: 0.5, b: 0.5}), 'N*m')
         offset = Estimate(*selected.combined({a: 0.5, b: -0.5}), 'N*m')
     else:
@@ -234,21 +228,21 @@ def _friction(selected: Selected, i: int) -> JointFriction:
         if 'hardly moves' in reason:
             coulomb = offset = Estimate.none(f'{reason}: friction and a constant torque look the '
                                              'same in one direction')
-    return JointFriction(coulomb, forwards, backwards, offset, number(VISCOUS, 'N*m*s/rad'),
-                         number(STRIBECK_TERM, 'N*m'), _stribeck_velocity(selected, i),
-                         number(LOAD, ''))
+    return JointFriction(coulomb, forwards, backwards, offset, number(Kind.VISCOUS, 'N*m*s/rad'),
+                         number(Kind.STRIBECK, 'N*m'), _stribeck_velocity(selected, i),
+                         number(Kind.LOAD, ''))
 
 
 def _stribeck_velocity(selected: Selected, i: int) -> Estimate:
     """Return v_s of joint i with its interval, from the slope of the column by its place."""
     for term in selected.fit.terms:
-        if (term.kind, term.joint) == (STRIBECK_TERM, i):
+        if (term.kind, term.joint) == (Kind.STRIBECK, i):
             size = selected.fit.of(term)
-            _, half = selected.interval(Term(STRIBECK_SLOPE, i, term.which))
+            _, half = selected.interval(Term(Kind.STRIBECK_SLOPE, i, term.which))
             velocity = stribeck_velocity(term.which)
             ratio = float(np.log(STRIBECK[1] / STRIBECK[0]))
             return Estimate(velocity, velocity * ratio * half / size, 'rad/s')
-    return Estimate.none(selected.missing.get((STRIBECK_TERM, i), NONE))
+    return Estimate.none(selected.missing.get((Kind.STRIBECK, i), NONE))
 
 
 def _errors(selected: Selected, candidates: Sequence[ModelError]
@@ -256,8 +250,8 @@ def _errors(selected: Selected, candidates: Sequence[ModelError]
     """Return the errors of the model that are clear, and those that cannot be told."""
     found = []
     for k, candidate in enumerate(candidates):
-        if Term(MODEL, -1, k) in selected.fit.terms:
-            value, half = selected.interval(Term(MODEL, -1, k))
+        if Term(Kind.MODEL, -1, k) in selected.fit.terms:
+            value, half = selected.interval(Term(Kind.MODEL, -1, k))
             found.append((candidate, Estimate(value, half, candidate.unit)))
         elif k in selected.unseen:
             found.append((candidate, Estimate.none(selected.unseen[k])))
