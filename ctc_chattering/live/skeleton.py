@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
 from math import hypot
 from typing import Any
@@ -261,6 +261,13 @@ def places(count: int, reach: float) -> list[tuple[float, float, float]]:
 def hanging(skeleton: Skeleton) -> bool:
     """Return whether the arm goes below its root at position 0."""
     return bool(skeleton.tips([0.0] * skeleton.n)[:, 2].min() < -0.1 * skeleton.reach)
+
+
+def stage(skeletons: Iterable[Skeleton | None]) -> tuple[float, float, float]:
+    """Return the reach of the largest arm, and the heights of the middle and of the floor [m]."""
+    known = [x for x in skeletons if x is not None]
+    reach = max((x.reach for x in known), default=1.0)
+    return (reach, 0.0, -reach) if any(map(hanging, known)) else (reach, 0.3 * reach, 0.0)
 
 
 def as_json(skeleton: Skeleton) -> list[dict[str, Any]]:
