@@ -59,10 +59,8 @@ class Timing:
         The delays that the data allow with their lags [s]; one if it is identified.
     misfit : ndarray, shape (n,)
         Mean square that is left in each joint [(N·m)²].
-    command_delay : float
-        Delay of the commands, where the source is the effort; nan without commands.
-    command_lag, command_lag_error : ndarray, shape (n,), or None
-        Lag of the commands, likewise.
+    commands : Timing or None
+        That of the commands, where the source is the effort; None without commands.
 
     """
 
@@ -72,18 +70,15 @@ class Timing:
     lag_error: Array
     delays: dict[int, Array]
     misfit: Array
-    command_delay: float = nan
-    command_lag: Array | None = None
-    command_lag_error: Array | None = None
+    commands: Timing | None = None
 
     @property
     def drive(self) -> tuple[float, Array, Array]:
         """Delay [samples], lag and its error [s] from the command on; nan where not known."""
-        if self.source == COMMAND:
-            return self.delay, self.lag, self.lag_error
-        if self.command_lag is None or self.command_lag_error is None:
+        known = self if self.source == COMMAND else self.commands
+        if known is None:
             return nan, np.zeros_like(self.lag), np.full_like(self.lag, np.inf)
-        return self.command_delay, self.command_lag, self.command_lag_error
+        return known.delay, known.lag, known.lag_error
 
 
 class Profile:

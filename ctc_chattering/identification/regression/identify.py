@@ -198,10 +198,8 @@ def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: st
         command, effort = (option[2].misfit for option in options)
         moving = np.isfinite(command) & (command > 0.0)
         if np.median(effort[moving] / command[moving]) < _BETTER:
-            delay = options[0][2]
-            chosen = dataclasses.replace(
-                options[1][2], delays=delay.delays, command_delay=delay.delay,
-                command_lag=delay.lag, command_lag_error=delay.lag_error)
+            commands = options[0][2]
+            chosen = dataclasses.replace(options[1][2], delays=commands.delays, commands=commands)
             return options[1][0], options[1][1], chosen
     return options[0]
 
