@@ -13,7 +13,7 @@ from math import nan
 
 from ctc_chattering.analysis.recording import Stretch
 from ctc_chattering.identification.regression.intervals import correlation_length
-from ctc_chattering.identification.regression.least_squares import Data, Kind, Term
+from ctc_chattering.identification.regression.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
 from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has, weak_torque
 from ctc_chattering.identification.regression.weak_form import TestFunction
@@ -96,8 +96,9 @@ class Profile:
     def _basis(self, i: int) -> Array:
         """Return an orthonormal basis of what explains the torque of joint i."""
         data, used = self.data, self.data.used()[:, i]
-        terms = [*(Term(kind, i) for kind in (Kind.FORWARDS, Kind.BACKWARDS, Kind.VISCOUS)),
-                 *(Term(Kind.MODEL, -1, k) for k in range(data.more.shape[2]))]
+        terms = [Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i),
+                 Term(TermKind.VISCOUS, i),
+                 *(Term(TermKind.MODEL, -1, k) for k in range(data.more.shape[2]))]
         columns = np.concatenate(
             (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3]), axis=1)
         length = np.sqrt(np.square(columns).sum(axis=0))

@@ -13,9 +13,9 @@ from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.least_squares import (
     Data,
-    Kind,
     stribeck_velocity,
     Term,
+    TermKind,
 )
 from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
@@ -208,16 +208,16 @@ def _friction(selected: Selected, i: int) -> JointFriction:
     """Return the friction of joint i."""
     terms, missing = selected.fit.terms, selected.missing
 
-    def number(kind: Kind, unit: str) -> Estimate:
+    def number(kind: TermKind, unit: str) -> Estimate:
         for term in terms:
             if (term.kind, term.joint) == (kind, i):
                 return Estimate(*selected.interval(term), unit)
         return Estimate.none(missing.get((kind, i), NONE))
 
-    forwards, backwards = number(Kind.FORWARDS, 'N*m'), number(Kind.BACKWARDS, 'N*m')
+    forwards, backwards = number(TermKind.FORWARDS, 'N*m'), number(TermKind.BACKWARDS, 'N*m')
     both = forwards.value is not None and backwards.value is not None
     if both:
-        a, b = Term(Kind.FORWARDS, i), Term(Kind.BACKWARDS, i)
+        a, b = Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i)
         coulomb = Estimate(*selected.combined({a: 0.5, b: 0.5}), 'N*m')
         offset = Estimate(*selected.combined({a: 0.5, b: -0.5}), 'N*m')
     else:
@@ -226,21 +226,22 @@ def _friction(selected: Selected, i: int) -> JointFriction:
         if 'hardly moves' in reason:
             coulomb = offset = Estimate.none(f'{reason}: friction and a constant torque look the '
                                              'same in one direction')
-    return JointFriction(coulomb, forwards, backwards, offset, number(Kind.VISCOUS, 'N*m*s/rad'),
-                         number(Kind.STRIBECK, 'N*m'), _stribeck_velocity(selected, i),
-                         number(Kind.LOAD, ''))
+    return JointFriction(coulomb, forwards, backwards, offset,
+                         number(TermKind.VISCOUS, 'N*m*s/rad'),
+                         number(TermKind.STRIBECK, 'N*m'), _stribeck_velocity(selected, i),
+                         number(TermKind.LOAD, ''))
 
 
 def _stribeck_velocity(selected: Selected, i: int) -> Estimate:
     """Return v_s of joint i with its interval, from the slope of the column by its place."""
     for term in selected.fit.terms:
-        if (term.kind, term.joint) == (Kind.STRIBECK, i):
+        if (term.kind, term.joint) == (TermKind.STRIBECK, i):
             size = selected.fit.of(term)
-            _, half = selected.interval(Term(Kind.STRIBECK_SLOPE, i, term.which))
+            _, half = selected.interval(Term(TermKind.STRIBECK_SLOPE, i, term.which))
             velocity = stribeck_velocity(term.which)
             ratio = float(np.log(STRIBECK[1] / STRIBECK[0]))
             return Estimate(velocity, velocity * ratio * half / size, 'rad/s')
-    return Estimate.none(selected.missing.get((Kind.STRIBECK, i), NONE))
+    return Estimate.none(selected.missing.get((TermKind.STRIBECK, i), NONE))
 
 
 def _errors(selected: Selected, candidates: Sequence[ModelError]
@@ -248,8 +249,8 @@ def _errors(selected: Selected, candidates: Sequence[ModelError]
     """Return the errors of the model that are clear, and those that cannot be told."""
     found = []
     for k, candidate in enumerate(candidates):
-        if Term(Kind.MODEL, -1, k) in selected.fit.terms:
-            value, half = selected.interval(Term(Kind.MODEL, -1, k))
+        if Term(TermKind.MODEL, -1, k) in selected.fit.terms:
+            value, half = selected.interval(Term(TermKind.MODEL, -1, k))
             found.append((candidate, Estimate(value, half, candidate.unit)))
         elif k in selected.unseen:
             found.append((candidate, Estimate.none(selected.unseen[k])))

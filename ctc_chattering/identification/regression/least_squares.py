@@ -22,7 +22,7 @@ _ITERATIONS = 3
 DEPENDENT = 1e-4
 
 
-class Kind(Enum):
+class TermKind(Enum):
     """What a column of the regression stands for."""
 
     FORWARDS = 'forwards'
@@ -44,7 +44,7 @@ class Term(NamedTuple):
     derivative of the column by that, and that of the lag the derivative of the torque by the lag.
     """
 
-    kind: Kind
+    kind: TermKind
     joint: int
     which: float = 0
 
@@ -111,19 +111,19 @@ class Data:
         """Return the design, shape (J, n, terms); 0 in rows that are not used."""
         found = np.zeros((*self.way.shape, len(terms)))
         for k, (kind, i, which) in enumerate(terms):
-            if kind == Kind.MODEL:
+            if kind == TermKind.MODEL:
                 found[:, :, k] = self.more[:, :, int(which)] * (self.way != 0.0)
-            elif kind in (Kind.STRIBECK, Kind.STRIBECK_SLOPE):
-                weights = interpolation(which, kind == Kind.STRIBECK_SLOPE)
+            elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
+                weights = interpolation(which, kind == TermKind.STRIBECK_SLOPE)
                 found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
-            elif kind == Kind.LOAD:
+            elif kind == TermKind.LOAD:
                 found[:, i, k] = self.way[:, i] * self.load[:, i]
-            elif kind == Kind.LAG_SLOPE:
+            elif kind == TermKind.LAG_SLOPE:
                 found[:, i, k] = self.late[:, i] * (self.way[:, i] != 0.0)
-            elif kind == Kind.VISCOUS:
+            elif kind == TermKind.VISCOUS:
                 found[:, i, k] = self.velocity[:, i] * (self.way[:, i] != 0.0)
             else:
-                sign = 1.0 if kind == Kind.FORWARDS else -1.0
+                sign = 1.0 if kind == TermKind.FORWARDS else -1.0
                 found[:, i, k] = np.where(self.way[:, i] == sign, sign, 0.0)
         return found
 
@@ -203,11 +203,11 @@ def dependent(data: Data, terms: Sequence[Term]) -> list[Term]:
 
     They are taken in their order, so that earlier ones are kept.
     """
-    fit = solve(data, [term for term in terms if term.kind != Kind.MODEL])
+    fit = solve(data, [term for term in terms if term.kind != TermKind.MODEL])
     root = np.sqrt(fit.weight)[:, None]
     basis = np.linalg.qr((fit.design * root).reshape(-1, fit.design.shape[2]))[0]
     found = []
-    for term in (term for term in terms if term.kind == Kind.MODEL):
+    for term in (term for term in terms if term.kind == TermKind.MODEL):
         column = (data.columns([term]) * root).reshape(-1)
         length = np.sqrt(column.dot(column))
         rest = column - basis @ (basis.T @ column)
