@@ -141,16 +141,12 @@ class Stretch:
         return np.asarray(self.t0 + self.period * np.arange(len(self.q)), float)
 
 
-def stretches(recording: Recording, period: float) -> list[Stretch]:
+def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
     """
-    Return the parts of a checked recording between gaps, on a grid with the step `period` [s].
+    Yield the parts of a checked recording between gaps, on a grid with the step `period` [s].
 
     Up to `BRIDGED` missing samples are interpolated; torques hold their last value there.
     """
-    return list(_stretches(recording, period))
-
-
-def _stretches(recording: Recording, period: float) -> Iterator[Stretch]:
     t = recording.t
     ends = np.flatnonzero(np.diff(t) > (BRIDGED + 1.5) * period) + 1
     for part in np.split(np.arange(len(t)), ends):

@@ -237,10 +237,14 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
         If the file cannot be written.
 
     """
-    runs = [finite(result.metrics()) for result in results]
-    write_text(path, json.dumps({'runs': runs}, indent=2, ensure_ascii=False) + '\n')
+    write_json({'runs': [result.metrics() for result in results]}, path)
+
+
+def write_json(value: Any, path: Path) -> None:
+    """Write a file of strict JSON; numbers that are not finite become null."""
+    write_text(path, json.dumps(finite(value), indent=2, ensure_ascii=False) + '\n')
 
 
 def finite(value: Any) -> Any:
     """Return `value`, as JSON has it, with None in place of every number that is not finite."""
-    return json.loads(json.dumps(value), parse_constant=lambda _: None)
+    return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)

@@ -271,6 +271,15 @@ def test_help(command: str) -> None:
         assert ctc('--version').stdout.strip() == __version__
 
 
+def test_the_first_help_loads_no_command() -> None:
+    """Check that neither numbers nor YAML nor a subcommand are imported for it."""
+    code = ('import sys\nfrom ctc_chattering.cli.ctc import main\n'
+            'try:\n    main(["--help"])\nexcept SystemExit:\n'
+            '    print("loaded:", sorted(set(sys.modules) & {'
+            '"numpy", "yaml", "jinja2", "ctc_chattering.cli.commands"}))')
+    assert python('-c', code).stdout.endswith('\nloaded: []\n')
+
+
 def test_sentences_of_help_end_once() -> None:
     """Check every subcommand for punctuation before the full stop that ends its summary."""
     (commands,) = (x for x in make_parser()._actions if isinstance(x, _SubParsersAction))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare, write_text, writing
+from ctc_chattering.analysis.result import write_json
 from ctc_chattering.cli.options import add_output
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
@@ -143,7 +144,7 @@ def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: 
     """Write all files."""
     from ctc_chattering.identification.report.figures import save_identification_figures
     from ctc_chattering.identification.report.parameter_values import parameter_values
-    from ctc_chattering.identification.report.results import write_json, write_page
+    from ctc_chattering.identification.report.results import write_page
 
     shared = dict(robot.shared)
     if robot.description:
@@ -157,7 +158,7 @@ def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: 
         parameter_file.load(out / _VALUES)
     except CtcError as error:
         raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
-    write_json(report, out / _JSON)
+    write_json(report.as_mapping(), out / _JSON)
     figures = save_identification_figures(
         report.found, report.run, report.recommended, report.validation, out / _FIGURES)
     files = {_VALUES: 'parameter file', _JSON: 'all numbers'}

@@ -13,14 +13,7 @@ from math import nan
 
 from ctc_chattering.analysis.recording import Stretch
 from ctc_chattering.identification.regression.intervals import correlation_length
-from ctc_chattering.identification.regression.least_squares import (
-    BACKWARDS,
-    Data,
-    FORWARDS,
-    MODEL,
-    Term,
-    VISCOUS,
-)
+from ctc_chattering.identification.regression.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
 from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has, weak_torque
 from ctc_chattering.identification.regression.weak_form import TestFunction
@@ -66,10 +59,8 @@ class Timing:
         The delays that the data allow with their lags [s]; one if it is identified.
     misfit : ndarray, shape (n,)
         Mean square that is left in each joint [(N·m)²].
-    command_delay : float
-        Delay of the commands, where the source is the effort; nan without commands.
-    command_lag, command_lag_error : ndarray, shape (n,), or None
-        Lag of the commands, likewise.
+    commands : Timing or None
+        That of the commands, where the source is the effort; None without commands.
 
     """
 
@@ -79,18 +70,15 @@ class Timing:
     lag_error: Array
     delays: dict[int, Array]
     misfit: Array
-    command_delay: float = nan
-    command_lag: Array | None = None
-    command_lag_error: Array | None = None
+    commands: Timing | None = None
 
     @property
     def drive(self) -> tuple[float, Array, Array]:
         """Delay [samples], lag and its error [s] from the command on; nan where not known."""
-        if self.source == COMMAND:
-            return self.delay, self.lag, self.lag_error
-        if self.command_lag is None or self.command_lag_error is None:
+        known = self if self.source == COMMAND else self.commands
+        if known is None:
             return nan, np.zeros_like(self.lag), np.full_like(self.lag, np.inf)
-        return self.command_delay, self.command_lag, self.command_lag_error
+        return known.delay, known.lag, known.lag_error
 
 
 class Profile:
@@ -108,8 +96,9 @@ class Profile:
     def _basis(self, i: int) -> Array:
         """Return an orthonormal basis of what explains the torque of joint i."""
         data, used = self.data, self.data.used()[:, i]
-        terms = [*(Term(kind, i) for kind in (FORWARDS, BACKWARDS, VISCOUS)),
-                 *(Term(MODEL, -1, k) for k in range(data.more.shape[2]))]
+        terms = [Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i),
+                 Term(TermKind.VISCOUS, i),
+                 *(Term(TermKind.MODEL, -1, k) for k in range(data.more.shape[2]))]
         columns = np.concatenate(
             (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3]), axis=1)
         length = np.sqrt(np.square(columns).sum(axis=0))

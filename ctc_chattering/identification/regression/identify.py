@@ -12,16 +12,10 @@ from ctc_chattering.identification.regression.delay_and_lag import Profile, Timi
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.least_squares import (
-    BACKWARDS,
     Data,
-    FORWARDS,
-    LOAD,
-    MODEL,
-    STRIBECK_SLOPE,
-    STRIBECK_TERM,
     stribeck_velocity,
     Term,
-    VISCOUS,
+    TermKind,
 )
 from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
@@ -204,10 +198,8 @@ def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: st
         command, effort = (option[2].misfit for option in options)
         moving = np.isfinite(command) & (command > 0.0)
         if np.median(effort[moving] / command[moving]) < _BETTER:
-            delay = options[0][2]
-            chosen = dataclasses.replace(
-                options[1][2], delays=delay.delays, command_delay=delay.delay,
-                command_lag=delay.lag, command_lag_error=delay.lag_error)
+            commands = options[0][2]
+            chosen = dataclasses.replace(options[1][2], delays=commands.delays, commands=commands)
             return options[1][0], options[1][1], chosen
     return options[0]
 
@@ -216,16 +208,16 @@ def _friction(selected: Selected, i: int) -> JointFriction:
     """Return the friction of joint i."""
     terms, missing = selected.fit.terms, selected.missing
 
-    def number(kind: str, unit: str) -> Estimate:
+    def number(kind: TermKind, unit: str) -> Estimate:
         for term in terms:
             if (term.kind, term.joint) == (kind, i):
                 return Estimate(*selected.interval(term), unit)
         return Estimate.none(missing.get((kind, i), NONE))
 
-    forwards, backwards = number(FORWARDS, 'N*m'), number(BACKWARDS, 'N*m')
+    forwards, backwards = number(TermKind.FORWARDS, 'N*m'), number(TermKind.BACKWARDS, 'N*m')
     both = forwards.value is not None and backwards.value is not None
     if both:
-        a, b = Term(FORWARDS, i), Term(BACKWARDS, i)
+        a, b = Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i)
         coulomb = Estimate(*selected.combined({a: 0.5, b: 0.5}), 'N*m')
         offset = Estimate(*selected.combined({a: 0.5, b: -0.5}), 'N*m')
     else:
@@ -234,21 +226,22 @@ def _friction(selected: Selected, i: int) -> JointFriction:
         if 'hardly moves' in reason:
             coulomb = offset = Estimate.none(f'{reason}: friction and a constant torque look the '
                                              'same in one direction')
-    return JointFriction(coulomb, forwards, backwards, offset, number(VISCOUS, 'N*m*s/rad'),
-                         number(STRIBECK_TERM, 'N*m'), _stribeck_velocity(selected, i),
-                         number(LOAD, ''))
+    return JointFriction(coulomb, forwards, backwards, offset,
+                         number(TermKind.VISCOUS, 'N*m*s/rad'),
+                         number(TermKind.STRIBECK, 'N*m'), _stribeck_velocity(selected, i),
+                         number(TermKind.LOAD, ''))
 
 
 def _stribeck_velocity(selected: Selected, i: int) -> Estimate:
     """Return v_s of joint i with its interval, from the slope of the column by its place."""
     for term in selected.fit.terms:
-        if (term.kind, term.joint) == (STRIBECK_TERM, i):
+        if (term.kind, term.joint) == (TermKind.STRIBECK, i):
             size = selected.fit.of(term)
-            _, half = selected.interval(Term(STRIBECK_SLOPE, i, term.which))
+            _, half = selected.interval(Term(TermKind.STRIBECK_SLOPE, i, term.which))
             velocity = stribeck_velocity(term.which)
             ratio = float(np.log(STRIBECK[1] / STRIBECK[0]))
             return Estimate(velocity, velocity * ratio * half / size, 'rad/s')
-    return Estimate.none(selected.missing.get((STRIBECK_TERM, i), NONE))
+    return Estimate.none(selected.missing.get((TermKind.STRIBECK, i), NONE))
 
 
 def _errors(selected: Selected, candidates: Sequence[ModelError]
@@ -256,8 +249,8 @@ def _errors(selected: Selected, candidates: Sequence[ModelError]
     """Return the errors of the model that are clear, and those that cannot be told."""
     found = []
     for k, candidate in enumerate(candidates):
-        if Term(MODEL, -1, k) in selected.fit.terms:
-            value, half = selected.interval(Term(MODEL, -1, k))
+        if Term(TermKind.MODEL, -1, k) in selected.fit.terms:
+            value, half = selected.interval(Term(TermKind.MODEL, -1, k))
             found.append((candidate, Estimate(value, half, candidate.unit)))
         elif k in selected.unseen:
             found.append((candidate, Estimate.none(selected.unseen[k])))

@@ -9,30 +9,42 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
+from enum import Enum
 from typing import NamedTuple
 
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-FORWARDS, BACKWARDS, VISCOUS, STRIBECK_TERM, STRIBECK_SLOPE, LOAD, LAG_SLOPE, MODEL = (
-    'forwards', 'backwards', 'viscous', 'stribeck', 'stribeck slope', 'load', 'lag slope', 'model')
 #: Iterations in which weights follow from residuals.
 _ITERATIONS = 3
 #: Singular value, of columns of the length 1, below which they count as dependent.
 DEPENDENT = 1e-4
 
 
+class TermKind(Enum):
+    """What a column of the regression stands for."""
+
+    FORWARDS = 'forwards'
+    BACKWARDS = 'backwards'
+    VISCOUS = 'viscous'
+    STRIBECK = 'stribeck'
+    STRIBECK_SLOPE = 'stribeck slope'
+    LOAD = 'load'
+    LAG_SLOPE = 'lag slope'
+    MODEL = 'model'
+
+
 class Term(NamedTuple):
     """
     A column: what it stands for, its joint, and which one of several.
 
-    The joint of a `MODEL` is -1, and `which` its index. `which` of the Stribeck terms is the place
-    of the velocity among `STRIBECK`, between two of them as well; the slope is the derivative of
-    the column by that, and that of the lag the derivative of the torque by the lag.
+    The joint of an error of the model is -1, and `which` its index. `which` of the Stribeck terms
+    is the place of the velocity among `STRIBECK`, between two of them as well; the slope is the
+    derivative of the column by that, and that of the lag the derivative of the torque by the lag.
     """
 
-    kind: str
+    kind: TermKind
     joint: int
     which: float = 0
 
@@ -99,19 +111,19 @@ class Data:
         """Return the design, shape (J, n, terms); 0 in rows that are not used."""
         found = np.zeros((*self.way.shape, len(terms)))
         for k, (kind, i, which) in enumerate(terms):
-            if kind == MODEL:
+            if kind == TermKind.MODEL:
                 found[:, :, k] = self.more[:, :, int(which)] * (self.way != 0.0)
-            elif kind in (STRIBECK_TERM, STRIBECK_SLOPE):
-                weights = interpolation(which, kind == STRIBECK_SLOPE)
+            elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
+                weights = interpolation(which, kind == TermKind.STRIBECK_SLOPE)
                 found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
-            elif kind == LOAD:
+            elif kind == TermKind.LOAD:
                 found[:, i, k] = self.way[:, i] * self.load[:, i]
-            elif kind == LAG_SLOPE:
+            elif kind == TermKind.LAG_SLOPE:
                 found[:, i, k] = self.late[:, i] * (self.way[:, i] != 0.0)
-            elif kind == VISCOUS:
+            elif kind == TermKind.VISCOUS:
                 found[:, i, k] = self.velocity[:, i] * (self.way[:, i] != 0.0)
             else:
-                sign = 1.0 if kind == FORWARDS else -1.0
+                sign = 1.0 if kind == TermKind.FORWARDS else -1.0
                 found[:, i, k] = np.where(self.way[:, i] == sign, sign, 0.0)
         return found
 
@@ -187,15 +199,15 @@ def solved(normal: Array, right: Array) -> Array:
 
 def dependent(data: Data, terms: Sequence[Term]) -> list[Term]:
     """
-    Return which of the `MODEL` terms are a combination of the columns before them and friction.
+    Return which errors of the model are a combination of the columns before them and friction.
 
     They are taken in their order, so that earlier ones are kept.
     """
-    fit = solve(data, [term for term in terms if term.kind != MODEL])
+    fit = solve(data, [term for term in terms if term.kind != TermKind.MODEL])
     root = np.sqrt(fit.weight)[:, None]
     basis = np.linalg.qr((fit.design * root).reshape(-1, fit.design.shape[2]))[0]
     found = []
-    for term in (term for term in terms if term.kind == MODEL):
+    for term in (term for term in terms if term.kind == TermKind.MODEL):
         column = (data.columns([term]) * root).reshape(-1)
         length = np.sqrt(column.dot(column))
         rest = column - basis @ (basis.T @ column)

@@ -14,11 +14,9 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_parser import Tree
-
-#: Radius of the payload, which is a homogeneous ball [m].
-_RADIUS = 0.03
 
 
 class ModelError(NamedTuple):
@@ -133,7 +131,8 @@ def candidates(model: Model, description: str = '',
                          locked)
     found = [ModelError(name, '', made(text))
              for name, text in heavier_links(description, joints)]
-    return [*found, ModelError('payload', 'kg', made(with_payload(description, joints)))]
+    outwards = [name for name in Tree(description).ends if name in joints]
+    return [*found, ModelError('payload', 'kg', made(with_payload(description, outwards, 1.0)))]
 
 
 def heavier_links(description: str, joints: Sequence[str], factor: float = 2.0
@@ -152,37 +151,6 @@ def heavier_links(description: str, joints: Sequence[str], factor: float = 2.0
             found.append((max(masses, key=lambda name: masses[name]),
                           _scaled(description, body, factor)))
     return found
-
-
-def tip_of(description: str, joints: Sequence[str]) -> str:
-    """Return the link at the tip: the last one of the longest chain behind the last joint."""
-    tree = Tree(description)
-    depth: dict[str, int] = {}
-    for parent, child in tree.ends.values():
-        depth[child] = depth.get(parent, 0) + 1
-    last = max(joints, key=lambda name: depth[tree.ends[name][1]])
-    fixed = [name for name, (_, child) in tree.ends.items() if name not in tree.joints]
-    at = tree.ends[last][1]
-    chains = {at: 0}
-    for name, (parent, child) in tree.ends.items():
-        if parent in chains and name in fixed:
-            chains[child] = chains[parent] + 1
-    return max(chains, key=lambda name: chains[name])
-
-
-def with_payload(description: str, joints: Sequence[str], mass: float = 1.0) -> str:
-    """Return the URDF with a ball of that mass [kg] at the tip."""
-    root = ElementTree.fromstring(description.encode())
-    moment = repr(0.4 * mass * _RADIUS ** 2)
-    link = ElementTree.SubElement(root, 'link', name='ctc_payload')
-    inertial = ElementTree.SubElement(link, 'inertial')
-    ElementTree.SubElement(inertial, 'mass', value=repr(mass))
-    ElementTree.SubElement(inertial, 'inertia', ixx=moment, iyy=moment, izz=moment, ixy='0',
-                           ixz='0', iyz='0')
-    joint = ElementTree.SubElement(root, 'joint', name='ctc_payload_joint', type='fixed')
-    ElementTree.SubElement(joint, 'parent', link=tip_of(description, joints))
-    ElementTree.SubElement(joint, 'child', link='ctc_payload')
-    return ElementTree.tostring(root, encoding='unicode')
 
 
 def _body(tree: Tree, link: str, joints: Sequence[str]) -> list[str]:

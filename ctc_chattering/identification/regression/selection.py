@@ -14,19 +14,12 @@ import dataclasses
 from ctc_chattering.identification.regression.estimate import NONE
 from ctc_chattering.identification.regression.intervals import correlation_length, Spread, spread
 from ctc_chattering.identification.regression.least_squares import (
-    BACKWARDS,
     Data,
     dependent,
     Fit,
-    FORWARDS,
-    LAG_SLOPE,
-    LOAD,
-    MODEL,
     solve,
-    STRIBECK_SLOPE,
-    STRIBECK_TERM,
     Term,
-    VISCOUS,
+    TermKind,
 )
 from ctc_chattering.identification.regression.rows import STRIBECK
 import numpy as np
@@ -68,7 +61,7 @@ class Selected:
 
     fit: Fit
     spread: Spread
-    missing: dict[tuple[str, int], str]
+    missing: dict[tuple[TermKind, int], str]
     unseen: dict[int, str]
 
     def interval(self, term: Term) -> tuple[float, float]:
@@ -101,7 +94,7 @@ def select(data: Data, joints: Sequence[str], models: Sequence[str]) -> Selected
         fit = solve(data, [])
         return Selected(fit, Spread(np.zeros((0, 0)), 0.0, 1), missing,
                         dict.fromkeys(range(len(models)), 'no joint moves'))
-    errors = [Term(MODEL, -1, k) for k in range(len(models))]
+    errors = [Term(TermKind.MODEL, -1, k) for k in range(len(models))]
     for term in dependent(data, [*terms, *errors]):
         unseen[int(term.which)] = (
             'this motion shows no more of it than of friction and of: '
@@ -116,39 +109,40 @@ def select(data: Data, joints: Sequence[str], models: Sequence[str]) -> Selected
             break
     terms = _refined(data, _without_weak(data, [*terms, *kept], missing))
     # As with the slopes of Stribeck columns, intervals contain what the lag is uncertain by.
-    lags = [Term(LAG_SLOPE, i) for i in range(len(joints)) if data.late[:, i].any()]
+    lags = [Term(TermKind.LAG_SLOPE, i) for i in range(len(joints)) if data.late[:, i].any()]
     fit = solve(data, [*terms, *lags])
     return Selected(fit, spread(fit, data.starts), missing, unseen)
 
 
 def _friction(data: Data, joints: Sequence[str]
-              ) -> tuple[list[Term], dict[tuple[str, int], str]]:
+              ) -> tuple[list[Term], dict[tuple[TermKind, int], str]]:
     """Return the terms of friction that the motion contains, and why it lacks the others."""
     terms, missing = [], {}
     for i, name in enumerate(joints):
         ways = {kind: int((data.way[:, i] == sign).sum())
-                for kind, sign in ((FORWARDS, 1.0), (BACKWARDS, -1.0))}
+                for kind, sign in ((TermKind.FORWARDS, 1.0), (TermKind.BACKWARDS, -1.0))}
         if not any(count >= _WINDOWS for count in ways.values()):
-            for kind in (FORWARDS, BACKWARDS, VISCOUS, STRIBECK_TERM, LOAD):
+            for kind in (*ways, TermKind.VISCOUS, TermKind.STRIBECK, TermKind.LOAD):
                 missing[kind, i] = f'{name} hardly moves'
             continue
         for kind, count in ways.items():
             if count >= _WINDOWS:
                 terms.append(Term(kind, i))
             else:
-                missing[kind, i] = f'{name} hardly moves {kind}'
+                missing[kind, i] = f'{name} hardly moves {kind.value}'
         speed = np.abs(data.velocity[data.way[:, i] != 0.0, i])
         low, high = np.percentile(speed, (10.0, 90.0))
         if high >= _RATIO * low:
-            terms.append(Term(VISCOUS, i))
+            terms.append(Term(TermKind.VISCOUS, i))
         else:
-            missing[VISCOUS, i] = (f'{name} moves at {low:.3g} to {high:.3g} rad/s only: viscous '
-                                   'and Coulomb friction look the same')
+            missing[TermKind.VISCOUS, i] = (
+                f'{name} moves at {low:.3g} to {high:.3g} rad/s only: viscous and Coulomb '
+                'friction look the same')
     return terms, missing
 
 
 def _further(data: Data, terms: Sequence[Term], joints: Sequence[str],
-             missing: dict[tuple[str, int], str]) -> list[Term]:
+             missing: dict[tuple[TermKind, int], str]) -> list[Term]:
     """Return terms of Stribeck and load-dependent friction where the torque clearly has them."""
     found: list[Term] = []
     for i in range(len(joints)):
@@ -156,21 +150,22 @@ def _further(data: Data, terms: Sequence[Term], joints: Sequence[str],
         if not used.any() or not _is_friction(terms, i):
             continue
         fit = solve(data, [*terms, *found])
-        level = 0.5 * (fit.of(Term(FORWARDS, i)) + fit.of(Term(BACKWARDS, i)))
+        level = 0.5 * (fit.of(Term(TermKind.FORWARDS, i)) + fit.of(Term(TermKind.BACKWARDS, i)))
         size = _NEGLIGIBLE * max(level, 0.0)
         speed = np.abs(data.velocity[used, i])
         slow = [k for k, v in enumerate(STRIBECK) if (speed < v).sum() >= _SLOW]
-        choices = [Term(STRIBECK_TERM, i, k) for k in slow]
+        choices = [Term(TermKind.STRIBECK, i, k) for k in slow]
         largest = float(data.load[used, i].max(initial=0.0))
-        for kind, options, least in ((STRIBECK_TERM, choices, size),
-                                     (LOAD, [Term(LOAD, i)], size / max(largest, 1e-12))):
+        for kind, options, least in (
+                (TermKind.STRIBECK, choices, size),
+                (TermKind.LOAD, [Term(TermKind.LOAD, i)], size / max(largest, 1e-12))):
             if any((term.kind, term.joint) == (kind, i) for term in terms):
                 continue
             best = _best(data, [*terms, *found], options, i)
             if best is not None and best[1] > least:
                 found.append(best[0])
                 missing.pop((kind, i), None)
-            elif kind == STRIBECK_TERM and not slow:
+            elif kind == TermKind.STRIBECK and not slow:
                 missing[kind, i] = (f'{joints[i]} does not move slowly enough: at least '
                                     f'{np.percentile(speed, 1.0):.2g} rad/s')
             else:
@@ -205,29 +200,30 @@ def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int
 
 def _refined(data: Data, terms: Sequence[Term]) -> list[Term]:
     """Return the terms with their best Stribeck velocities, and a slope beside each of these."""
-    found = [term for term in terms if term.kind != STRIBECK_SLOPE]
-    if not any(term.kind == STRIBECK_TERM for term in found):
+    found = [term for term in terms if term.kind != TermKind.STRIBECK_SLOPE]
+    if not any(term.kind == TermKind.STRIBECK for term in found):
         return found
     for _ in range(_REFINEMENTS):
-        slopes = [Term(STRIBECK_SLOPE, term.joint, term.which) for term in found
-                  if term.kind == STRIBECK_TERM]
+        slopes = [Term(TermKind.STRIBECK_SLOPE, term.joint, term.which) for term in found
+                  if term.kind == TermKind.STRIBECK]
         fit = solve(data, [*found, *slopes])
         moved = []
         for term in found:
-            if term.kind == STRIBECK_TERM:
+            if term.kind == TermKind.STRIBECK:
                 size = fit.of(term)
-                step = fit.of(Term(STRIBECK_SLOPE, term.joint, term.which)) / size if size else 0.0
+                slope = fit.of(Term(TermKind.STRIBECK_SLOPE, term.joint, term.which))
+                step = slope / size if size else 0.0
                 place = term.which + float(np.clip(step, -1.0, 1.0))
                 term = term._replace(which=float(np.clip(place, 0.0, len(STRIBECK) - 1.0)))
             moved.append(term)
         found = moved
-    return [*found, *(Term(STRIBECK_SLOPE, term.joint, term.which) for term in found
-                      if term.kind == STRIBECK_TERM)]
+    return [*found, *(Term(TermKind.STRIBECK_SLOPE, term.joint, term.which) for term in found
+                      if term.kind == TermKind.STRIBECK)]
 
 
 def _is_friction(terms: Sequence[Term], i: int) -> bool:
     """Return whether Coulomb friction of joint i is among the terms."""
-    return Term(FORWARDS, i) in terms or Term(BACKWARDS, i) in terms
+    return Term(TermKind.FORWARDS, i) in terms or Term(TermKind.BACKWARDS, i) in terms
 
 
 def _without_small(data: Data, terms: Sequence[Term], errors: Sequence[Term]) -> list[Term]:
@@ -245,13 +241,13 @@ def _without_small(data: Data, terms: Sequence[Term], errors: Sequence[Term]) ->
     return kept
 
 
-def _without_weak(data: Data, terms: Sequence[Term], missing: dict[tuple[str, int], str]
+def _without_weak(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]
                   ) -> list[Term]:
     """Return the terms without Stribeck and load-dependent friction that are not clear."""
     fit = solve(data, terms)
     error = spread(fit, data.starts).error
     weak = {(term.kind, term.joint) for term, value, e in zip(terms, fit.value, error)
-            if term.kind in (STRIBECK_TERM, LOAD) and value < _CLEAR * e}
+            if term.kind in (TermKind.STRIBECK, TermKind.LOAD) and value < _CLEAR * e}
     missing.update(dict.fromkeys(weak, NONE))
-    gone = weak | {(STRIBECK_SLOPE, i) for kind, i in weak if kind == STRIBECK_TERM}
+    gone = weak | {(TermKind.STRIBECK_SLOPE, i) for kind, i in weak if kind == TermKind.STRIBECK}
     return [term for term in terms if (term.kind, term.joint) not in gone]

@@ -6,13 +6,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
 from ctc_chattering.identification.regression.identify import Identification
-from ctc_chattering.identification.regression.least_squares import (
-    BACKWARDS,
-    FORWARDS,
-    STRIBECK_TERM,
-    stribeck_velocity,
-    VISCOUS,
-)
+from ctc_chattering.identification.regression.least_squares import stribeck_velocity, TermKind
 from ctc_chattering.identification.report.perturbation import Perturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.validation import Validation
@@ -79,11 +73,11 @@ def _curve(found: Identification, i: int, v: Array) -> tuple[Array, Array]:
     for k, term in enumerate(fit.terms):
         if term.joint != i:
             continue
-        if term.kind in (FORWARDS, BACKWARDS):
-            columns[:, k] = np.sign(v) * ((v > 0.0) == (term.kind == FORWARDS))
-        elif term.kind == VISCOUS:
+        if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
+            columns[:, k] = np.sign(v) * ((v > 0.0) == (term.kind == TermKind.FORWARDS))
+        elif term.kind == TermKind.VISCOUS:
             columns[:, k] = v
-        elif term.kind == STRIBECK_TERM:
+        elif term.kind == TermKind.STRIBECK:
             columns[:, k] = np.sign(v) * np.exp(-np.square(v / stribeck_velocity(term.which)))
     half = spread.factor * np.sqrt(np.einsum('tp,pq,tq->t', columns, spread.covariance, columns))
     return columns @ fit.value, half

@@ -6,15 +6,10 @@ import dataclasses
 
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import (
-    BACKWARDS,
     Data,
     Fit,
-    FORWARDS,
-    LOAD,
-    MODEL,
-    STRIBECK_TERM,
     stribeck_velocity,
-    VISCOUS,
+    TermKind,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -95,15 +90,15 @@ def _envelope(fit: Fit, data: Data) -> Array:
     level = np.zeros(n)
     for term, value in zip(fit.terms, fit.value):
         i = term.joint
-        if term.kind == MODEL:
+        if term.kind == TermKind.MODEL:
             error += value * data.more[:, :, int(term.which)]
-        elif term.kind in (FORWARDS, BACKWARDS):
+        elif term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
             level[i] = max(level[i], abs(value))
-        elif term.kind == VISCOUS:
+        elif term.kind == TermKind.VISCOUS:
             friction[:, i] += value * np.abs(data.velocity[:, i])
-        elif term.kind == LOAD:
+        elif term.kind == TermKind.LOAD:
             friction[:, i] += value * data.load[:, i]
-        elif term.kind == STRIBECK_TERM:
+        elif term.kind == TermKind.STRIBECK:
             speed = np.abs(data.velocity[:, i]) / stribeck_velocity(term.which)
             friction[:, i] += value * np.exp(-np.square(speed))
     return np.abs(error) + friction + level

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
-import json
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.number_format import shown
-from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.report import write_sections
-from ctc_chattering.analysis.result import finite
 from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.identify import Identification
@@ -161,7 +158,8 @@ class IdentificationResults:
             'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags.tolist()}
                                 for delay, lags in timing.delays.items()],
             'actuator_lag_s': lag.tolist(), 'actuator_lag_error_s': error.tolist(),
-            'friction': [_mapping(dataclasses.fields(x), x) for x in found.friction],
+            'friction': [{name: x.as_mapping() for name, x in vars(friction).items()}
+                         for friction in found.friction],
             **{key: [x.as_mapping() for x in getattr(found, name)] for key, name in (
                 ('encoder_step_rad', 'encoder'), ('velocity_noise_rad_per_s', 'noise'),
                 ('velocity_lag_s', 'velocity_lag'))},
@@ -192,12 +190,6 @@ def error_sentence(candidate: ModelError, number: Estimate) -> str:
             f'model: the robot has {number.value:+.2%} ± {number.half:.2%}')
 
 
-def write_json(report: IdentificationResults, path: Path) -> None:
-    """Write ``identify.json``; numbers that are not finite become null."""
-    plain = json.loads(json.dumps(report.as_mapping(), default=lambda x: x.item()))
-    write_text(path, json.dumps(finite(plain), indent=2, ensure_ascii=False) + '\n')
-
-
 def write_page(report: IdentificationResults, figures: Sequence[FigureFile], path: Path,
                files: Mapping[str, str]) -> None:
     """
@@ -220,10 +212,6 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
                    tables=[Table(title, head, rows, len(head))
                            for title, (head, *rows) in report.tables()],
                    lists=report.sentences())
-
-
-def _mapping(fields: Sequence[Any], values: Any) -> dict[str, Any]:
-    return {field.name: getattr(values, field.name).as_mapping() for field in fields}
 
 
 def _ka(recommended: Recommendation) -> list[float]:

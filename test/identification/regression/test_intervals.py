@@ -6,20 +6,14 @@ from ctc_chattering.identification.regression.intervals import (
     correlation_length,
     spread,
 )
-from ctc_chattering.identification.regression.least_squares import (
-    Data,
-    FORWARDS,
-    solve,
-    Term,
-    VISCOUS,
-)
+from ctc_chattering.identification.regression.least_squares import Data, solve, Term, TermKind
 from ctc_chattering.identification.regression.rows import STRIBECK
 import numpy as np
 import pytest
 
 #: Windows, and runs.
 COUNT, RUNS = 1000, 60
-TERMS = (Term(FORWARDS, 0), Term(VISCOUS, 0))
+TERMS = (Term(TermKind.FORWARDS, 0), Term(TermKind.VISCOUS, 0))
 
 
 def correlated(rng: np.random.Generator, share: float) -> np.ndarray:

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from ctc_chattering.identification.regression.least_squares import (
-    BACKWARDS,
     Data,
     dependent,
-    FORWARDS,
     interpolation,
-    LAG_SLOPE,
-    LOAD,
-    MODEL,
     solve,
-    STRIBECK_TERM,
     stribeck_velocity,
     Term,
-    VISCOUS,
+    TermKind,
 )
 from ctc_chattering.identification.regression.rows import STRIBECK
 import numpy as np
@@ -43,8 +37,9 @@ def torque() -> np.ndarray:
     return np.stack((first, second), axis=1) + 0.1 * MORE[:, :, 0] - 0.3 * MORE[:, :, 2]
 
 
-TERMS = (Term(FORWARDS, 0), Term(BACKWARDS, 0), Term(VISCOUS, 0), Term(FORWARDS, 1),
-         Term(BACKWARDS, 1), Term(LOAD, 1), Term(MODEL, -1, 0), Term(MODEL, -1, 2))
+TERMS = (Term(TermKind.FORWARDS, 0), Term(TermKind.BACKWARDS, 0), Term(TermKind.VISCOUS, 0),
+         Term(TermKind.FORWARDS, 1), Term(TermKind.BACKWARDS, 1), Term(TermKind.LOAD, 1),
+         Term(TermKind.MODEL, -1, 0), Term(TermKind.MODEL, -1, 2))
 TRUTH = (3.0, 2.0, 0.7, 5.0, 5.0, 0.1, 0.1, -0.3)
 
 
@@ -52,15 +47,15 @@ def test_exact_data_give_exact_coefficients() -> None:
     fit = solve(data(torque()), TERMS)
     assert fit.value == pytest.approx(TRUTH, abs=1e-9)
     assert fit.residual == pytest.approx(np.zeros((COUNT, 2)), abs=1e-9)
-    assert fit.of(Term(VISCOUS, 0)) == pytest.approx(0.7)
-    assert fit.of(Term(VISCOUS, 1)) == 0.0
+    assert fit.of(Term(TermKind.VISCOUS, 0)) == pytest.approx(0.7)
+    assert fit.of(Term(TermKind.VISCOUS, 1)) == 0.0
 
 
 def test_a_lag_that_is_off_is_in_its_slope_and_in_no_friction() -> None:
     y = torque()
     y[:, 0] += 0.02 * LATE[:, 0]
     assert solve(data(y), TERMS).value[:3] != pytest.approx(TRUTH[:3], abs=1e-4)
-    fit = solve(data(y), (*TERMS, Term(LAG_SLOPE, 0)))
+    fit = solve(data(y), (*TERMS, Term(TermKind.LAG_SLOPE, 0)))
     assert fit.value == pytest.approx((*TRUTH, 0.02), abs=1e-9)
 
 
@@ -81,14 +76,14 @@ def test_dependent_errors_of_the_model_are_found() -> None:
     more = MORE.copy()
     more[:, :, 1] = 2.0 * more[:, :, 0]
     more[:, :, 2] = 0.0
-    errors = [Term(MODEL, -1, k) for k in range(3)]
+    errors = [Term(TermKind.MODEL, -1, k) for k in range(3)]
     assert dependent(data(torque(), more), [*TERMS[:6], *errors]) == errors[1:]
 
 
 @pytest.mark.parametrize('place', [2.4, 10.6, 25.4])
 def test_a_stribeck_column_between_two_velocities(place: float) -> None:
     velocity = stribeck_velocity(place)
-    column = data(torque()).columns([Term(STRIBECK_TERM, 0, place)])[:, 0, 0]
+    column = data(torque()).columns([Term(TermKind.STRIBECK, 0, place)])[:, 0, 0]
     exact = np.sign(V[:, 0]) * np.exp(-np.square(V[:, 0] / velocity))
     assert column == pytest.approx(exact * (WAY[:, 0] != 0.0), abs=1e-4)
     step = 1e-5

@@ -8,8 +8,6 @@ from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.identification.regression.model_errors import (
     candidates,
     heavier_links,
-    tip_of,
-    with_payload,
 )
 import numpy as np
 import pytest
@@ -64,15 +62,16 @@ def test_bodies_are_named_after_their_heaviest_link() -> None:
     names = [name for name, _ in heavier_links(urdfs.panda(), urdfs.PANDA)]
     assert names[0] == 'panda_link1'
     assert len(names) == 7
-    assert tip_of(urdfs.two_links(), urdfs.TWO_LINKS) == 'tool'
 
 
-def test_the_payload_of_a_urdf_is_at_the_tip() -> None:
-    joints = urdfs.TWO_LINKS
+@pytest.mark.parametrize('order', [(0, 1), (1, 0)])
+def test_the_payload_of_a_urdf_is_at_the_tip(order: tuple[int, int]) -> None:
+    joints = [urdfs.TWO_LINKS[i] for i in order]
     plain = UrdfModel(urdfs.two_links(), joints)
-    loaded = UrdfModel(with_payload(urdfs.two_links(), joints, 2.0), joints)
-    q = (0.4, 0.9)
-    more = np.subtract(loaded.gravity_torque(q), plain.gravity_torque(q))
+    payload = candidates(plain, urdfs.two_links())[-1]
+    assert (payload.name, payload.unit) == ('payload', 'kg')
+    q = np.array([0.4, 0.9])[list(order)].tolist()
+    more = np.subtract(payload.model.gravity_torque(q), plain.gravity_torque(q))[list(order)]
     # The tool is on the second joint's axis.
-    assert abs(more[0]) == pytest.approx(2.0 * 9.81 * urdfs.L1 * np.sin(0.4), rel=1e-6)
+    assert abs(more[0]) == pytest.approx(9.81 * urdfs.L1 * np.sin(0.4), rel=1e-6)
     assert more[1] == pytest.approx(0.0, abs=1e-9)

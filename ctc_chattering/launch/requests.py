@@ -1,9 +1,10 @@
-"""What a person asks of the graph, through its services, and the answers."""
+"""What is asked of the graph, through its services, and the answers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from math import inf
 import time
 from typing import Any
 
@@ -16,9 +17,9 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-#: Time to wait for a service and its answer, and after which a request is sent again [s]: the
-#: middleware drops an answer to a client that the server has not met yet.
-_PATIENCE, _AGAIN = 3.0, 1.0
+#: Time after which a request is sent again [s]: the middleware drops an answer to a client that
+#: the server has not met yet, and to set a value twice does no harm.
+_AGAIN = 1.0
 
 
 @dataclasses.dataclass
@@ -44,11 +45,14 @@ class Requests:
         Who asks.
     show : callable
         Called with what was asked, whether it was done, and the answer.
+    patience : float
+        Time to wait for a service and its answer [s].
 
     """
 
-    def __init__(self, node: BaseNode, show: Callable[[str, bool, str], None]) -> None:
-        self._node, self._show = node, show
+    def __init__(self, node: BaseNode, show: Callable[[str, bool, str], None],
+                 patience: float = inf) -> None:
+        self._node, self._show, self._patience = node, show, patience
         self._clients_by_name: dict[str, Any] = {}
         self._pending: list[_Pending] = []
 
@@ -56,7 +60,8 @@ class Requests:
         """Set parameters of a node; of several mappings one after the other."""
         items = [item for mapping in values for item in mapping.items()]
         request = SetParameters.Request(parameters=[
-            RosParameter(name, value=value).to_parameter_msg() for name, value in items])
+            RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
+            .to_parameter_msg() for name, value in items])
         name, value = items[-1]
         self._ask(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
                   request)
@@ -100,7 +105,7 @@ class Requests:
                 except CtcError as error:
                     outcome = False, str(error)
                 self._show(it.what, *outcome)
-            elif now - it.asked > _PATIENCE:
+            elif now - it.asked > self._patience:
                 self._pending.remove(it)
                 self._show(it.what, False, f'no answer of {it.client.srv_name}')
             elif now - it.sent > _AGAIN and it.client.service_is_ready():
