@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import record
+from ctc_chattering.numerics.compilable import every, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import LARGEST
 import numpy as np
@@ -51,6 +51,11 @@ class DriveModel(NamedTuple):
     decay: Array
     #: R (T + h): a command farther than this from the torque moves it no faster [N·m].
     reach: Array
+    #: R T: up to this difference the torque is within the rate [N·m]; and what is left of it at
+    #: the end, in the mean and in the weighted mean of the period, `decay` being the first.
+    linear: Array
+    mean: Array
+    weighted: Array
     #: Whether there is neither lag nor limit, 1.0 or 0.0.
     prompt: float
 
@@ -59,6 +64,9 @@ class DriveModel(NamedTuple):
         if self.prompt != 0.0:
             return Response(command, command, command)
         h, T, x0 = self.period, self.lag, torque - command
+        if every(np.abs(x0) <= self.linear):
+            return Response(command + self.decay * x0, command + self.mean * x0,
+                            command + self.weighted * x0)
         r = np.minimum(np.maximum(np.abs(x0) / self.rate - T, 0.0), h)
         slope, rest = -np.sign(x0) * self.slope, h - r
         x1 = x0 + slope * r
@@ -102,7 +110,9 @@ def drive_model(lag: Array, rate: Array, period: float) -> DriveModel:
         h [s].
 
     """
-    floor = np.maximum(lag, _NO_LAG)
-    return DriveModel(period, floor, rate, np.where(rate < np.inf, rate, 0.0),
-                      np.exp(-period / floor), np.minimum(rate * (lag + period), LARGEST),
+    floor, decay = np.maximum(lag, _NO_LAG), np.exp(-period / np.maximum(lag, _NO_LAG))
+    mean = floor * (1.0 - decay) / period
+    return DriveModel(period, floor, rate, np.where(rate < np.inf, rate, 0.0), decay,
+                      np.minimum(rate * (lag + period), LARGEST), rate * floor, mean,
+                      2.0 * floor / period * (1.0 - mean),
                       float(not lag.any() and not np.isfinite(rate).any()))

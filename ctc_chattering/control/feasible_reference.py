@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import function, record, solve, some
+from ctc_chattering.numerics.compilable import every, function, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -122,6 +122,8 @@ class FeasibleReference(NamedTuple):
 
     def returning(self, by: Deviation, inertia: Array, level: Array) -> Array:
         """Return -2 w dx - w² x of (FR3), shape (n,) [rad/s²]."""
+        if self.limited == 0.0:
+            return -self.fastest * (by.dx + by.dx + self.fastest * by.x)
         jerk = _PART * self.rate / inertia
         w = np.minimum(
             np.minimum(self.fastest, _RAMP_RETURN * self.rate / np.maximum(level, _TINY)),
@@ -156,5 +158,7 @@ def feasible_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: fl
 def ramp(s: Array) -> Array:
     """Return φ of (FR2)."""
     size, top = np.abs(s), 1.0 + OVERSHOOT
+    if every(size >= 1.0 + 2.0 * OVERSHOOT):
+        return np.sign(s)
     phi: Array = np.sign(s) * np.where(size <= top, size, np.maximum(2.0 * top - size, 1.0))
     return phi

@@ -16,7 +16,7 @@ from __future__ import annotations
 from math import exp
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import record
+from ctc_chattering.numerics.compilable import record, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -46,15 +46,15 @@ class FrictionLevel(NamedTuple):
     """Learns the level of friction of every joint; made by `friction_level`."""
 
     #: γ h, 1 - exp(-ω h) and 1 - exp(-w₀ h).
-    gain: float
-    follow: float
-    forget: float
-    #: Ka [N·m], shape (n,).
+    gain: Array
+    follow: Array
+    forget: Array
+    #: Ka [N·m]; all of shape (n,).
     bound: Array
 
     def learn(self, last: Learned, dq: Array, perturbation: Array) -> Learned:
         """Return K̂ improved by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
-        if self.gain == 0.0:
+        if not some(self.gain):
             return last
         sign = np.where(np.abs(dq) > _MOVING, np.sign(dq), 0.0)
         lag1 = last.lag1 + self.follow * (sign - last.lag1)
@@ -69,8 +69,9 @@ class FrictionLevel(NamedTuple):
 
 def friction_level(gain: float, bandwidth: float, period: float, bound: Array) -> FrictionLevel:
     """Return what learns with γ [1/s], ω [rad/s], h [s] and Ka, shape (n,) [N·m]."""
-    return FrictionLevel(gain * period, 1.0 - exp(-bandwidth * period),
-                         1.0 - exp(-_SLOW * period), bound)
+    one = np.ones_like(bound)
+    return FrictionLevel(gain * period * one, (1.0 - exp(-bandwidth * period)) * one,
+                         (1.0 - exp(-_SLOW * period)) * one, bound)
 
 
 def untaught(level: Array) -> Learned:

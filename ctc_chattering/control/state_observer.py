@@ -53,11 +53,16 @@ class StateObserver(NamedTuple):
     drives: DriveModel
     #: Ka [N·m], shape (n,).
     bound: Array
-    #: Gains of (SO2), those of P̂ and its slope without M.
-    position: float
-    velocity: float
-    acceleration: float
-    jerk: float
+    #: Gains of (SO2), those of P̂ and its slope without M; of shape (n,), because a product with
+    #: a float takes twice as long.
+    position: Array
+    velocity: Array
+    force: Array
+    jerk: Array
+    #: h, h / 2 and h / 6 [s], shape (n,).
+    period: Array
+    half: Array
+    sixth: Array
 
     def predict(self, at: Observed, mass: Array, bias: Array, level: Array, command: Array
                 ) -> Observed:
@@ -76,21 +81,21 @@ class StateObserver(NamedTuple):
             Torque commanded for the period [N·m].
 
         """
-        h, drive = self.drives.period, self.drives.response(at.torque, command)
-        mean = drive.mean - (bias + at.perturbation + 0.5 * h * at.slope)
+        h, half, drive = self.period, self.half, self.drives.response(at.torque, command)
+        mean = drive.mean - (bias + at.perturbation + half * at.slope)
         _, rest = nearest_and_rest(mass, dot(mass, at.dq) / h + mean, level)
         dq = h * rest
-        q = at.q + 0.5 * h * (at.dq + dq)
-        other = drive.weighted - drive.mean + h / 6.0 * at.slope
+        other = drive.weighted - drive.mean + self.sixth * at.slope
+        q = at.q + half * (at.dq + dq)
         if some(other):
-            q = q + 0.5 * h * h * solve(mass, other)
+            q = q + half * h * solve(mass, other)
         return Observed(q, dq, drive.end, at.perturbation + h * at.slope, at.slope)
 
     def correct(self, at: Observed, mass: Array, q: Array) -> Observed:
         """Return the state with what the measured position `q`, (n,) [rad], says, by (SO2)."""
         error = q - at.q
-        force = dot(mass, error)
-        P, slope = at.perturbation - self.acceleration * force, at.slope - self.jerk * force
+        load = dot(mass, error)
+        P, slope = at.perturbation - self.force * load, at.slope - self.jerk * load
         bounded = nearest(mass, P, self.bound)
         at_bound = np.abs(bounded) >= self.bound
         if some(at_bound):
@@ -115,7 +120,6 @@ def state_observer(drives: DriveModel, bandwidth: float, bound: Array) -> StateO
     """
     h, pole = drives.period, exp(-bandwidth * drives.period)
     rest = 1.0 - pole
-    return StateObserver(
-        drives, bound, 1.0 - pole ** 4,
-        rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),
-        2.0 * rest ** 3 * (1.0 + pole) / h ** 2, rest ** 4 / h ** 3)
+    return StateObserver(drives, bound, *(np.full(len(bound), x) for x in (
+        1.0 - pole ** 4, rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),
+        2.0 * rest ** 3 * (1.0 + pole) / h ** 2, rest ** 4 / h ** 3, h, h / 2.0, h / 6.0)))

@@ -1,0 +1,36 @@
+"""
+A switching of your own for law (6): Ka tanh(v / width) in the place of Ka sgn(v).
+
+Put the module where Python finds it, and name the class: ``law: chattering`` with
+``switching: own_switching:Smooth``. It then runs in nodes and in `ctc simulate`, and compiled in
+maps. What it may use is in `ctc_chattering/numerics/compilable.py`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.evaluation import State
+from ctc_chattering.control.perturbation_observer import Perturbation
+from ctc_chattering.control.switching.base import switching
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+
+@switching
+class Smooth(NamedTuple):
+    """Ka tanh(v / width)."""
+
+    #: Ka [N·m], shape (n,), and the width [rad/s].
+    ka: Array
+    width: float
+
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> Smooth:
+        """Return the switching of a configuration."""
+        return cls(np.array(config.ka), config.boundary_layer)
+
+    def term(self, memory: Perturbation, at: State, compensation: Array) -> tuple[Array, Array]:
+        """Return z, and what ±Ka has taken from it."""
+        return self.ka * np.tanh(at.v / self.width), at.zero

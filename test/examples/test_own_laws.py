@@ -1,0 +1,62 @@
+"""The law and the switching of `examples/`: named by a parameter, as plain Python and compiled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.batch.closed_loop import simulate
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import config_directory
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.errors import CtcError, ParameterError
+import numpy as np
+from oracles import paper_c, paper_g, paper_m
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / 'examples'
+
+
+@pytest.fixture(autouse=True)
+def _found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+
+
+@pytest.mark.parametrize('values', [
+    {'law': 'own_law:LeakyIntegral', 'ki': [400.0, 400.0]},
+    {'law': 'chattering', 'switching': 'own_switching:Smooth'}])
+def test_the_same_run_compiled(values: dict[str, object]) -> None:
+    setup = parameter_file.load(config_directory() / 'friction.yaml', {
+        'plant': {'duration': 0.5}, 'controller': values})
+    plain, found = simulated(setup).run, simulate(setup)
+    np.testing.assert_allclose(found.tau, plain.tau, rtol=1e-9, atol=1e-9)
+    without = simulate(parameter_file.load(config_directory() / 'friction.yaml', {
+        'plant': {'duration': 0.5}, 'controller': {'law': 'compensation'}}))
+    assert np.abs(without.tau - found.tau).max() > 1.0
+
+
+def test_the_terms_by_hand() -> None:
+    rng = np.random.default_rng(1)
+    q, dq, q_d, dq_d, ddq_d = rng.normal(size=(5, 2))
+    M, C, G, h = paper_m(q), paper_c(q, dq), paper_g(q), 1e-3
+    own = Controller(ControllerConfig(law='own_law:LeakyIntegral'))
+    e, de = q_d - q, dq_d - dq
+    N = M @ (ddq_d + 50.0 * de + 100.0 * e) + C @ dq + G
+    np.testing.assert_allclose(own.step(q, dq, q_d, dq_d, ddq_d).tau, N)
+    P = h * 100.0 * M @ (de + 2.0 * e)
+    np.testing.assert_allclose(own.step(q, dq, q_d, dq_d, ddq_d).tau, N + P)
+    smooth = Controller(ControllerConfig(switching='own_switching:Smooth'))
+    np.testing.assert_allclose(smooth.step(q, dq, q_d, dq_d, ddq_d).tau,
+                               N + C @ de - 10.0 * np.tanh(-de / 0.05))
+
+
+@pytest.mark.parametrize(('values', 'error', 'words'), [
+    ({'law': 'own_law'}, ParameterError, 'package.module:Name'),
+    ({'law': 'own_law:Nothing'}, CtcError, 'there is no law own_law:Nothing'),
+    ({'law': 'no_module:Law'}, CtcError, 'there is no law no_module:Law'),
+    ({'law': 'own_switching:Smooth'}, CtcError, 'not marked by @law'),
+    ({'law': 'own_law:Leaky'}, CtcError, 'not marked by @law'),
+    ({'switching': 'own_law:LeakyIntegral'}, CtcError, 'not marked by @switching')])
+def test_what_is_none(values: dict[str, str], error: type[CtcError], words: str) -> None:
+    with pytest.raises(error, match=words):
+        Controller(ControllerConfig.from_mapping(values))
