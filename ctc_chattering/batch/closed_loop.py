@@ -29,10 +29,11 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import kept_model_of, MODELS
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.compilable import RECORDS
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.simd.records import register
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.plant import Plant
 import numpy as np
 
@@ -49,6 +50,8 @@ def unsupported(setup: Setup) -> str:
         return 'elastic joints'
     if setup.events:
         return 'events'
+    if type(own_friction(plant.friction_model, plant.joint_names)) not in RECORDS:
+        return f'friction_model {plant.friction_model}, which is no marked record'
     for model in (plant.model, controller.model):
         if model not in MODELS:
             return f'model {model}'
@@ -77,7 +80,6 @@ def simulate(setup: Setup, truth: bool = False) -> Run:
         raise CtcError(f'the compiled loop does not have {reason}')
     if setup.plant.duration <= 0.0:
         raise CtcError('duration: a simulation must end; set the duration of the plant above 0')
-    register()
     with compiling(len(setup.plant.joint_names)):
         return _run(setup, truth)
 

@@ -10,8 +10,7 @@ from ctc_chattering.batch.records import record
 from ctc_chattering.dynamics.arm import Arm, body_scratch
 from ctc_chattering.dynamics.compiled_model import CompiledModel
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.simd.records import load, packed, store
-from ctc_chattering.simulation.friction import NoFriction
+from ctc_chattering.numerics.simd.records import load, load_named, named, packed, register, store
 from ctc_chattering.simulation.motion import Mechanism
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_step import (
@@ -27,9 +26,10 @@ import numpy as np
 class CompiledPlant(NamedTuple):
     """A plant as compiled code takes it."""
 
-    #: `Arm` and `BodyScratch`, `PlantParameters`, `PlantState`: NumPy records.
+    #: `Arm` and `BodyScratch`, own friction, `PlantParameters`, `PlantState`: NumPy records.
     arm: Any
     body: Any
+    own: Any
     parameters: Any
     state: Any
     #: Torques in transit, shape (delay, n) [N·m].
@@ -39,8 +39,9 @@ class CompiledPlant(NamedTuple):
 def compiled_plant(plant: Plant, arm: Arm) -> CompiledPlant:
     """Return a plant that has not moved yet; `arm` has the numbers of its model."""
     config = plant.config
+    register()
     return CompiledPlant(
-        record(arm), record(body_scratch(plant.n)), packed(PlantParameters(
+        record(arm), record(body_scratch(plant.n)), named(plant.own), packed(PlantParameters(
             plant.mechanics, plant.drives, plant.sensor.encoders, config.sample_loss,
             plant.last)),
         packed(PlantState(0, plant.driven, plant.motion, Measured(*plant.measured), 0)),
@@ -67,6 +68,6 @@ def inputs(plant: Plant, count: int) -> Any:
 def step(p: CompiledPlant, given: Any) -> None:
     """Go on by one control period."""
     parameters = load(PlantParameters, p.parameters)
-    mechanism = Mechanism(CompiledModel(p.arm, p.body), NoFriction(0.0), parameters.mechanics)
+    mechanism = Mechanism(CompiledModel(p.arm, p.body), load_named(p.own), parameters.mechanics)
     store(p.state, stepped(mechanism, parameters, load(PlantState, p.state), p.transit,
                            load(PlantInput, given)))

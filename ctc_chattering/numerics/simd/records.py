@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
+import hashlib
 import inspect
+from pathlib import Path
 from typing import Any, get_type_hints
 
 from ctc_chattering.numerics import compilable
@@ -20,6 +22,8 @@ from numba.extending import overload_method, register_jitable
 import numpy as np
 import numpy.typing as npt
 
+#: Classes by the names that `named` has given.
+_NAMED: dict[str, type] = {}
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
 
@@ -122,6 +126,36 @@ def packed(value: Any) -> Any:
     """Return the numbers of a record, and of those in it, as a NumPy record for `load`."""
     return numpy_record({name: np.asarray(x, np.int64 if type(x) is int else float)
                          for name, x in _flat(value, '')})
+
+
+def named(value: Any) -> Any:
+    """
+    Return what `packed` does, as `load_named` takes it: it knows the class from the names.
+
+    The names change with the source text of the class, and the types of what is compiled with
+    them, so that no code is taken for another's, and none needs the module to be read.
+    """
+    kind = type(value)
+    text = Path(inspect.getfile(kind)).read_bytes()
+    name = f'{kind.__name__}_{hashlib.sha256(text).hexdigest()[:12]}'
+    _NAMED[name] = kind
+    return numpy_record({f'{name}__{field}': np.asarray(x, float)
+                         for field, x in value._asdict().items()})
+
+
+def load_named(fields: Any) -> Any:
+    """Return the record of which `named` has made the fields."""
+    names = fields.dtype.names
+    return _NAMED[names[0].partition('__')[0]](*(value(fields[name]) for name in names))
+
+
+@overloaded(load_named)
+def _load_named(fields: Any) -> Any:
+    names = list(fields.fields)
+    parts = ', '.join(f'_value(fields.{name})' for name in names)
+    known = {'_value': value, 'made': _NAMED[names[0].partition('__')[0]]}
+    exec(f'def load_named(fields):\n    return made({parts})', known)
+    return known['load_named']
 
 
 def numpy_record(fields: Mapping[str, npt.NDArray[Any]]) -> Any:
