@@ -24,6 +24,8 @@ import numpy.typing as npt
 
 #: Classes by the names that `named` has given.
 _NAMED: dict[str, type] = {}
+#: Methods of records by name and class.
+_METHODS: dict[str, dict[type, Callable[..., Any]]] = {}
 #: Functions and records that `register` has seen.
 _REGISTERED: tuple[list[Any], list[Any]] = ([], [])
 
@@ -193,9 +195,15 @@ def register() -> None:
 
 
 def _register_method(marked: type, name: str, method: Callable[..., Any]) -> None:
+    """Have compiled code call a method of a class; classes may have methods of one name."""
+    methods = _METHODS.setdefault(name, {})
+    methods[marked] = method
+    if len(methods) > 1:
+        return
+
     def chosen(*kinds: Any) -> Any:
-        return method if kinds[0].instance_class is marked else None
+        return methods.get(kinds[0].instance_class)
 
     setattr(chosen, '__signature__', inspect.signature(method))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
-        overload_method(kind, name)(chosen)
+        overload_method(kind, name, strict=False)(chosen)

@@ -41,6 +41,14 @@ class Two(NamedTuple):
         return each(chosen, self.x, other, every(2.0))
 
 
+@record
+class One(NamedTuple):
+    z: float
+
+    def greater(self, smaller: Vector) -> Vector:
+        return along(smaller, self.z, smaller)
+
+
 @function
 def chosen(x: float, y: float, factor: float) -> float:
     return x if x > y else factor * y
@@ -62,7 +70,7 @@ def results(a: Two, rows: Any) -> tuple[Two, Two]:
     number = bits(a.x)
     held = 1.0 if truths(number, a.x)[1] else 0.0
     some = called(of_system, a, 3.0) + held + (1.0 if 0.0 in a.x else 0.0)
-    return (Two(along(a.x, 0.5, a.y), a.greater(a.y), number),
+    return (Two(along(a.x, 0.5, a.y), One(2.0).greater(a.greater(a.y)), number),
             Two(each(operator.mul, a.x, every(some)), exchanged(rows, 1, a.y), a.number + 1))
 
 
