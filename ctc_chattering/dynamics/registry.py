@@ -103,9 +103,14 @@ def locked_positions(lines: Sequence[str]) -> dict[str, float]:
     return result
 
 
+def is_class(name: str) -> bool:
+    """Return whether `name` is of the form ``package.module:Name``."""
+    return _CLASS.fullmatch(name) is not None
+
+
 def check_model(name: str, joint_names: tuple[str, ...]) -> None:
     """Raise `ParameterError` unless `name` may be a model, for as many joints as are named."""
-    if name not in MODELS and not _CLASS.fullmatch(name):
+    if name not in MODELS and not is_class(name):
         raise ParameterError(
             'model', name, ' | '.join((*MODELS, 'package.module:Class')) + near(name, MODELS))
     if name == 'two_link' and len(joint_names) != TwoLink.n:

@@ -17,6 +17,7 @@ from ctc_chattering.dynamics.arm import arm_of
 from ctc_chattering.dynamics.compiled_model import CompiledArm
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.compilable import RECORDS
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.compiled_loop import BEYOND, CompiledLoop, DIVERGED, FINISHED
@@ -202,7 +203,7 @@ def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> Comp
     if type(robot) is not Plant or not robot.config.compiled or robot.config.elastic:
         return None
     step, arm = law.compiled_step(), arm_of(robot.model, robot.config.gravity)
-    if step is None or arm is None:
+    if step is None or arm is None or type(robot.own) not in RECORDS:
         return None
     return CompiledLoop(robot, CompiledArm(arm, robot.n), step, truth)
 

@@ -8,7 +8,6 @@ from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.records import load, packed, store
-from ctc_chattering.simulation.friction import NoFriction
 from ctc_chattering.simulation.motion import Mechanism
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_step import PlantInput, PlantParameters, PlantState
@@ -21,9 +20,10 @@ import numpy as np
 class CompiledPlant(NamedTuple):
     """A plant as compiled code takes it."""
 
-    #: As of `CompiledModel`; `PlantParameters`, `PlantState`: NumPy records.
+    #: As of `CompiledModel`; own friction, `PlantParameters`, `PlantState`: NumPy records.
     call: Any
     body: Any
+    own: Any
     parameters: Any
     state: Any
     #: Torques in transit, shape (delay, n) [N·m].
@@ -34,7 +34,7 @@ def compiled_plant(plant: Plant, arm: CompiledArm) -> CompiledPlant:
     """Return a plant that has not moved yet, with its model."""
     config = plant.config
     return CompiledPlant(
-        *arm.model, packed(PlantParameters(
+        *arm.model, packed(plant.own), packed(PlantParameters(
             plant.mechanics, plant.drives, plant.sensor.encoders, config.sample_loss,
             plant.last)),
         packed(PlantState(0, plant.driven, plant.motion, Measured(*plant.measured), 0)),
@@ -61,5 +61,5 @@ def inputs(plant: Plant, count: int) -> Any:
 def advance(p: CompiledPlant, given: Any) -> None:
     """Go on by one control period."""
     parameters = load(p.parameters)
-    mechanism = Mechanism(CompiledModel(p.call, p.body), NoFriction(0.0), parameters.mechanics)
+    mechanism = Mechanism(CompiledModel(p.call, p.body), load(p.own), parameters.mechanics)
     store(p.state, plant_step(mechanism, parameters, load(p.state), p.transit, load(given)))

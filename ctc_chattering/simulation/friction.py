@@ -11,9 +11,12 @@ mode; `friction_model` adds one of your own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+import importlib
 from math import exp, inf
 from typing import Any, NamedTuple
 
+from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import along, array, bits, each, function, least, record
 from ctc_chattering.numerics.linear_algebra import Vector
@@ -36,7 +39,7 @@ class Friction(NamedTuple):
     viscous: Vector
     stribeck: Vector
     stribeck_velocity: Vector
-    #: Whether it depends on the load, the direction, the velocity, or on more than these.
+    #: Whether it depends on the load, the direction, the velocity, and whether there is an own.
     loaded: float
     uneven: float
     by_velocity: float
@@ -45,13 +48,52 @@ class Friction(NamedTuple):
 
 @record
 class NoFriction(NamedTuple):
-    """In the place of a `friction_model`."""
+    """In the place of an own friction; what it has, an own one must have."""
 
     none: float = 0.0
 
     def resistance(self, velocity: Vector, _load: Vector, _mode: Vector) -> Vector:
-        """Return what friction is beyond that of the parameters, 0, shape (n,) [N·m]."""
+        """
+        Return what friction at the velocity is beyond that of the parameters, (n,) [N·m].
+
+        Parameters
+        ----------
+        velocity : sequence of float, shape (n,)
+            dq [rad/s].
+        _load : sequence of float, shape (n,)
+            Mean torque of the drives over the period [N·m].
+        _mode : sequence of float, shape (n,)
+            +1 or -1 of a joint that slides, else 0.
+
+        Returns
+        -------
+        sequence of float, shape (n,)
+            Against the velocity; 0 where that is 0, since the parameters have what holds a joint.
+
+        """
         return along(velocity, -1.0, velocity)
+
+
+def own_friction(name: str, joint_names: Sequence[str]) -> Any:
+    """
+    Return what `name`, ``package.module:Name``, makes of the names of the joints.
+
+    Raises
+    ------
+    CtcError
+        If it cannot be made, or does not return a number for each joint.
+
+    """
+    if not name:
+        return NoFriction()
+    module, _, attribute = name.partition(':')
+    n = len(joint_names)
+    with refused_as(f'the friction_model {name} cannot be made'):
+        made = getattr(importlib.import_module(module), attribute)(tuple(joint_names))
+        at_rest = made.resistance([0.0] * n, [0.0] * n, [1.0] * n)
+        if len(at_rest) != n or any(at_rest):
+            raise CtcError(f'its resistance at rest is {at_rest}; allowed: {n} times 0')
+    return made
 
 
 @function

@@ -80,7 +80,7 @@ class Motion(NamedTuple):
     #: Position [rad] and velocity [rad/s].
     q: Vector
     dq: Vector
-    #: As `modes` returns them, friction of sliding near rest [N·m], whether all this is decided.
+    #: As `modes` returns them, friction of sliding near rest [N·m], and whether this is decided.
     mode: Vector
     fixed_joints: int
     friction: Vector
@@ -243,10 +243,11 @@ def decided(mechanism: Mechanism, now: Acting, q: Vector, dq: Vector, t: float) 
 @function
 def integrated(mechanism: Mechanism, now: Acting, start: Motion, t: float, h: float) -> Motion:
     """Return the motion after `h` [s] from `t` [s], through any change of mode."""
-    q, dq = start.q, start.dq
+    q, dq, friction = start.q, start.dq, mechanism.mechanics.friction
+    rubbing = friction.by_velocity + friction.own
     for event in range(_MAX_EVENTS + 1):
         at = Smooth(mechanism, now, start, t, along(now.commanded, -1.0, start.friction),
-                    mechanism.model, mechanism.mechanics.friction.by_velocity)
+                    mechanism.model, rubbing)
         q, dq = after(at, h)
         held = margin(at, h, q, dq)
         if held >= 0.0 or event == _MAX_EVENTS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
-from typing import Any
 
 from ctc_chattering.arguments import checked
 from ctc_chattering.dynamics.elastic_model import Elastic
@@ -12,7 +11,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.simulation.friction import NoFriction
+from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.motion import Acting, advanced, Mechanism, Motion
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot, ToCoordinates
@@ -59,7 +58,7 @@ class Plant(Robot):
             start = elastic.start(*start)
             self._encoders = (elastic.motors if config.encoder_side == 'motor'
                               else range(self.model.n))
-        self.own: Any = NoFriction()
+        self.own = own_friction(config.friction_model, config.joint_names)
         rest = [0.0] * self._coupled.n
         self.motion = Motion(*start, rest, 0, rest, 0.0)
         super().__init__(config, *maps, longest)

@@ -6,7 +6,7 @@ import dataclasses
 from math import inf
 from typing import ClassVar
 
-from ctc_chattering.dynamics.registry import check_model, locked_positions
+from ctc_chattering.dynamics.registry import check_model, is_class, locked_positions
 from ctc_chattering.dynamics.robot_config import RobotConfig
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.time_grid import period_ns, samples
@@ -53,6 +53,10 @@ class PlantConfig(RobotConfig):
         'friction_asymmetry', 'float[]', 0.0,
         'Coulomb friction forwards is 1 + this, backwards 1 - this times the given one.',
         minimum=-1.0, maximum=1.0, shape='n')
+    friction_model: str = parameter(
+        'friction_model', 'str', '',
+        'Friction of your own beside these, package.module:Name, backend builtin; empty for none.',
+        read_only=True)
     joint_stiffness: tuple[float, ...] = parameter(
         'joint_stiffness', 'float[]', float('inf'),
         'Stiffness between motor and link, backend builtin; .inf for a rigid joint.',
@@ -165,6 +169,11 @@ class PlantConfig(RobotConfig):
         elif any(self.stribeck_friction):
             raise ParameterError('stribeck_friction', self.stribeck_friction,
                                  f'0 with plant_backend {self.plant_backend}')
+        if self.friction_model and (self.elastic or self.plant_backend != 'builtin'
+                                    or not is_class(self.friction_model)):
+            raise ParameterError(
+                'friction_model', self.friction_model,
+                'package.module:Name, with plant_backend builtin and rigid joints')
         if self.payload and not self.described:
             raise ParameterError('payload', self.payload, '0 without a description of the robot')
         self._check_elasticity()

@@ -140,7 +140,8 @@ class Robot(ABC):
             motors(each(operator.add, config.coulomb_friction, config.stribeck_friction)),
             motors(viscous), motors(config.stribeck_friction), motors(config.stribeck_velocity),
             float(any(config.load_friction)), float(any(config.friction_asymmetry)),
-            float(any(viscous) or any(config.stribeck_friction)), 0.0)
+            float(any(viscous) or any(config.stribeck_friction)),
+            float(bool(config.friction_model)))
 
     @property
     def braking(self) -> bool:

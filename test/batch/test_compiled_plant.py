@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from ctc_chattering.batch.plant import compiled_plant, CompiledPlant, inputs, step
@@ -10,7 +11,7 @@ from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.arm import arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
-from ctc_chattering.numerics.simd.records import packed, register
+from ctc_chattering.numerics.simd.records import packed
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import PlantState
@@ -18,6 +19,7 @@ from ctc_chattering.simulation.sensor import Measured
 import numpy as np
 import pytest
 
+EXAMPLES = Path(__file__).parents[2] / 'examples'
 #: Samples of one robot.
 STEPS = 4
 
@@ -75,13 +77,17 @@ def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tup
     return largest, len(modes)
 
 
-@pytest.mark.parametrize(('name', 'count'), [
-    ('friction', 150), pytest.param('panda', 60, marks=pytest.mark.slow)])
-def test_one_step_is_the_same(name: str, count: int) -> None:
-    setup = parameter_file.load(config_directory() / f'{name}.yaml')
+@pytest.mark.parametrize(('name', 'own', 'count'), [
+    ('friction', '', 150), pytest.param('panda', '', 60, marks=pytest.mark.slow),
+    # Compiled once more for another class.
+    pytest.param('friction', 'own_friction:hyperbolic', 150, marks=pytest.mark.slow)])
+def test_one_step_is_the_same(name: str, own: str, count: int, monkeypatch: pytest.MonkeyPatch
+                              ) -> None:
+    monkeypatch.syspath_prepend(EXAMPLES)
+    setup = parameter_file.load(config_directory() / f'{name}.yaml',
+                                {'plant': {'friction_model': own}})
     model = kept_model_of(setup.plant, setup.descriptions.get('plant', ''))
     rng, modes = np.random.default_rng(1), 0
-    register()
     for _ in range(count):
         largest, seen = compared(random_config(setup.plant, rng), model, rng)
         assert largest < 1e-10

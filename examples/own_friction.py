@@ -1,0 +1,44 @@
+"""
+Friction of your own: a fall from rest like 1 / (1 + |dq| / v_s), in the place of Stribeck's.
+
+In the parameter file, with this folder on PYTHONPATH::
+
+    plant:
+      ros__parameters: {friction_model: 'own_friction:hyperbolic', coulomb_friction: [12.0, 12.0]}
+
+``coulomb_friction`` is what holds a joint at rest; here a sliding joint loses up to 3 N·m of it.
+`each` calls a function of numbers joint by joint; marked, all this runs compiled as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ctc_chattering.numerics.compilable import each, function, record
+
+Vector = Sequence[float]
+
+
+@function
+def fallen(velocity: float, mode: float, fall: float, speed: float) -> float:
+    """Return the friction of one joint less that near rest [N·m]."""
+    return -mode * fall * abs(velocity) / (abs(velocity) + speed)
+
+
+@record
+class Hyperbolic(NamedTuple):
+    """Parameters, joint by joint."""
+
+    #: What is lost at high velocity [N·m]; velocity at which half of it is lost [rad/s].
+    fall: Vector
+    speed: Vector
+
+    def resistance(self, velocity: Vector, _load: Vector, mode: Vector) -> Vector:
+        """Return friction beyond that of the parameters; see `NoFriction.resistance`."""
+        return each(fallen, velocity, mode, self.fall, self.speed)
+
+
+def hyperbolic(joint_names: Sequence[str]) -> Hyperbolic:
+    """Return the friction of a robot with these joints."""
+    return Hyperbolic([3.0] * len(joint_names), [0.05] * len(joint_names))

@@ -1,0 +1,80 @@
+"""Friction and model of a user's own: those of `examples/`, against scipy's integrator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.friction import own_friction
+from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.plant_config import PlantConfig
+import numpy as np
+from oracles import Array, Masses
+import pytest
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+
+MASSES = np.array([2.0, 0.5])
+KF = np.array([4.0, 5.0])
+
+
+@pytest.fixture(autouse=True)
+def examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / 'examples')
+
+
+def test_the_fall_of_friction_against_scipy() -> None:
+    """Both joints break away and slide; the slower one would stay at rest without the fall."""
+    tau = np.array([4.5, -5.5])
+
+    def field(_t: float, x: Array) -> Array:
+        v = x[2:]
+        friction = np.sign(tau) * (KF - 3.0 * np.abs(v) / (np.abs(v) + 0.05))
+        return np.concatenate((v, (tau - friction) / MASSES))
+
+    own = PlantConfig(coulomb_friction=tuple(KF), friction_model='own_friction:hyperbolic')
+    plant = Plant(own, Masses(np.diag(MASSES).tolist()))
+    for _ in range(500):
+        plant.step(tau)
+    exact = solve_ivp(field, (0.0, 0.5), [0.0] * 4, method='DOP853', rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose([*plant.q, *plant.dq], exact.y[:, -1], rtol=1e-7)
+    plant = Plant(PlantConfig(coulomb_friction=tuple(KF)), Masses(np.diag(MASSES).tolist()))
+    for _ in range(500):
+        plant.step(tau)
+    assert (np.abs(plant.dq) < 0.5 * np.abs(exact.y[2:, -1])).all()
+
+
+def test_a_model_of_an_example() -> None:
+    setup = parameter_file.load(None, {
+        '/**': {'joint_names': ['swing'], 'model': 'own_model:Pendulum'},
+        'plant': {'duration': 3.0, 'coulomb_friction': [1.0]},
+        'controller': {'ka': [2.0], 'switching': 'implicit_observer'},
+        'reference': {'center': [0.0], 'start_duration': 1.0}})
+    run = simulated(setup).run
+    assert np.abs(run.q_d - run.q)[2000:].max() < 1e-4
+
+
+@pytest.mark.parametrize(('values', 'error'), [
+    ({'friction_model': 'hyperbolic'}, ParameterError),
+    ({'friction_model': 'own_friction:hyperbolic', 'plant_backend': 'mujoco'}, ParameterError),
+    ({'friction_model': 'own_friction:hyperbolic', 'joint_stiffness': [1e4, 1e4],
+      'motor_inertia': [1.0, 1.0]}, ParameterError),
+    ({'friction_model': 'own_friction:none'}, CtcError),
+    ({'friction_model': 'nowhere:none'}, CtcError)])
+def test_what_is_refused(values: dict[str, Any], error: type[Exception]) -> None:
+    with pytest.raises(error, match='friction_model'):
+        Plant(PlantConfig.from_mapping(values))
+
+
+@pytest.mark.parametrize('at_rest', [[0.0], [1.0, 0.0], [float('nan'), 0.0]])
+def test_a_friction_at_rest_is_refused(at_rest: list[float], monkeypatch: pytest.MonkeyPatch
+                                       ) -> None:
+    """It would hold a joint, or push it, where the plant takes the parameters for what holds."""
+    made = SimpleNamespace(resistance=lambda *_: at_rest)
+    monkeypatch.setitem(sys.modules, 'wrong', SimpleNamespace(friction=lambda _: made))
+    with pytest.raises(CtcError, match='at rest'):
+        own_friction('wrong:friction', ('a', 'b'))
