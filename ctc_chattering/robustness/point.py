@@ -9,7 +9,7 @@ from typing import Any
 from ctc_chattering.errors import near, ParameterError, UsageError
 from ctc_chattering.robustness.quantity import Axis
 from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.spec import MapSpec, Variant
+from ctc_chattering.robustness.spec import LawSettings, MapSpec
 
 _LAW, _REPEAT = 'law', 'repeat'
 
@@ -94,7 +94,7 @@ def _nearest(axis: Axis, text: str) -> int:
     return first
 
 
-def _law(variants: Sequence[Variant], text: str) -> int:
+def _law(variants: Sequence[LawSettings], text: str) -> int:
     """Return the index of the variant with this name, or of the only one under this law."""
     found = [i for i, x in enumerate(variants) if x.name == text] or [
         i for i, x in enumerate(variants) if x.law == text]
