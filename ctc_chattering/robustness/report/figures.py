@@ -116,7 +116,7 @@ def save_map_figures(data: MapData, directory: Path) -> list[drawing.FigureFile]
     Parameters
     ----------
     data : MapData
-        As `map_data` returns it.
+        Of the map.
     directory : Path
         Created if necessary.
 

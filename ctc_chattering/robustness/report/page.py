@@ -27,7 +27,7 @@ def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
     Parameters
     ----------
     data : MapData
-        As `map_data` returns it.
+        Of the map.
     figures : sequence of FigureFile
         As `save_map_figures` returns them; linked relative to the page, the first at the top.
     path : Path
