@@ -40,7 +40,7 @@ setup(
     python_requires='>=3.10',
     install_requires=[
         'setuptools', 'jinja2', 'matplotlib', 'mcap>=1.6', 'numpy', 'PyYAML', 'rosbags>=0.11',
-        'tqdm'],
+        'scipy', 'tqdm'],
     extras_require={
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],

@@ -40,8 +40,8 @@ def tracking(result: Result, run_name: str = '') -> Figure:
     """Draw q against q_d for each joint, and the 1-norm of the error."""
     run, n = result.run, _joints(result)
     sums = error_sums(result)
-    sheet = _Sheet(result, f'Tracking – {run_name or name(result)}{_paper(result, 0)}',
-                   n + len(sums), (3.0, 1.35), 1.45, SLICE)
+    sheet = _RunFigure(result, f'Tracking – {run_name or name(result)}{_paper(result, 0)}',
+                       n + len(sums), (3.0, 1.35), 1.45, SLICE)
     for column, part in enumerate((_WHOLE, sheet.window)):
         for i, (joint, unit) in enumerate(zip(result.joint_names, result.position_units)):
             ax = sheet.panel((i, column), joint, f'q, q_d [{unit}]', run.q[:, i], part, label='q')
@@ -62,8 +62,8 @@ def tracking(result: Result, run_name: str = '') -> Figure:
 def torques(result: Result, run_name: str = '') -> Figure:
     """Draw the torque of each joint over the whole run and over a slice."""
     n = _joints(result)
-    sheet = _Sheet(result, f'Torques – {run_name or name(result)}{_paper(result, 1)}', n,
-                   (3.0, 1.35), 2.1 if n < 4 else 1.5, SHORT_SLICE)
+    sheet = _RunFigure(result, f'Torques – {run_name or name(result)}{_paper(result, 1)}', n,
+                       (3.0, 1.35), 2.1 if n < 4 else 1.5, SHORT_SLICE)
     for i, (joint, unit, tau) in enumerate(zip(
             result.joint_names, result.torque_units, result.run.tau.T)):
         ylabel = f'{"τ" if unit == "N·m" else "force"} [{unit}]'
@@ -77,8 +77,8 @@ def internals(result: Result, run_name: str = '') -> Figure:
     """Draw V, and for each joint the filtered error v and the robust term z of the law."""
     terms, n = result.terms, _joints(result)
     noun, kind = _robust_term(result)
-    sheet = _Sheet(result, f'V, filtered error and {noun} – {run_name or name(result)}',
-                   n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
+    sheet = _RunFigure(result, f'V, filtered error and {noun} – {run_name or name(result)}',
+                       n + 1, (1.6, 1.6, 1.0), 1.6, SHORT_SLICE)
     ax = sheet.panel((0, _WHOLE), 'Lyapunov function V = ½ vᵀ M(q) v', 'V [J]', terms.lyapunov,
                      linewidth=0.9)
     drawing.log_axis(ax, terms.lyapunov)
@@ -159,7 +159,7 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
             f'the {_robust_term(result)[0]}. Right: {where}')
 
 
-class _Sheet:
+class _RunFigure:
     """A figure of one run; `window` is the enlarged slice, at the end or a change of law."""
 
     def __init__(self, result: Result, title: str, rows: int, widths: Sequence[float],

@@ -12,7 +12,7 @@ from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.terms import Terms, terms
+from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import ControllerConfig
@@ -32,8 +32,8 @@ _REACHING = 0.5
 _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 
 
-@checked(experiment=str, configs=Sequence, run=Run, computed=(Terms, type(None)), description=str,
-         source=str, window=Sequence)
+@checked(experiment=str, configs=Sequence, run=Run, computed=(RunTerms, type(None)),
+         description=str, source=str, window=Sequence)
 @dataclasses.dataclass(frozen=True)
 class Result:
     """
@@ -47,7 +47,7 @@ class Result:
         The controller's configurations, and the times from which they apply [s].
     run : Run
         The samples.
-    computed : Terms, optional
+    computed : RunTerms, optional
         Terms, if they are known; otherwise computed when first asked for.
     description : str
         The URDF of the controller's model; empty for a model that needs none.
@@ -61,7 +61,7 @@ class Result:
     experiment: str
     configs: Sequence[tuple[float, ControllerConfig]]
     run: Run
-    computed: Terms | None = None
+    computed: RunTerms | None = None
     description: str = ''
     source: str = ''
     window: tuple[float, float] = WINDOW
@@ -75,7 +75,7 @@ class Result:
                                  'pairs of a time [s] and a ControllerConfig, one or more')
 
     @cached_property
-    def terms(self) -> Terms:
+    def terms(self) -> RunTerms:
         """Return the parts of the torque, v and V; a simulation lacks what was not sent."""
         return self.computed or terms(
             self.run, self.configs, model_of(self.config, self.description), unsent=True)
@@ -237,10 +237,14 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
         If the file cannot be written.
 
     """
-    runs = [finite(result.metrics()) for result in results]
-    write_text(path, json.dumps({'runs': runs}, indent=2, ensure_ascii=False) + '\n')
+    write_json({'runs': [result.metrics() for result in results]}, path)
+
+
+def write_json(value: Any, path: Path) -> None:
+    """Write a file of strict JSON; numbers that are not finite become null."""
+    write_text(path, json.dumps(finite(value), indent=2, ensure_ascii=False) + '\n')
 
 
 def finite(value: Any) -> Any:
     """Return `value`, as JSON has it, with None in place of every number that is not finite."""
-    return json.loads(json.dumps(value), parse_constant=lambda _: None)
+    return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)

@@ -17,7 +17,7 @@ BRIDGED = 20
 
 
 @dataclasses.dataclass(frozen=True)
-class Terms:
+class RunTerms:
     """
     Terms of the law sample by sample.
 
@@ -42,7 +42,7 @@ class Terms:
 
 def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
           model: Model | None = None, known: Mapping[float, Sequence[float]] | None = None,
-          unsent: bool = False) -> Terms:
+          unsent: bool = False) -> RunTerms:
     """
     Run the controller over the states and the reference of `run`.
 
@@ -89,7 +89,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
         for name, column in columns.items():
             column[k] = getattr(sample, name)
         lyapunov[k] = law.lyapunov(q.tolist(), sample.v)
-    return Terms(**columns, lyapunov=lyapunov)
+    return RunTerms(**columns, lyapunov=lyapunov)
 
 
 def _bridge(law: Controller, before: Array, after: Array, count: int) -> None:

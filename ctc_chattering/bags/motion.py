@@ -7,21 +7,21 @@ enough.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 import dataclasses
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.bags.reader import FIELDS, nanoseconds
-from ctc_chattering.bags.repair import BagReader, open_bag
+from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.bags.topics import BagTopics, nanoseconds
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, near, refused_as
-from ctc_chattering.identification.recording import Recording
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import seconds
-from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, PARAMETERS, ROBOT_DESCRIPTION
+from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 import numpy as np
 
 #: Commands for each state from which on there must be two publishers.
@@ -31,7 +31,7 @@ _HELD = 20
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class RecordedMotion:
     """
     What a bag has of a robot.
 
@@ -52,7 +52,7 @@ class Motion:
 
 
 def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
-                states: str = JOINT_STATES, commands: str = COMMANDS) -> Motion:
+                states: str = JOINT_STATES, commands: str = COMMANDS) -> RecordedMotion:
     """
     Return the motion that a bag holds.
 
@@ -77,61 +77,28 @@ def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
 
     """
     with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
-        return _Bag(reader, path).motion(joints, description, (states, commands))
+        return _MotionTopics(reader, path).motion(joints, description, (states, commands))
 
 
-class _Bag:
-    """The topics of an open bag, in any namespace."""
-
-    def __init__(self, reader: BagReader, path: Path) -> None:
-        self._reader, self._path = reader, path
+class _MotionTopics(BagTopics):
+    """The topics of a bag with the motion of any robot."""
 
     def motion(self, joints: Sequence[str], description: str, topics: tuple[str, str]
-               ) -> Motion:
+               ) -> RecordedMotion:
         """Return the motion; arguments as `read_motion` has them."""
-        controller = self._controller()
-        description = description or self._description()
-        states = list(self._messages(topics[0], '--states'))
+        history = self.parameters('controller', ControllerConfig)
+        controller = history[0][1] if history else None
+        description = (description or self.description()
+                       or self.description(ROBOT_DESCRIPTION))
+        states = list(self.messages(topics[0], '--states'))
         if not states:
-            raise CtcError(f'{self._path}: no message on {topics[0]}')
-        orders = list(self._messages(topics[1], '--commands'))
+            raise CtcError(f'{self.path}: no message on {topics[0]}')
+        orders = list(self.messages(topics[1], '--commands'))
         names = tuple(joints) or self._joints(controller, states[0][1], orders, description)
         logged, recording = self._recording(names, states)
         command = self._command(names, logged, orders, topics[1])
-        return Motion(dataclasses.replace(recording, command=command).checked(), description,
-                      controller)
-
-    def _messages(self, name: str, option: str = '') -> Iterator[tuple[int, Any]]:
-        """Yield log time [ns] and message of a topic; raise `CtcError` if there are several."""
-        connections = [x for x in self._reader.connections if x.topic == name or (
-            not name.startswith('/') and x.topic.endswith('/' + name))]
-        topics = {x.topic for x in connections}
-        if len(topics) > 1 and option:
-            raise CtcError(f'{self._path}: several topics: {", ".join(sorted(topics))}; name one: '
-                           f'{option}')
-        for connection, t, data in self._reader.messages(connections) if connections else ():
-            try:
-                yield t, self._reader.deserialize(data, connection.msgtype)
-            except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
-                continue
-
-    def _controller(self) -> ControllerConfig | None:
-        """Return the first configuration of the controller of this package."""
-        known = ControllerConfig.parameters()
-        for _, message in self._messages(f'controller/{PARAMETERS}'):
-            return ControllerConfig.from_mapping({
-                item.name: getattr(item.value, FIELDS[item.value.type])
-                for item in [*message.new_parameters, *message.changed_parameters]
-                if item.name in known and item.value.type in FIELDS})
-        return None
-
-    def _description(self) -> str:
-        """Return the last robot description; empty for none."""
-        for name in (f'controller/{ROBOT_DESCRIPTION}', ROBOT_DESCRIPTION):
-            texts = [str(message.data) for _, message in self._messages(name)]
-            if texts:
-                return texts[-1]
-        return ''
+        return RecordedMotion(dataclasses.replace(recording, command=command).checked(),
+                              description, controller)
 
     def _joints(self, controller: ControllerConfig | None, state: Any,
                 orders: Sequence[tuple[int, Any]], description: str) -> tuple[str, ...]:
@@ -147,7 +114,7 @@ class _Bag:
             found = tuple(state.name)
         if orders and len(orders[0][1].data) != len(found):
             raise CtcError(
-                f'{self._path}: {len(orders[0][1].data)} commanded torques for '
+                f'{self.path}: {len(orders[0][1].data)} commanded torques for '
                 f'{len(found)} joints, {", ".join(found)}; name them in the order of the '
                 'commands: --joints')
         return found
@@ -162,7 +129,7 @@ class _Bag:
             if not set(names) <= set(place):
                 if set(names) & set(place):
                     raise CtcError(
-                        f'{self._path}: states have the joints {list(message.name)}; needed: '
+                        f'{self.path}: states have the joints {list(message.name)}; needed: '
                         f'each of {list(names)}')
                 continue
             order = [place[name] for name in names]
@@ -174,14 +141,14 @@ class _Bag:
             logged.append(t)
         if not stamps:
             known = sorted({name for _, message in states for name in message.name})
-            raise CtcError(f'{self._path}: no state has the joints {list(names)}; joints of the '
+            raise CtcError(f'{self.path}: no state has the joints {list(names)}; joints of the '
                            f'bag: {", ".join(known)}{"".join(near(x, known) for x in names)}')
         times = np.array([seconds(x - stamps[0]) for x in stamps])
         if len(times) > 1 and not np.any(np.diff(times)):
             times = np.array([seconds(x - logged[0]) for x in logged])
         q, dq, effort = (np.array(rows[key]) for key in ('position', 'velocity', 'effort'))
         return np.array(logged), Recording(
-            self._path.resolve().name, names, times, q, _if_any(dq), _if_any(effort))
+            self.path.resolve().name, names, times, q, _if_any(dq), _if_any(effort))
 
     def _command(self, names: tuple[str, ...], logged: Array,
                  orders: Sequence[tuple[int, Any]], topic: str) -> Array | None:
@@ -196,7 +163,7 @@ class _Bag:
         if not values:
             return None
         if len(values) > _TOO_MANY * len(logged):
-            raise CtcError(f'{self._path}: {len(values)} commands on {topic} for {len(logged)} '
+            raise CtcError(f'{self.path}: {len(values)} commands on {topic} for {len(logged)} '
                            'states: are there two publishers of commands?')
         if len(values) == len(logged):
             return np.array(values)

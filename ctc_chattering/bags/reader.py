@@ -15,21 +15,15 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.arguments import checked
 from ctc_chattering.bags.repair import BagReader, open_bag
+from ctc_chattering.bags.topics import BagTopics, nanoseconds
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
+from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.ros import topics
 from ctc_chattering.ros.joint_order import select
-from ctc_chattering.ros.topics import (
-    COMMANDS,
-    FILTER,
-    JOINT_STATES,
-    PARAMETERS,
-    REFERENCE,
-    ROBOT_DESCRIPTION,
-)
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.buffer import Trajectory
@@ -38,9 +32,6 @@ import numpy as np
 #: Longest step between two states that is accepted at once [periods], and the number of states
 #: that must follow a longer one.
 _FEW = 20
-#: Field of a ParameterValue that holds the value, by its type.
-FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value',
-          8: 'double_array_value', 9: 'string_array_value'}
 
 
 @checked(path=(str, Path))
@@ -61,7 +52,7 @@ def read_bag(path: str | Path) -> Result:
     """
     path = Path(path)
     with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
-        return _Topics(reader, path).result()
+        return _RunTopics(reader, path).result()
 
 
 def find_bags(directory: Path) -> list[Path]:
@@ -82,7 +73,7 @@ def _is_bag(path: Path) -> bool:
         x.name == 'metadata.yaml' or x.suffix in ('.mcap', '.db3') for x in path.iterdir())
 
 
-class _State(NamedTuple):
+class _StampedState(NamedTuple):
     """A joint state: stamp [ns], (position, velocity, effort), shape (3, n), and log time [ns]."""
 
     t: int
@@ -90,15 +81,15 @@ class _State(NamedTuple):
     recorded: int
 
 
-class _Topics:
-    """The topics of one open bag, in any namespace; `names` are the controller's joints."""
+class _RunTopics(BagTopics):
+    """The topics of a bag with a run of this package."""
 
     def __init__(self, reader: BagReader, path: Path) -> None:
-        self._reader, self._path = reader, path
-        self._history = self._parameters('controller', ControllerConfig)
+        super().__init__(reader, path)
+        self._history = self.parameters('controller', ControllerConfig)
         if not self._history:
             raise CtcError(f'{path}: not a bag of this package: no message on '
-                           f'controller/{PARAMETERS}')
+                           f'controller/{topics.PARAMETERS}')
         config = self._history[0][1]
         self._names = config.joint_names
         self._period = period_ns(config.control_period)
@@ -107,11 +98,11 @@ class _Topics:
         """Return the run."""
         states, repeats = self._states(self._history[0][0])
         if not states:
-            raise CtcError(f'{self._path}: no state on {JOINT_STATES} that was answered')
+            raise CtcError(f'{self.path}: no state on {topics.JOINT_STATES} that was answered')
         trajectory, start = self._trajectory()
         points = [p for state in states if (p := trajectory.at(state.t))]
         if not points:
-            raise CtcError(f'{self._path}: no {REFERENCE} for the state at '
+            raise CtcError(f'{self.path}: no {topics.REFERENCE} for the state at '
                            f'{seconds(states[0].t):g} s')
         # A recorder that is started during a run receives states before the first reference.
         unknown = len(states) - len(points)
@@ -121,40 +112,24 @@ class _Topics:
         times = np.array([seconds(state.t - start) for state in states[unknown:]])
         run = Run(times, q, dq, q_d, dq_d, ddq_d, tau, np.zeros_like(q))
         configs = [(seconds(t - start), config) for t, config in self._history]
-        plants = self._parameters('plant', PlantConfig)
-        experiment = (plants[0][1].experiment if plants else '') or self._path.name
-        description = self._description()
+        plants = self.parameters('plant', PlantConfig)
+        experiment = (plants[0][1].experiment if plants else '') or self.path.name
+        description = self.description()
         known = self._filtered_error(start) if missing(
             times, configs[0][1].control_period).any() else None
         computed = terms(run, configs, model_of(configs[0][1], description), known,
                          any(plant.sample_loss for _, plant in plants))
         return Result(experiment, configs, dataclasses.replace(run, v=computed.v), computed,
-                      description, self._path.resolve().name)
-
-    def _description(self) -> str:
-        """Return the robot description that the controller published; empty for none."""
-        texts = [message.data for _, message in self._messages(f'controller/{ROBOT_DESCRIPTION}')]
-        return texts[-1] if texts else ''
+                      description, self.path.resolve().name)
 
     def _filtered_error(self, start: int) -> dict[float, list[float]]:
         """Return v as the controller published it [rad/s] by time since `start` [s]."""
         found = {}
-        for _, message in self._messages(f'controller/{FILTER}'):
+        for _, message in self.messages(f'controller/{topics.FILTER}'):
             (v,) = self._select(message.name, message.velocity)
             if np.isfinite(v).all():
                 found[seconds(nanoseconds(message.header.stamp) - start)] = v.tolist()
         return found
-
-    def _messages(self, name: str) -> Iterator[tuple[int, Any]]:
-        """Yield log time [ns] and message of a topic, without those that cannot be decoded."""
-        connections = [x for x in self._reader.connections
-                       if x.topic == name or x.topic.endswith('/' + name)]
-        for connection, t, data in self._reader.messages(connections) if connections else ():
-            try:
-                message = self._reader.deserialize(data, connection.msgtype)
-            except Exception:  # Of arbitrary bytes, decoders raise arbitrary exceptions.
-                continue
-            yield t, message
 
     def _select(self, names: Sequence[str], *rows: Any) -> Array:
         """Return our joints' values out of rows of a message; nan if it would be rejected."""
@@ -164,38 +139,24 @@ class _Topics:
         except RejectedMessage:
             return np.full((len(rows), len(self._names)), np.nan)
 
-    def _parameters(self, node: str, kind: Any) -> list[tuple[int, Any]]:
-        """Return the configurations of a node, each with the time [ns] from which it applies."""
-        known = kind.parameters()
-        values: dict[str, Any] = {}
-        history: list[tuple[int, Any]] = []
-        for _, message in self._messages(f'{node}/{PARAMETERS}'):
-            for item in [*message.new_parameters, *message.changed_parameters]:
-                if item.name in known and item.value.type in FIELDS:
-                    values[item.name] = getattr(item.value, FIELDS[item.value.type])
-            config = kind.from_mapping(values)
-            if not history or history[-1][1] != config:
-                history.append((nanoseconds(message.stamp), config))
-        return history
-
-    def _valid_states(self, since: int) -> Iterator[_State]:
+    def _valid_states(self, since: int) -> Iterator[_StampedState]:
         """Yield the states from time `since` [ns] on that a controller would accept."""
-        for recorded, message in self._messages(JOINT_STATES):
+        for recorded, message in self.messages(topics.JOINT_STATES):
             t = nanoseconds(message.header.stamp)
             effort = message.effort if len(message.effort) else np.zeros(len(message.name))
             row = self._select(message.name, message.position, message.velocity)
             if t >= since and np.isfinite(row).all():
                 row = np.vstack((row, self._select(message.name, effort)))
-                yield _State(t, row, recorded)
+                yield _StampedState(t, row, recorded)
 
-    def _states(self, since: int) -> tuple[list[_State], Counter[int]]:
+    def _states(self, since: int) -> tuple[list[_StampedState], Counter[int]]:
         """
         Return the states, each stamp once, sorted by time, and how often one was repeated.
 
         A step of more than `_FEW` periods needs `_FEW` states that confirm it.
         """
-        states: list[_State] = []
-        pending: list[_State] = []
+        states: list[_StampedState] = []
+        pending: list[_StampedState] = []
         rejected = 0
         repeats: Counter[int] = Counter()
         for state in self._valid_states(since):
@@ -220,7 +181,7 @@ class _Topics:
     def _trajectory(self) -> tuple[Trajectory, int]:
         """Return the reference and the time of its first point [ns]."""
         trajectory, start = Trajectory(), 0
-        for _, message in self._messages(REFERENCE):
+        for _, message in self.messages(topics.REFERENCE):
             first = nanoseconds(message.header.stamp)
             times = [first + nanoseconds(p.time_from_start) for p in message.points]
             rows = [self._select(message.joint_names, p.positions, p.velocities, p.accelerations)
@@ -231,13 +192,13 @@ class _Topics:
                 trajectory.extend(times, [row.tolist() for row in rows])
         return trajectory, start
 
-    def _commands(self, states: Sequence[_State], repeats: Counter[int]
+    def _commands(self, states: Sequence[_StampedState], repeats: Counter[int]
                   ) -> tuple[list[Array], list[int]]:
         """Return torques and log times [ns], without those that answer a repeated state."""
         commands: list[Array] = []
         recorded: list[int] = []
         left = 0
-        for t, message in self._messages(COMMANDS):
+        for t, message in self.messages(topics.COMMANDS):
             labels = [dim.label for dim in message.layout.dim] or self._names
             (tau,) = self._select(labels, message.data)
             if not np.isfinite(tau).all():
@@ -250,7 +211,7 @@ class _Topics:
             recorded.append(t)
         return commands, recorded
 
-    def _torques(self, states: Sequence[_State], repeats: Counter[int]) -> Array:
+    def _torques(self, states: Sequence[_StampedState], repeats: Counter[int]) -> Array:
         """
         Return the torque that answers each state; nan where it is unknown.
 
@@ -278,8 +239,3 @@ class _Topics:
         if not np.isfinite(tau[-1]).all():
             tau[-1] = effort[-1]
         return tau
-
-
-def nanoseconds(time: Any) -> int:
-    """Return the time of a message [ns]."""
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.bags.mcap_file import McapFile
-from ctc_chattering.bags.writer import Recording, Span
+from ctc_chattering.bags.writer import BagWriter, Span
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import seconds
 import yaml
@@ -71,7 +71,7 @@ def recover(bag: Path, target: Path) -> Recovery:
 
     """
     found, seen = Recovery(), set[bytes]()
-    recording = Recording(target)
+    recording = BagWriter(target)
     written, custom = _metadata(bag)
     numbers, indexed, is_indexed = Counter[str](), Counter[str](), True
     try:

@@ -76,7 +76,7 @@ class _Sync:
             last.result()
 
 
-class Recording:
+class BagWriter:
     """
     A bag being written.
 

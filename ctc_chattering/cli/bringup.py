@@ -8,7 +8,8 @@ from pathlib import Path
 import sys
 
 from ctc_chattering import __version__
-from ctc_chattering.cli.options import add_run_options, find_file, guarded, overrides, Parser
+from ctc_chattering.cli.command_line import guarded, Parser
+from ctc_chattering.cli.options import add_run_options, find_file, overrides
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import given_by_user
 from ctc_chattering.launch.graph import run_graph, Stopped

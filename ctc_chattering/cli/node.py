@@ -40,7 +40,7 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
     """
     for number in signals.STOP:
         signals.take(number, lambda *_: os._exit(0))  # No node is in the graph yet.
-    from ctc_chattering.cli.options import guarded
+    from ctc_chattering.cli.command_line import guarded
     return guarded(name, lambda: _run(name, list(sys.argv if argv is None else argv)[1:]))
 
 
@@ -67,7 +67,7 @@ def _run(name: str, arguments: Sequence[str]) -> int:
 
 def _make_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of the arguments that are not for ROS."""
-    from ctc_chattering.cli.options import Parser
+    from ctc_chattering.cli.command_line import Parser
     from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS, parameter_help
     parser = Parser(
         prog=name, description=NODE_DESCRIPTIONS[name],

@@ -1,42 +1,23 @@
-"""Arguments that several commands share, and exit statuses."""
+"""Arguments that several commands share."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from importlib.util import find_spec
 import os
 from pathlib import Path
-import re
-import sys
-import tempfile
-import traceback
-from typing import Any, NoReturn
+from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError, given_by_user, near, UsageError
+from ctc_chattering.errors import given_by_user
 from ctc_chattering.parameters import Parameter
 
-#: Names for pip of modules that are called otherwise.
-_PACKAGES = {'pinocchio': 'pin', 'yaml': 'PyYAML', 'dask': "'dask[distributed]'",
-             'distributed': "'dask[distributed]'"}
-#: Modules of ROS whose names do not end in _msgs.
-_OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srvs')
 #: Options that override a parameter file, and the sections of their parameters.
 _SECTIONS = {'law': 'controller', 'switching': 'controller', 'control_period': '/**',
              'duration': 'plant', 'pacing': 'plant'}
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser whose error message is one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raise `UsageError`."""
-        word, *known = re.findall(r"'([^']*)'", message) if 'invalid choice' in message else ['']
-        raise UsageError(f'{message}{near(word, known)}; see {self.prog} --help')
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -56,6 +37,27 @@ def add_params_file(parser: argparse.ArgumentParser) -> None:
         '--params-file', default='friction', metavar='F',
         help='parameter file, or the name of one of the package, such as panda; friction, the '
              "paper's first experiment, by default")
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the argument that names a bag."""
+    parser.add_argument('bag', type=Path, metavar='BAG')
+
+
+def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    """Add the options of the directory to write into."""
+    parser.add_argument(
+        '--out', type=Path, metavar='DIR', default=default and Path(default),
+        help=f'directory to write into, {default} by default' if default
+        else 'directory to write into; without it the numbers are only printed')
+    parser.add_argument('--overwrite', action='store_true',
+                        help='replace what an earlier run of this command wrote there')
+
+
+def add_jobs(parser: argparse.ArgumentParser, more: str = '') -> None:
+    """Add the option of the number of processes; `more` is what its help says besides."""
+    parser.add_argument('--jobs', type=int, metavar='N',
+                        help=f'processes, as many as there are processors by default{more}')
 
 
 def add_engine_option(parser: argparse.ArgumentParser) -> None:
@@ -109,50 +111,3 @@ def number_of_jobs(number: int | None) -> int:
     jobs = default if number is None else number
     check('--jobs', jobs, 1)
     return jobs
-
-
-def guarded(name: str, command: Callable[[], int]) -> int:
-    """
-    Run a command; a `CtcError`, or too little memory, becomes one line.
-
-    The status is then 1, or 2 if the command line is wrong or a package is missing. Any other
-    exception is a defect of this package: it becomes one line, too, and its traceback a file.
-    """
-    try:
-        return command()
-    except CtcError as error:
-        print(f'{name}: {error}', file=sys.stderr, flush=True)
-        return 2 if isinstance(error, UsageError) else 1
-    except MemoryError as error:
-        print(f'{name}: too little memory: {error}'.rstrip(': '), file=sys.stderr, flush=True)
-        return 1
-    except KeyboardInterrupt as stop:
-        print(f'{name}: {str(stop) or "stopped"}', file=sys.stderr, flush=True)
-        return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except Exception as error:  # Whatever else comes must not reach a user as a traceback.
-        missing = _how_to_install(error) if isinstance(error, ModuleNotFoundError) else ''
-        print(f'{name}: {missing or _defect(error)}', file=sys.stderr, flush=True)
-        return 2 if missing else 1
-
-
-def _how_to_install(error: ModuleNotFoundError) -> str:
-    """Return how to install a missing package; '' if it is one of this package."""
-    module = (error.name or '').split('.')[0]
-    if module in _OF_ROS or module.endswith('_msgs'):
-        return (f'ROS 2 is missing (no module {module}): source its setup file, or install the '
-                "wheels from the checkout: pip install '.[ros]'")
-    if module == 'ctc_chattering':
-        return ''
-    return f'{module} is missing: pip install {_PACKAGES.get(module, module)}'
-
-
-def _defect(error: Exception) -> str:
-    """Write the traceback of a defect into a file; return the line that names it."""
-    text = ' '.join(f'{type(error).__name__}: {error}'.split())
-    with tempfile.NamedTemporaryFile('w', prefix='ctc_chattering-', suffix='.txt', delete=False,
-                                     encoding='utf-8') as file:
-        traceback.print_exception(error, file=file)
-    return f'{text}. This is a defect of ctc_chattering: please report it with {file.name}'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -18,19 +19,13 @@ class Experiment:
     ----------
     file : str
         Name of the parameter file, without its ending.
-    law : str, optional
-        In place of the file's.
-    switching : str, optional
-        In place of the file's, with `ka`.
-    ka : tuple of float
-        Gain Ka under `switching` [N·m].
+    values : mapping
+        Parameters of the controller in place of the file's.
 
     """
 
     file: str
-    law: str | None = None
-    switching: str | None = None
-    ka: tuple[float, ...] = ()
+    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def path(self) -> Path:
@@ -40,21 +35,19 @@ class Experiment:
     @property
     def name(self) -> str:
         """Name of its bag."""
-        return '_'.join(filter(None, (self.file, self.law, self.switching)))
+        return '_'.join((self.file, *(x for x in self.values.values() if isinstance(x, str))))
 
     @property
-    def overrides(self) -> dict[str, dict[str, Any]]:
+    def overrides(self) -> dict[str, Mapping[str, Any]]:
         """Values that override those of the file."""
-        values: dict[str, Any] = {'law': self.law} if self.law else {}
-        if self.switching:
-            values.update(switching=self.switching, ka=list(self.ka))
-        return {'controller': values} if values else {}
+        return {'controller': self.values} if self.values else {}
 
 
 #: Figures 2 to 9 of the paper, the switching that this package recommends (Ka above friction),
 #: and the switch from one law to the other.
 EXPERIMENTS = (
-    Experiment('friction', 'compensation'), Experiment('friction', 'chattering'),
-    Experiment('friction', 'chattering', 'implicit_observer', (12.0, 12.0)),
-    Experiment('disturbance', 'compensation'), Experiment('disturbance', 'chattering'),
-    Experiment('switch'))
+    Experiment('friction', {'law': 'compensation'}), Experiment('friction', {'law': 'chattering'}),
+    Experiment('friction', {
+        'law': 'chattering', 'switching': 'implicit_observer', 'ka': [12.0, 12.0]}),
+    Experiment('disturbance', {'law': 'compensation'}),
+    Experiment('disturbance', {'law': 'chattering'}), Experiment('switch'))

@@ -20,7 +20,7 @@ from ctc_chattering.parameters import C, Config
 from ctc_chattering.simulation.closed_loop import Event
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import check_start
-from ctc_chattering.trajectory.joint_limits import Limits
+from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
 import yaml
@@ -291,7 +291,7 @@ def _check_motion(setup: Setup) -> None:
     description = setup.descriptions.get('reference', '')
     if not description:
         return
-    limits = Limits(description, reference.joint_names)
+    limits = DescribedLimits(description, reference.joint_names)
     start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
     try:
         make_motion(reference, setup.route, start, limits=limits)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
-import time
-from typing import Any
 
 from ctc_chattering.errors import CtcError
+from ctc_chattering.launch.requests import Requests
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.node import BaseNode, Executor, qos
@@ -16,17 +15,9 @@ from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, PARAMETERS
 from ctc_chattering.simulation.closed_loop import Event
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import SetParameters
 import rclpy
-from rclpy.client import Client
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
-
-#: Time after which a request without an answer is sent again [s]: the middleware drops an answer
-#: to a client that the server has not met yet, and to set a value twice does no harm.
-_AGAIN = 1.0
 
 
 class ParameterEventScheduler(BaseNode):
@@ -47,10 +38,8 @@ class ParameterEventScheduler(BaseNode):
     def __init__(self, events: Sequence[Event], lockstep: bool) -> None:
         super().__init__('bringup')
         self._events = list(_with_holds(events) if lockstep else events)
-        self._clients_of: dict[str, Client] = {}
-        #: The requests of the event that is due, all the same, and when the last was sent [s].
-        self._pending: list[Future] = []
-        self._asked = 0.0
+        self._requests = Requests(self, self._answered)
+        self._waiting = False
         self._start: int | None = None
         self.time = 0.0
         if lockstep:
@@ -72,31 +61,16 @@ class ParameterEventScheduler(BaseNode):
         """Carry out the next event if it is due, one request at a time."""
         if self._start is not None:
             self.time = (self.get_clock().now().nanoseconds - self._start) / NANOSECONDS
-        answered = [future for future in self._pending if future.done()]
-        if answered:
-            self._pending = []
-            self._events.pop(0)
-            for result in answered[0].result().results:
-                if not result.successful:
-                    self.failure = f'an event was refused: {result.reason}'
-        due = self._events and self.time >= self._events[0].time
-        now = time.monotonic()
-        if self.failure is None and due and not (
-                self._pending and now - self._asked < _AGAIN):
-            self._asked = now
-            self._set(self._events[0].node, self._events[0].values)
+        if not self._waiting and self._events and self.time >= self._events[0].time:
+            event = self._events.pop(0)
+            self._waiting = True
+            self._requests.set(event.node, event.values)
+        self._requests.poll()
 
-    def _set(self, node: str, values: Any) -> None:
-        client = self._clients_of.get(node)
-        if client is None:
-            client = self._clients_of[node] = self.create_client(
-                SetParameters, f'{node}/set_parameters')
-        if not client.service_is_ready():
-            return
-        request = SetParameters.Request(parameters=[
-            RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
-            .to_parameter_msg() for name, value in values.items()])
-        self._pending.append(client.call_async(request))
+    def _answered(self, _what: str, done: bool, answer: str) -> None:
+        self._waiting = not done  # After a refusal there is no other event.
+        if not done:
+            self.failure = f'an event was refused: {answer}'
 
 
 def _with_holds(events: Sequence[Event]) -> Iterator[Event]:

@@ -11,7 +11,7 @@ from ctc_chattering.analysis.markup import page
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.recorded import check_comparable, RecordedRun
-from ctc_chattering.live.skeleton import as_json, hanging, places, Skeleton
+from ctc_chattering.live.skeleton import as_json, places, stage
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -53,12 +53,9 @@ def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
 
 def _data(runs: Sequence[RecordedRun]) -> dict[str, Any]:
     """Return what the script of the page reads."""
-    known: list[Skeleton] = [run.skeleton for run in runs if run.skeleton is not None]
-    reach = max((x.reach for x in known), default=1.0)
-    hangs = any(hanging(x) for x in known)
+    reach, middle, floor = stage(run.skeleton for run in runs)
     return {
-        'names': runs[0].result.joint_names, 'reach': reach,
-        'middle': 0.0 if hangs else 0.3 * reach, 'floor': -reach if hangs else 0.0,
+        'names': runs[0].result.joint_names, 'reach': reach, 'middle': middle, 'floor': floor,
         'settled': min(_SETTLED, 0.2 * max(run.duration for run in runs)),
         'runs': [_run(run, place) for run, place in zip(runs, places(len(runs), reach))]}
 

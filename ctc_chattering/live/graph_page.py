@@ -12,13 +12,13 @@ from typing import Any
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
+from ctc_chattering.launch.requests import Requests
 from ctc_chattering.live.arm_view import ArmView
 from ctc_chattering.live.controls import Controls, numbers
 from ctc_chattering.live.graph_reader import GraphReader
-from ctc_chattering.live.health import counted, light, Report, SILENT
+from ctc_chattering.live.health import counted, light, NodeReport, SILENT
 from ctc_chattering.live.page import Page
 from ctc_chattering.live.plot_panel import PlotPanel
-from ctc_chattering.live.requests import Requests
 from ctc_chattering.live.samples import since_now, table
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
@@ -35,6 +35,8 @@ _FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.3
 _ASK = 2.0
 #: Time for callbacks in each frame [s].
 _SERVE = 0.001
+#: Time to wait for a service and its answer [s].
+_PATIENCE = 3.0
 #: What is left out of the tables of the nodes' reports.
 _LONG = 'histogram'
 _REPORTS = """{% for name, report in reports %}<div style="padding:2px 12px;font-size:0.8em">
@@ -66,7 +68,7 @@ class GraphPage:
         self._with_controls = controls
         self._executor = Executor()
         self._executor.add_node(reader)
-        self._requests = Requests(reader, self._show_answer)
+        self._requests = Requests(reader, self._show_answer, _PATIENCE)
         self._clicks: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
         self._controls: Controls | None = None
         self._plots: PlotPanel | None = None
@@ -167,7 +169,7 @@ class GraphPage:
         if self._controls is not None:
             self._controls.update(reader.parameters)
 
-    def _summary(self, reports: Mapping[str, Report]) -> Markup:
+    def _summary(self, reports: Mapping[str, NodeReport]) -> Markup:
         """Return law, switching, period, misses and refused messages."""
         config = self._reader.config
         if config is None:

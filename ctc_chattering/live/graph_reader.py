@@ -11,28 +11,17 @@ from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
-from ctc_chattering.live.health import Report
+from ctc_chattering.live.health import NodeReport
 from ctc_chattering.live.history import History
 from ctc_chattering.live.samples import Instant, PARTS, Samples
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.ros import topics
 from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.matching import MatchingSubscription
 from ctc_chattering.ros.messages import message_type, read_stamp
 from ctc_chattering.ros.node import BaseNode, qos
 from ctc_chattering.ros.serialization import State, StateReader
 from ctc_chattering.ros.subscription import ValidatedSubscription
-from ctc_chattering.ros.topics import (
-    CLOCK,
-    DIAGNOSTICS,
-    FILTER,
-    JOINT_STATES,
-    PARAMETERS,
-    REFERENCE,
-    ROBOT_DESCRIPTION,
-    TOPICS,
-    TORQUES,
-    TRACKING,
-)
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
@@ -96,21 +85,22 @@ class GraphReader(BaseNode):
         self.clear()
         fast = QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT)
         once = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._follow(JOINT_STATES, StateReader().read, self._on_state, once, lambda state: (
+        self._follow(topics.JOINT_STATES, StateReader().read, self._on_state, once, lambda state: (
             state.names, not set(self.names).isdisjoint(state.names)))
-        for topic, take in ((TRACKING, self._on_tracking), (FILTER, self._on_filter),
-                            (TORQUES, self._on_torques)):
+        for topic, take in ((topics.TRACKING, self._on_tracking), (topics.FILTER, self._on_filter),
+                            (topics.TORQUES, self._on_torques)):
             self._follow(f'controller/{topic}', StateReader().read, take, fast)
-        self._follow(REFERENCE, bytes, lambda _: None, once)
-        self._follow(CLOCK, read_stamp, self._on_clock, once)
+        self._follow(topics.REFERENCE, bytes, lambda _: None, once)
+        self._follow(topics.CLOCK, read_stamp, self._on_clock, once)
         for node in _NODES:
-            self._follow(f'{node}/{PARAMETERS}', _reader(ParameterEvent),
+            self._follow(f'{node}/{topics.PARAMETERS}', _reader(ParameterEvent),
                          partial(self._on_parameters, node), qos(100, latched=True))
-        self._follow(f'controller/{ROBOT_DESCRIPTION}', _reader(String), self._on_description,
-                     qos(1, latched=True))
+        self._follow(f'controller/{topics.ROBOT_DESCRIPTION}', _reader(String),
+                     self._on_description, qos(1, latched=True))
         # Every node publishes on it: no publisher owns it.
         self._polled.append((MatchingSubscription(
-            self, DiagnosticArray, DIAGNOSTICS, lambda _: None, qos(20)), self._on_diagnostics))
+            self, DiagnosticArray, topics.DIAGNOSTICS, lambda _: None, qos(20)),
+            self._on_diagnostics))
 
     def clear(self) -> None:
         """Forget the signals, as for other joints."""
@@ -132,7 +122,7 @@ class GraphReader(BaseNode):
             except CtcError as error:
                 raise RejectedMessage('unusable', str(error)) from None
         made = ValidatedSubscription(
-            self, message_type(TOPICS[topic].kind), topic, read, heard, profile, part)
+            self, message_type(topics.TOPICS[topic].kind), topic, read, heard, profile, part)
         self.inputs.append(made)
         self._polled.append((made.subscription, made.receive))
 
@@ -157,10 +147,10 @@ class GraphReader(BaseNode):
         now = time.monotonic()
         return {topic: now - at for topic, at in self._heard.items()}
 
-    def reports(self) -> dict[str, Report]:
+    def reports(self) -> dict[str, NodeReport]:
         """Return what the nodes of this namespace have said of themselves."""
         now = time.monotonic()
-        return {name: Report(level, message, now - at, values)
+        return {name: NodeReport(level, message, now - at, values)
                 for name, (at, level, message, values) in self._reports.items()}
 
     @property

@@ -20,7 +20,7 @@ SIGNALS = {'plant': 'joint_states', 'controller': 'controller/tracking', 'refere
 
 
 @dataclasses.dataclass(frozen=True)
-class Report:
+class NodeReport:
     """
     What a node said of itself on /diagnostics.
 
@@ -48,7 +48,7 @@ class Light:
     lines: tuple[str, ...]
 
 
-def light(reports: Mapping[str, Report], silence: Mapping[str, float],
+def light(reports: Mapping[str, NodeReport], silence: Mapping[str, float],
           lockstep: bool = False, patience: Mapping[str, float] | None = None) -> Light:
     """
     Return the light of a graph.
@@ -58,7 +58,7 @@ def light(reports: Mapping[str, Report], silence: Mapping[str, float],
 
     Parameters
     ----------
-    reports : mapping of str to Report
+    reports : mapping of str to NodeReport
         By node.
     silence : mapping of str to float
         Time since the last message of a topic of `SIGNALS` [s]; topics never heard are left out.
@@ -88,7 +88,7 @@ def light(reports: Mapping[str, Report], silence: Mapping[str, float],
     return Light(level, tuple(text for _, text in found))
 
 
-def counted(name: str, report: Report) -> tuple[str, str, str]:
+def counted(name: str, report: NodeReport) -> tuple[str, str, str]:
     """Return a node's name, deadline misses and refused messages; `?` for what is no count."""
     values = report.values
     refused = [_count(value) for key, value in values.items() if key.endswith(': refused')]

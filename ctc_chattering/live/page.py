@@ -13,7 +13,7 @@ from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.live.access import is_local
 from ctc_chattering.live.health import COLOURS, Light, SIGNS
 from ctc_chattering.live.server import serve, stop
-from ctc_chattering.live.skeleton import hanging, places, Skeleton
+from ctc_chattering.live.skeleton import places, Skeleton, stage
 
 #: Where the page is by default, and how many ports after it are tried.
 HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
@@ -100,21 +100,18 @@ class Page:
         for arm in self._arms:
             arm.remove()
         from ctc_chattering.live.arm_view import ArmView
-        reach = max((x.reach for x in skeletons if x is not None), default=1.0)
-        count = len(skeletons)
+        (reach, middle, floor), count = stage(skeletons), len(skeletons)
         views = [None if skeleton is None else ArmView(self.server, skeleton, f'arm{i}', place)
                  for i, (skeleton, place) in enumerate(zip(skeletons, places(count, reach)))]
         self._arms = [view for view in views if view is not None]
         if self._grid is not None:
             self._grid.remove()
-        hangs = any(x is not None and hanging(x) for x in skeletons)
         self._grid = self.server.scene.add_grid(
             '/grid', 4.0 * reach, 4.0 * reach, cell_size=reach / 4, section_size=reach,
-            position=(0.0, 0.0, -reach if hangs else 0.0))
+            position=(0.0, 0.0, floor))
         camera = self.server.initial_camera
-        height = 0.0 if hangs else 0.3 * reach
-        camera.position = (0.3 * reach, -1.6 * reach * (0.4 + 0.7 * count), height + 0.4 * reach)
-        camera.look_at = (0.0, 0.0, height)
+        camera.position = (0.3 * reach, -1.6 * reach * (0.4 + 0.7 * count), middle + 0.4 * reach)
+        camera.look_at = (0.0, 0.0, middle)
         return views
 
     def close(self) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 from ctc_chattering.live.history import envelope
 from ctc_chattering.live.samples import COLOURS, PARTS, Samples
-from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: The dashes distinguish lines without colour.
@@ -68,7 +67,7 @@ class PlotPanel:
         first = runs[0]
         if len(first.t) < 2:
             return
-        aligned = [first, *(_at(run, first.t) for run in runs[1:])]
+        aligned = [first, *(run.at(first.t) for run in runs[1:])]
         for plot, rows in zip(self._plots, (
                 np.hstack([x.e for x in aligned]), np.hstack([x.v for x in aligned]),
                 np.log10(np.maximum(np.stack([x.lyapunov for x in aligned], axis=1), _LEAST)),
@@ -84,13 +83,3 @@ class PlotPanel:
     def remove(self) -> None:
         """Take them from the page."""
         self._folder.remove()
-
-
-def _at(run: Samples, t: Array) -> Samples:
-    """Return the samples of a run that are the last ones at other times."""
-    if not len(run.t):
-        empty = np.full((len(t), run.e.shape[1]), np.nan)
-        return Samples(t, empty, empty, empty[:, 0], np.full((len(t), *run.torques.shape[1:]),
-                                                             np.nan))
-    k = np.clip(np.searchsorted(run.t, t, side='right') - 1, 0, None)
-    return Samples(t, run.e[k], run.v[k], run.lyapunov[k], run.torques[k])

@@ -66,9 +66,7 @@ class RecordedRun:
         run = self.samples
         end = self.index(t) + 1
         begin = int(np.searchsorted(run.t, run.t[end - 1] - window))
-        part = slice(begin, end)
-        return Samples(run.t[part], run.e[part], run.v[part], run.lyapunov[part],
-                       run.torques[part])
+        return run.part(slice(begin, end))
 
     def law(self, t: float) -> str:
         """Return law and switching in force at a time."""

@@ -47,6 +47,16 @@ class Samples:
     lyapunov: Array
     torques: Array
 
+    def part(self, rows: slice) -> Samples:
+        """Return some of the samples."""
+        return Samples(*(x[rows] for x in vars(self).values()))
+
+    def at(self, t: Array) -> Samples:
+        """Return the last samples at other times, or the first one; nan without any."""
+        k = np.clip(np.searchsorted(self.t, t, side='right') - 1, 0, None)
+        return Samples(t, *(x[k] if len(x) else np.full((len(t), *x.shape[1:]), np.nan)
+                            for x in (self.e, self.v, self.lyapunov, self.torques)))
+
 
 @dataclasses.dataclass(frozen=True)
 class Instant:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
-from math import cos, hypot, sin
+from math import hypot
 from typing import Any
 import xml.etree.ElementTree as ET
 
@@ -16,6 +16,7 @@ from ctc_chattering.dynamics.urdf_parser import parse_description, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 
 #: Radius of a capsule as a part of the arm's reach, and the least length of one that is drawn.
 _RADIUS, _SHORTEST = 0.03, 1e-3
@@ -235,39 +236,19 @@ def _motion(kind: str, axis: Sequence[float], q: float) -> Array:
     if kind == 'prismatic':
         pose[:3, 3] = q * np.array(axis)
     elif kind == 'revolute':
-        pose[:3, :3] = rotation(axis, q)
+        pose[:3, :3] = Rotation.from_rotvec(q * np.array(axis)).as_matrix()
     return pose
-
-
-def rotation(axis: Sequence[float], angle: float) -> Array:
-    """Return the rotation matrix about a unit vector, shape (3, 3)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: Array = np.eye(3) + sin(angle) * cross + (1.0 - cos(angle)) * (cross @ cross)
-    return turned
 
 
 def quaternion(matrix: Array) -> Array:
     """Return the quaternion w, x, y, z of a rotation matrix of shape (3, 3)."""
-    m = matrix
-    # Four times the products of the components, of which the largest row is safe to divide by.
-    products = np.array([
-        [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-        [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-        [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
-        [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
-    ])
-    row = products[int(np.argmax(products.diagonal()))]
-    unit: Array = row / np.linalg.norm(row)
-    return unit
+    return np.roll(Rotation.from_matrix(matrix).as_quat(), 1)
 
 
 def _pose(origin: Origin) -> Array:
     """Return an origin as a matrix, shape (4, 4)."""
     pose = np.eye(4)
-    roll, pitch, yaw = origin.rpy
-    pose[:3, :3] = (rotation((0, 0, 1), yaw) @ rotation((0, 1, 0), pitch)
-                    @ rotation((1, 0, 0), roll))
+    pose[:3, :3] = Rotation.from_euler('xyz', origin.rpy).as_matrix()
     pose[:3, 3] = origin.xyz
     return pose
 
@@ -280,6 +261,13 @@ def places(count: int, reach: float) -> list[tuple[float, float, float]]:
 def hanging(skeleton: Skeleton) -> bool:
     """Return whether the arm goes below its root at position 0."""
     return bool(skeleton.tips([0.0] * skeleton.n)[:, 2].min() < -0.1 * skeleton.reach)
+
+
+def stage(skeletons: Iterable[Skeleton | None]) -> tuple[float, float, float]:
+    """Return the reach of the largest arm, and the heights of the middle and of the floor [m]."""
+    known = [x for x in skeletons if x is not None]
+    reach = max((x.reach for x in known), default=1.0)
+    return (reach, 0.0, -reach) if any(map(hanging, known)) else (reach, 0.3 * reach, 0.0)
 
 
 def as_json(skeleton: Skeleton) -> list[dict[str, Any]]:

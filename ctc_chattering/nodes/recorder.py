@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from ctc_chattering.bags.qos import offered_qos
-from ctc_chattering.bags.writer import Recording
+from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.configuration.node_parameters import RecorderSettings
 from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.monitoring.log_clock import LogTime
@@ -86,7 +86,7 @@ class RecorderNode(BaseNode):
     def __init__(self, values: Values | None = None) -> None:
         super().__init__('recorder', values)
         parameters = NodeParameters(self, (RecorderSettings,), lambda: None)
-        self._recording = Recording(Path(parameters.get(RecorderSettings).bag))
+        self._recording = BagWriter(Path(parameters.get(RecorderSettings).bag))
         self.tick = NAP
         self._received = 0
         #: When the last message recorded was sent [ns], by the system's clock.

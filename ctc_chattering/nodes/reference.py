@@ -28,7 +28,7 @@ from ctc_chattering.ros.serialization import (
 )
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, JOINT_STATES, JOINT_TRAJECTORY, REFERENCE
-from ctc_chattering.trajectory.joint_limits import Limits
+from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.motion_plan import MotionPlan
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
@@ -94,7 +94,7 @@ class ReferenceNode(BaseNode):
     def _begin(self, description: str) -> None:
         """Know the limits, and make the motion if the robot's state is not needed for it."""
         if description:
-            self._plan.limits = Limits(description, self._plan.config.joint_names)
+            self._plan.limits = DescribedLimits(description, self._plan.config.joint_names)
         self._plan.prepare()
 
     def _check(self, configs: Sequence[Config]) -> None:

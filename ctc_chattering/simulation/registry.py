@@ -8,14 +8,14 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.simulated_robot import Robot
-from ctc_chattering.trajectory.joint_limits import check_limits, Limits
+from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 
 
-def limits_of(config: PlantConfig, description: str) -> Limits | None:
+def limits_of(config: PlantConfig, description: str) -> DescribedLimits | None:
     """Return the limits that the builtin plant does not keep by itself; None without any."""
     if config.plant_backend != 'builtin' or config.model != 'urdf' or not description:
         return None
-    return Limits(description, config.joint_names)
+    return DescribedLimits(description, config.joint_names)
 
 
 def check_start(config: PlantConfig, description: str) -> None:

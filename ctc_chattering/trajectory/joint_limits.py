@@ -27,7 +27,7 @@ class JointLimits(NamedTuple):
     acceleration: tuple[float, float]
 
 
-class Limits:
+class DescribedLimits:
     """
     Limits of some joints.
 
@@ -82,7 +82,7 @@ class Limits:
         return '; '.join(found)
 
 
-def check_limits(what: str, limits: Limits, points: Iterable[Point]) -> None:
+def check_limits(what: str, limits: DescribedLimits, points: Iterable[Point]) -> None:
     """Raise `CtcError` if points are beyond the limits, and say by how much."""
     text = limits.excess(points)
     if text:

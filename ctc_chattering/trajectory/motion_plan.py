@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from math import inf
 
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.joint_limits import check_limits, Limits
+from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest
 from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
@@ -31,7 +31,7 @@ class MotionPlan:
     ----------
     config : ReferenceConfig
         In force; may be replaced.
-    limits : Limits or None
+    limits : DescribedLimits or None
         Of the robot, where they are known.
     motion : Motion or None
         None before it has begun.
@@ -42,7 +42,7 @@ class MotionPlan:
 
     def __init__(self, config: ReferenceConfig, route: Route | None) -> None:
         self.config, self._route = config, route
-        self.limits: Limits | None = None
+        self.limits: DescribedLimits | None = None
         self.motion: Motion | None = None
         self.in_force = 0
         #: Parameters of the sinusoid that the motion has, or passes into.

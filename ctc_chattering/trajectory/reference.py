@@ -16,7 +16,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.joint_limits import check_limits, Limits
+from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
@@ -107,7 +107,7 @@ class Sinusoid:
 
 def make_motion(config: ReferenceConfig, route: Route | None = None,
                 start: Mapping[str, tuple[float, float]] | None = None, t0: int = 0,
-                limits: Limits | None = None) -> Motion:
+                limits: DescribedLimits | None = None) -> Motion:
     """
     Return the desired motion that a configuration describes.
 
@@ -123,7 +123,7 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
         the motion.
     t0 : int
         Instant of the start [ns].
-    limits : Limits, optional
+    limits : DescribedLimits, optional
         Of the joints of `config`, which the start and the motion must keep.
 
     Returns
@@ -170,7 +170,7 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
 
 
 def shortest(make: Callable[[float], Transition], t0: int, duration: float,
-             limits: Limits) -> float:
+             limits: DescribedLimits) -> float:
     """
     Return the shortest duration of a transition, to a tenth, that keeps the limits.
 
@@ -182,7 +182,7 @@ def shortest(make: Callable[[float], Transition], t0: int, duration: float,
         Its first instant [ns].
     duration : float
         The least one [s].
-    limits : Limits
+    limits : DescribedLimits
         What it must keep.
 
     Returns

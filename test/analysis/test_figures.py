@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 from ctc_chattering.analysis import comparison_figures, figures
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import LAW_COLOURS
-from ctc_chattering.analysis.terms import Terms
+from ctc_chattering.analysis.terms import RunTerms
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
@@ -38,7 +38,8 @@ def made_up(n: int, samples: int = 300, **values: Any) -> Result:
     config = ControllerConfig.from_mapping({
         'model': 'other:Arm', 'joint_names': [f'axis{i}' for i in range(n)], **values})
     run = Run(t, x, x, x + 0.1, x, x, 5.0 * x, 0.1 * x)
-    terms = Terms(run.tau, run.tau, x, 10.0 * np.sign(x), run.v, 1e-6 + np.square(x).sum(axis=1))
+    terms = RunTerms(run.tau, run.tau, x, 10.0 * np.sign(x), run.v,
+                     1e-6 + np.square(x).sum(axis=1))
     return Result('friction', [(0.0, config)], run, terms)
 
 
@@ -315,7 +316,7 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
     kept = np.ones(300, bool)
     kept[100:150] = kept[200] = False
     run = Run(*(x[kept] for x in vars(whole.run).values()))
-    terms = Terms(*(x[kept] for x in vars(whole.terms).values()))
+    terms = RunTerms(*(x[kept] for x in vars(whole.terms).values()))
     result = Result('friction', whole.configs, run, terms)
     assert result.missing.sum() == 51
     for draw in DRAWN:

@@ -21,10 +21,10 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_table
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification import report as identification
-from ctc_chattering.identification.identify import identify
-from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.recommendation import recommend
+from ctc_chattering.identification.regression.identify import identify
+from ctc_chattering.identification.report import results as identification
+from ctc_chattering.identification.report.perturbation import perturbation
+from ctc_chattering.identification.report.recommendation import recommend
 from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.lines import lines
 from ctc_chattering.robustness.report.page import write_map_page
@@ -124,11 +124,11 @@ def of_a_search(name: str, out: Path) -> None:
 
 
 @lru_cache(1)
-def identified() -> identification.Report:
+def identified() -> identification.IdentificationResults:
     recording = short(duration=3.0).recording
     found = identify([recording], TwoLink(), [], '')
     run = perturbation(found)
-    return identification.Report(
+    return identification.IdentificationResults(
         '', found, run, recommend(found, run, TwoLink(), recording.q), None)
 
 

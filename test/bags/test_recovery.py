@@ -14,7 +14,7 @@ from typing import Any
 
 from ctc_chattering.bags.recovery import recover, Recovery
 from ctc_chattering.bags.repair import open_bag, repair
-from ctc_chattering.bags.writer import Recording
+from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.errors import CtcError
 from mcap.reader import make_reader
 from mcap.records import Chunk
@@ -65,7 +65,7 @@ def text(dice: random.Random, length: int) -> bytes:
 @pytest.fixture(scope='module')
 def original(tmp_path_factory: pytest.TempPathFactory) -> Original:
     dice, t = random.Random(1), 0
-    recording = Recording(tmp_path_factory.mktemp('original') / 'bag')
+    recording = BagWriter(tmp_path_factory.mktemp('original') / 'bag')
     parts: list[list[Row]] = []
     for part in range(CHUNKS):
         parts.append([])
@@ -246,7 +246,7 @@ def test_noise_in_a_file_without_chunks(original: Original) -> None:
 def test_a_file_of_a_split_bag_that_is_gone_is_missed(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('ctc_chattering.bags.writer._FILE_AGE', 0.0)
-    recording = Recording(tmp_path / 'bag')
+    recording = BagWriter(tmp_path / 'bag')
     for t in range(1, 6):
         recording.write('/a', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', '')
     recording.abandon()

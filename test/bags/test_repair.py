@@ -23,7 +23,7 @@ from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.recovery import recover
 from ctc_chattering.bags.repair import is_whole, open_bag, repair
-from ctc_chattering.bags.writer import Recording
+from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
@@ -54,7 +54,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     setup = parameter_file.load(CONFIG / 'friction.yaml', {'plant': {'duration': 0.3}})
     write_bag(source, entries(simulated(setup), setup.plant))
     target = tmp_path_factory.mktemp('whole') / 'bag'
-    recording = Recording(target)
+    recording = BagWriter(target)
     with closing(open_bag(source)) as reader:
         for i, (connection, t, data) in enumerate(reader.messages()):
             recording.write(connection.topic, connection.msgtype, t, bytes(data),
@@ -108,7 +108,7 @@ def recordings(draw: st.DrawFn) -> list[list[tuple[str, int, bytes]]]:
 
 def killed(folder: Path, flushes: list[list[tuple[str, int, bytes]]]) -> tuple[bytes, list[int]]:
     """Record without closing; return the file, and its size after each flush."""
-    recording, sizes = Recording(folder), []
+    recording, sizes = BagWriter(folder), []
     file = folder / f'{folder.name}_0.mcap'
     for rows in flushes:
         for topic, t, data in rows:

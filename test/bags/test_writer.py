@@ -22,7 +22,7 @@ from ctc_chattering.analysis.result import simulated
 from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.recovery import recover
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.writer import Recording
+from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.topics import TOPICS
@@ -122,7 +122,7 @@ def test_the_name_is_one_that_ros2_bag_reindex_finds(bag: Path) -> None:
 
 def test_hashes_of_types_are_those_that_ros_itself_has(tmp_path: Path) -> None:
     """Check channels, which `ros2 bag convert` reads, and `metadata.yaml` for every topic."""
-    recording = Recording(tmp_path / 'bag')
+    recording = BagWriter(tmp_path / 'bag')
     for topic in TOPICS.values():
         recording.write(f'/{topic.name}', topic.kind, 1, bytes(8), '')
     recording.close()
@@ -153,7 +153,7 @@ def test_a_disk_that_is_full_at_any_moment(
 
     A limit on the size of files simulates the full disk.
     """
-    recording, errors, flushed = Recording(tmp_path / 'bag'), [], 0
+    recording, errors, flushed = BagWriter(tmp_path / 'bag'), [], 0
 
     def attempt(action: Any, *arguments: Any) -> None:
         try:
@@ -181,7 +181,7 @@ def test_a_disk_that_is_full_at_any_moment(
 
 
 def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
-    Recording(tmp_path / 'bag').close()
+    BagWriter(tmp_path / 'bag').close()
     (file,) = (tmp_path / 'bag').glob('*.mcap')
     with file.open('rb') as stream:
         assert list(make_reader(stream).iter_messages()) == []
@@ -193,14 +193,14 @@ def test_impossible_place(tmp_path: Path, below: str) -> None:
     """Check that nothing is overwritten, and the error."""
     (tmp_path / 'file').write_text('mine')
     with pytest.raises(CtcError) as error:
-        Recording(tmp_path / below)
+        BagWriter(tmp_path / below)
     assert str(tmp_path / below) in str(error.value)
     assert len(str(error.value).splitlines()) == 1
     assert (tmp_path / 'file').read_text() == 'mine'
 
 
 def test_qos_is_that_of_the_first_message(tmp_path: Path, messages: list[Entry]) -> None:
-    recording = Recording(tmp_path / 'bag')
+    recording = BagWriter(tmp_path / 'bag')
     state = next(x for x in messages if x.topic == '/joint_states')
     for depth in (3, 9):
         recording.write(state.topic, state.kind, depth, state.message, offered_qos(depth, False))
@@ -215,7 +215,7 @@ def split(tmp_path: Path) -> tuple[Path, list[int]]:
     """Return a bag of 480 flushes in 12 files, and the memory in use after parts of them."""
     sizes, t = [], 0
     # A flush every 15 seconds: a file has 40 of them.
-    recording = Recording(tmp_path / 'bag', lambda: 15.0 * t)
+    recording = BagWriter(tmp_path / 'bag', lambda: 15.0 * t)
     tracemalloc.start()
     for _ in range(3):
         for _ in range(160):
@@ -272,7 +272,7 @@ def test_only_documented_modules_of_rosbags_and_mcap_are_used() -> None:
                 assert not any(x.name.startswith('_') for x in item.names)
 
 
-def flushed(recording: Recording, count: int) -> None:
+def flushed(recording: BagWriter, count: int) -> None:
     """Write messages, with a flush after each."""
     for t in range(count):
         recording.write('/news', 'std_msgs/msg/String', t, b'\0\1\0\0\1\0\0\0\0', '')
@@ -284,7 +284,7 @@ def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.Monkey
     go = threading.Event()
     sync = Mock(side_effect=lambda _: go.wait(60.0))
     monkeypatch.setattr('os.fsync', sync)
-    recording = Recording(tmp_path / 'bag')
+    recording = BagWriter(tmp_path / 'bag')
     flushed(recording, 3)
     assert recover(tmp_path / 'bag', tmp_path / 'rewritten').span.count == 3
     sync.assert_called_once()
@@ -296,12 +296,12 @@ def test_a_slow_disk_holds_nothing_up(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_an_error_of_the_disk_is_reported(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('os.fsync', Mock(side_effect=OSError(errno.EIO, 'Input/output error')))
-    recording = Recording(tmp_path / 'closed')
+    recording = BagWriter(tmp_path / 'closed')
     flushed(recording, 1)
     with pytest.raises(OSError, match='Input/output error'):
         recording.close()
     recording.abandon()
-    recording = Recording(tmp_path / 'flushed')
+    recording = BagWriter(tmp_path / 'flushed')
     end = time.monotonic() + 60.0
     with pytest.raises(OSError, match='Input/output error'):
         while time.monotonic() < end:

@@ -15,8 +15,8 @@ from bags import entries, write_bag
 from ctc_chattering import __version__
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
+from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.cli.ctc import make_parser
-from ctc_chattering.cli.options import guarded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.simulation.closed_loop import Run, simulate
@@ -269,6 +269,15 @@ def test_help(command: str) -> None:
             assert name in result.stdout
     else:
         assert ctc('--version').stdout.strip() == __version__
+
+
+def test_the_first_help_loads_no_command() -> None:
+    """Check that neither numbers nor YAML nor a subcommand are imported for it."""
+    code = ('import sys\nfrom ctc_chattering.cli.ctc import main\n'
+            'try:\n    main(["--help"])\nexcept SystemExit:\n'
+            '    print("loaded:", sorted(set(sys.modules) & {'
+            '"numpy", "yaml", "jinja2", "ctc_chattering.cli.commands"}))')
+    assert python('-c', code).stdout.endswith('\nloaded: []\n')
 
 
 def test_sentences_of_help_end_once() -> None:

@@ -123,10 +123,10 @@ def table(text: str, head: str) -> list[list[str]]:
 
 def test_the_experiments_of_the_readme() -> None:
     """RMS errors and torque variation of the runs under one law, in their order."""
-    experiments = [x for x in EXPERIMENTS if x.law]
+    experiments = [x for x in EXPERIMENTS if x.values]
     rows = table(README, '| experiment | law |')
     for (name, law, *columns), x in zip(rows, experiments, strict=True):
-        assert (name, law.split()[0].strip(',')) == (x.file, x.law)
+        assert (name, law.split()[0].strip(',')) == (x.file, x.values['law'])
         found = metrics(simulated(parameter_file.load(x.path, x.overrides)).run)
         for column, key in zip(columns, ('rms_error_rad', 'torque_variation_nm_per_s'),
                                strict=True):

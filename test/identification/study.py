@@ -11,11 +11,15 @@ import time
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.identification.identify import Identification, identify
-from ctc_chattering.identification.model_errors import candidates, heavier_links, with_payload
-from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.identification.recommendation import recommend, Recommendation
-from ctc_chattering.identification.validation import validate
+from ctc_chattering.dynamics.payload import with_payload
+from ctc_chattering.identification.regression.identify import Identification, identify
+from ctc_chattering.identification.regression.model_errors import (
+    candidates,
+    heavier_links,
+)
+from ctc_chattering.identification.report.perturbation import perturbation
+from ctc_chattering.identification.report.recommendation import recommend, Recommendation
+from ctc_chattering.identification.report.validation import validate
 from ctc_chattering.trajectory.waypoints import Route
 from identified_robots import arm, record, Recorded
 from identified_robots import motion as motion_of
@@ -77,7 +81,7 @@ def recorded(robot: str, backend: str, case: str, seed: int, duration: float, mo
     if case == 'link':
         truth = heavier_links(mine.urdf, mine.joints, 1.1)[seed % len(mine.joints)][1]
     elif case == 'payload':
-        truth = with_payload(mine.urdf, mine.joints)
+        truth = with_payload(mine.urdf, mine.joints, 1.0)
     route = motion_of(mine, duration, seed + motion)
     if motion:
         route = as_fast(route, motion_of(mine, 60.0, seed), mine.centre)

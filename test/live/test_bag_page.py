@@ -13,7 +13,7 @@ from typing import Any
 from bags import entries, write_bag
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
 from ctc_chattering.analysis.result import Result, simulated
-from ctc_chattering.analysis.terms import Terms
+from ctc_chattering.analysis.terms import RunTerms
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.live.export import write_export
@@ -144,7 +144,7 @@ def test_seeking_in_ten_minutes_takes_no_time() -> None:
     rows = np.random.default_rng(0).normal(size=(count, 2))
     short, _ = result('chattering')
     run = RecordedRun(replace(
-        short, run=Run(t, *[rows] * 7), computed=Terms(rows, rows, rows, rows, rows, t)))
+        short, run=Run(t, *[rows] * 7), computed=RunTerms(rows, rows, rows, rows, rows, t)))
     worst = 0.0
     for at in np.random.default_rng(1).uniform(0.0, 600.0, 50).tolist():
         begin = time.thread_time()

@@ -9,8 +9,8 @@ from ctc_chattering.live.health import (
     counted,
     ERROR,
     light,
+    NodeReport,
     OK,
-    Report,
     SIGNALS,
     SIGNS,
     UNKNOWN,
@@ -18,13 +18,13 @@ from ctc_chattering.live.health import (
 )
 import pytest
 
-REPORTS = {node: Report(OK, 'running', 0.4) for node in SIGNALS}
+REPORTS = {node: NodeReport(OK, 'running', 0.4) for node in SIGNALS}
 HEARD = dict.fromkeys(SIGNALS.values(), 0.05)
 
 
 def test_green_when_all_three_run_and_are_heard() -> None:
     assert light(REPORTS, HEARD).level == OK
-    assert light(REPORTS | {'recorder': Report(OK, 'recording', 0.1)}, HEARD).level == OK
+    assert light(REPORTS | {'recorder': NodeReport(OK, 'recording', 0.1)}, HEARD).level == OK
 
 
 @pytest.mark.parametrize('node', SIGNALS)
@@ -32,7 +32,7 @@ def test_not_green_without_one_of_them(node: str) -> None:
     less = {name: report for name, report in REPORTS.items() if name != node}
     assert light(less, HEARD).level == ERROR
     for level in (WARN, ERROR, 3):
-        found = light(REPORTS | {node: Report(level, 'why', 0.4)}, HEARD)
+        found = light(REPORTS | {node: NodeReport(level, 'why', 0.4)}, HEARD)
         assert found.level == min(level, ERROR)
         assert f'{node}: why' in found.lines
     old = dataclasses.replace(REPORTS[node], age=3.0)
@@ -65,8 +65,8 @@ def test_levels_are_distinguished_without_colour() -> None:
 
 
 def test_counts_misses_and_refused_messages_once() -> None:
-    report = Report(OK, 'running', 0.0, {
+    report = NodeReport(OK, 'running', 0.0, {
         'deadline misses': '3', 'joint_states: refused': '4', 'joint_states: refused, stamp': '4',
         'reference: refused': '1', 'reference: publishers': '/reference'})
     assert counted('controller', report) == ('controller', '3', '5')
-    assert counted('plant', Report(OK, 'running', 0.0)) == ('plant', '0', '0')
+    assert counted('plant', NodeReport(OK, 'running', 0.0)) == ('plant', '0', '0')

@@ -9,7 +9,7 @@ from typing import Any
 
 from ctc_chattering import __version__
 from ctc_chattering.cli import bringup, node
-from ctc_chattering.cli.options import guarded
+from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS, parameters_of
 from ctc_chattering.errors import UsageError
@@ -170,7 +170,7 @@ def test_nodes_of_the_loop_need_no_tools() -> None:
     assert result.stderr.splitlines() == [
         'recorder: rosbags is missing: pip install rosbags',
         'bringup: tqdm is missing: pip install tqdm',
-        'ctc plot: tqdm is missing: pip install tqdm']
+        'ctc plot: rosbags is missing: pip install rosbags']
 
 
 def test_an_error_of_ours_is_not_taken_for_a_missing_package(

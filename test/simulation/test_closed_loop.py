@@ -3,7 +3,7 @@
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics, reaching_time
-from ctc_chattering.analysis.terms import Terms, terms
+from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
@@ -175,7 +175,7 @@ FREE = {'coulomb_friction': [0, 0]}
 SLOW = {'lambda': 0.1}  # so that the filter's own decay does not do the work
 
 
-def _terms(run: Run) -> Terms:
+def _terms(run: Run) -> RunTerms:
     return terms(run, [(0.0, ControllerConfig(lambda_=0.1, control_period=float(run.t[1])))])
 
 

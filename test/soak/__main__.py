@@ -10,7 +10,7 @@ import sys
 
 from ctc_chattering.analysis.output import prepare, write_text
 from ctc_chattering.analysis.result import finite
-from ctc_chattering.cli.options import guarded
+from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.ros import signals
 from soak.report import complaints, to_markdown

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bags import state
 from ctc_chattering.bags.qos import offered_qos
-from ctc_chattering.bags.writer import Recording
+from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.numerics.time_grid import NANOSECONDS as S
 import pytest
 from soak.measurements import examine, Outage
@@ -21,7 +21,7 @@ def record(path: Path, stamps: range, until: int) -> Path:
     rows = [(t, 'joint_states', 'sensor_msgs/msg/JointState',
              state(NAMES, [[0.0, 0.0]] * 3, divmod(t, S))) for t in stamps]
     rows += [(t, 'text', 'std_msgs/msg/String', text) for t in range(0, until, S // 2)]
-    recording = Recording(path)
+    recording = BagWriter(path)
     for t, topic, kind, data in sorted(rows):
         recording.write(f'/{topic}', kind, t, bytes(data), offered_qos(10, False))
     recording.close()
@@ -41,7 +41,7 @@ def test_states_that_end_before_the_bag_are_a_gap(
 def test_states_of_others_are_left_out(tmp_path: Path) -> None:
     """Check states that name a frame, and stamps far from the time of the recording."""
     rows = [[0.1, 0.2]] * 3
-    recording = Recording(tmp_path / 'bag')
+    recording = BagWriter(tmp_path / 'bag')
     for k in range(1000):
         for t, frame in ((k * MS, ''), (k * MS - S, 'intruder'), (k * MS + 3600 * S, '')):
             recording.write('/joint_states', 'sensor_msgs/msg/JointState', k * MS,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.bags.qos import offered_qos
-from ctc_chattering.bags.writer import Recording
+from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.parameters import Config
 from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
@@ -191,7 +191,7 @@ def serialized(message: Any) -> bytes:
 
 def write_bag(path: Path, found: Iterable[Entry], namespace: str = '') -> dict[str, int]:
     """Record messages as the recorder does; return how many there are by topic."""
-    recording = Recording(path)
+    recording = BagWriter(path)
     profiles = [offered_qos(100, latched) for latched in (False, True)]
     for topic, kind, t, message in found:
         data = message if isinstance(message, bytes) else serialized(message)

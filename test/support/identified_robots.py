@@ -7,10 +7,10 @@ import dataclasses
 from functools import cache
 from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.identification.recording import Recording
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import Plant

@@ -8,7 +8,7 @@ import re
 
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.trajectory.buffer import Point
-from ctc_chattering.trajectory.joint_limits import Limits
+from ctc_chattering.trajectory.joint_limits import DescribedLimits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest, Sinusoid
 from ctc_chattering.trajectory.smooth_start import (
     braking,
@@ -181,15 +181,15 @@ LIMITED = """<robot name="r"><link name="base"/><link name="arm"/>
 <limit effort="0" {limits}/></joint></robot>"""
 
 
-def _limits(kind: str = 'revolute', **limits: float) -> Limits:
+def _limits(kind: str = 'revolute', **limits: float) -> DescribedLimits:
     values = {'lower': -9.0, 'upper': 9.0, 'velocity': 0.0, **limits}
-    return Limits(LIMITED.format(kind=kind, limits=' '.join(
+    return DescribedLimits(LIMITED.format(kind=kind, limits=' '.join(
         f'{name}="{value}"' for name, value in values.items())), ('a',))
 
 
 def test_limits_are_those_of_the_urdf() -> None:
     """Check the two-link arm's, a joint that it does not have, and the units."""
-    found = Limits(two_links(), ('b', 'x', 'a')).joints
+    found = DescribedLimits(two_links(), ('b', 'x', 'a')).joints
     inf = math.inf
     assert found[0].position == (-inf, inf)
     assert found[0].velocity == (-1.5, 1.5)

@@ -1,0 +1,81 @@
+"""What every command line has: errors of one line, and exit statuses."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import os
+import re
+import sys
+import tempfile
+import traceback
+from typing import NoReturn
+
+from ctc_chattering.errors import CtcError, near, UsageError
+
+#: Names for pip of modules that are called otherwise.
+_PACKAGES = {'pinocchio': 'pin', 'yaml': 'PyYAML', 'dask': "'dask[distributed]'",
+             'distributed': "'dask[distributed]'"}
+#: Modules of ROS whose names do not end in _msgs.
+_OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srvs')
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose error message is one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise `UsageError`."""
+        word, *known = re.findall(r"'([^']*)'", message) if 'invalid choice' in message else ['']
+        raise UsageError(f'{message}{near(word, known)}; see {self.prog} --help')
+
+
+def say(line: str) -> None:
+    """Print a line that is no result."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def guarded(name: str, command: Callable[[], int]) -> int:
+    """
+    Run a command; a `CtcError`, or too little memory, becomes one line.
+
+    The status is then 1, or 2 if the command line is wrong or a package is missing. Any other
+    exception is a defect of this package: it becomes one line, too, and its traceback a file.
+    """
+    try:
+        return command()
+    except CtcError as error:
+        say(f'{name}: {error}')
+        return 2 if isinstance(error, UsageError) else 1
+    except MemoryError as error:
+        say(f'{name}: too little memory: {error}'.rstrip(': '))
+        return 1
+    except KeyboardInterrupt as stop:
+        say(f'{name}: {str(stop) or "stopped"}')
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:  # Whatever else comes must not reach a user as a traceback.
+        missing = _how_to_install(error) if isinstance(error, ModuleNotFoundError) else ''
+        say(f'{name}: {missing or _defect(error)}')
+        return 2 if missing else 1
+
+
+def _how_to_install(error: ModuleNotFoundError) -> str:
+    """Return how to install a missing package; '' if it is one of this package."""
+    module = (error.name or '').split('.')[0]
+    if module in _OF_ROS or module.endswith('_msgs'):
+        return (f'ROS 2 is missing (no module {module}): source its setup file, or install the '
+                "wheels from the checkout: pip install '.[ros]'")
+    if module == 'ctc_chattering':
+        return ''
+    return f'{module} is missing: pip install {_PACKAGES.get(module, module)}'
+
+
+def _defect(error: Exception) -> str:
+    """Write the traceback of a defect into a file; return the line that names it."""
+    text = ' '.join(f'{type(error).__name__}: {error}'.split())
+    with tempfile.NamedTemporaryFile('w', prefix='ctc_chattering-', suffix='.txt', delete=False,
+                                     encoding='utf-8') as file:
+        traceback.print_exception(error, file=file)
+    return f'{text}. This is a defect of ctc_chattering: please report it with {file.name}'

@@ -1,0 +1,124 @@
+"""`ctc compare`: all laws on any robots, tuned or as they are."""
+
+from __future__ import annotations
+
+import argparse
+from math import inf, nan
+from typing import TYPE_CHECKING
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.command_line import say
+from ctc_chattering.cli.options import (
+    add_engine_option,
+    add_jobs,
+    add_output,
+    chosen_engine,
+    find_file,
+    number_of_jobs,
+)
+from ctc_chattering.cli.presentation import print_page
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.errors import given_by_user, near, UsageError
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.studies.conditions import ALL, CONDITIONS
+
+if TYPE_CHECKING:
+    from ctc_chattering.studies.tuning import Budget
+
+DETAILS = ('Run every parameter file with every law and, under law chattering, every switching; '
+           'print the RMS error of each joint. Write compare.md, compare.csv, figures, '
+           'index.html, and a parameter file of every run.')
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc compare`."""
+    parser.add_argument('files', nargs='+', metavar='F',
+                        help='parameter file, or the name of one of the package, such as panda')
+    parser.add_argument('--backend', action='append', metavar='X',
+                        help="plant in place of the file's: builtin | mujoco; may be repeated")
+    parser.add_argument('--condition', action='append', metavar='X',
+                        help='drives, sensors and model error in place of those of the file: '
+                             f'{" | ".join((*CONDITIONS, ALL))}; may be repeated')
+    parser.add_argument('--laws', metavar='A,B', default=','.join(LAWS),
+                        help='laws to run, all by default')
+    parser.add_argument('--trials', type=int, metavar='N',
+                        help="tune every law, with N trials each; without it, the file's gains")
+    parser.add_argument('--seed', type=int, default=0, metavar='S',
+                        help='seed of the trials, 0 by default')
+    parser.add_argument('--weights', default='1,0.5,0.25', metavar='E,V,R',
+                        help='weights of RMS error, torque variation and largest torque rate in '
+                             'the cost that is tuned for, 1,0.5,0.25 by default')
+    add_jobs(parser)
+    parser.add_argument('--ros', action='store_true',
+                        help='run the nodes and evaluate the bags, not the simulation')
+    add_engine_option(parser)
+    add_output(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc compare`."""
+    from ctc_chattering.analysis.engine import compile_loop
+    from ctc_chattering.cli.progress import progress_bar
+    from ctc_chattering.studies import comparison
+    from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
+    from ctc_chattering.studies.comparison_tables import to_markdown
+    from ctc_chattering.studies.score import Runner, Simulation
+
+    if options.engine and options.ros:
+        raise UsageError('--engine and --ros exclude each other: the nodes run, no simulation')
+    engine = chosen_engine(options)
+    runner: Runner = Simulation(engine)
+    if options.ros:
+        from ctc_chattering.studies.over_ros import over_ros as runner
+    todo = comparison.tasks([find_file(file) for file in options.files], _backends(options),
+                            options.condition or [None], _laws(options), _budget(options))
+    if options.out is not None:
+        prepare(options.out, NAMES, options.overwrite)
+    runs = comparison.compare(todo, 1 if options.ros else number_of_jobs(options.jobs), runner)
+    if not options.ros:
+        compile_loop(comparison.setups(todo), engine, say)
+    outcomes = list(progress_bar(runs, desc='compare', unit='law', total=len(todo)))
+    print(to_markdown(outcomes))
+    if options.out is not None:
+        write_comparison(outcomes, options.out)
+        print_page(options.out / PAGE)
+    return 0
+
+
+def _backends(options: argparse.Namespace) -> list[str | None]:
+    """Return the backends, None for the file's; raise `UsageError`."""
+    for name in options.backend or ():
+        with given_by_user(['plant_backend']):
+            PlantConfig.parameters()['plant_backend'].check(name, 0)
+    return options.backend or [None]
+
+
+def _laws(options: argparse.Namespace) -> list[str]:
+    """Return the laws, or raise `UsageError`."""
+    names: list[str] = options.laws.split(',')
+    for law in names:
+        if law not in LAWS:
+            raise UsageError(f'--laws: no law is called {law}; allowed: {", ".join(LAWS)}'
+                             + near(law, LAWS))
+    return names
+
+
+def _budget(options: argparse.Namespace) -> Budget | None:
+    """Return trials, seed and weights, or None without trials; raise `UsageError`."""
+    from ctc_chattering.studies.search import require_optuna
+    from ctc_chattering.studies.tuning import Budget, Weights
+
+    try:
+        weights = Weights(*map(float, options.weights.split(',')))
+    except (TypeError, ValueError):
+        weights = Weights(nan)
+    if not all(0.0 <= x < inf for x in weights):
+        raise UsageError(f'--weights: {options.weights}; allowed: up to three numbers >= 0')
+    if options.trials is None:
+        return None
+    if options.trials < 1 or not 0 <= options.seed < 2 ** 32:
+        raise UsageError('allowed: --trials from 1 on, --seed from 0 to 2**32 - 1')
+    if options.ros:
+        raise UsageError('--trials and --ros exclude each other: the simulation is tuned')
+    require_optuna('--trials')
+    return Budget(options.trials, options.seed, weights)

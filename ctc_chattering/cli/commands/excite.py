@@ -1,0 +1,155 @@
+"""`ctc excite`: a motion that shows the friction of every joint."""
+
+from __future__ import annotations
+
+import argparse
+from math import inf
+from typing import Any
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.tables import print_columns
+from ctc_chattering.cli.options import add_output, add_params_file, check, find_file
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.errors import given_by_user, ParameterError
+from ctc_chattering.identification.excitation.limits import ExcitationConfig
+from ctc_chattering.identification.excitation.plan import (
+    MOTION,
+    Plan,
+    plan,
+    request_of,
+    RUN,
+    write,
+)
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import Parameter
+import numpy as np
+
+DETAILS = ('Slow reversals of every joint at a few poses, then Fourier series, within the limits '
+           'of the description. Write motion.yaml, its waypoints, and run.yaml, the parameter '
+           'file with this motion under law compensation. The motion is not checked for '
+           'collisions.')
+#: Options that are parameters of the motion.
+_SCALARS = ('duration', 'poses', 'velocity_scale')
+_LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
+
+#: Condition number with scaled columns above which the regression says little (Gautier & Khalil,
+#: "Exciting trajectories for the identification of base inertial parameters of robots", 1992).
+_POOR = 100.0
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc excite`."""
+    add_params_file(parser)
+    parser.add_argument('--duration', type=float, default=60.0, metavar='S',
+                        help='60 by default [s]')
+    parser.add_argument('--poses', type=int, default=3, metavar='N',
+                        help='poses with slow reversals, 3 by default')
+    for name, text in (
+            ('center', "position about which it moves; the reference's center by default [rad]"),
+            ('position-range', 'greatest distance from the centre, 0.8 by default [rad]'),
+            ('velocity-limit', 'in place of the part of the limits of the description [rad/s]'),
+            ('acceleration-limit', 'the same for the acceleration [rad/s²]'),
+            ('friction', "Coulomb friction to expect; the plant's by default [N·m]")):
+        parser.add_argument(f'--{name}', metavar='A,B,C',
+                            help=f'{text}: a number per joint, or one for all')
+    parser.add_argument(
+        '--velocity-scale', type=float, default=0.5, metavar='X',
+        help='part of the limits of velocity and acceleration to use, 0.5 by default')
+    parser.add_argument('--draws', type=int, default=20, metavar='N',
+                        help='random motions, of which the best conditioned one is taken; 20 by '
+                             'default')
+    parser.add_argument('--seed', type=int, default=0, metavar='S',
+                        help='seed of these motions, 0 by default')
+    add_output(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc excite`."""
+    check('--draws', options.draws, 1)
+    check('--seed', options.seed, 0)
+    file = find_file(options.params_file)
+    setup, sections = parameter_file.load(file), parameter_file.read(file)
+    with given_by_user((*_SCALARS, *_LISTS, 'friction')):
+        config = _config(options, setup)
+        friction = _friction(options, len(config.joint_names))
+    found = plan(setup, config, friction, options.draws, options.seed)
+    if options.out is not None:
+        write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
+    _show(found)
+    if options.out is not None:
+        print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
+              f'with --params-file {options.out / RUN}')
+    return 0
+
+
+def _config(options: argparse.Namespace, setup: Setup) -> ExcitationConfig:
+    """Return what the options ask for; `ParameterError` for what is not allowed."""
+    n = len(setup.controller.joint_names)
+    values: dict[str, Any] = {name: getattr(options, name) for name in _SCALARS}
+    for name in _LISTS:
+        text = getattr(options, name)
+        if text is not None:
+            values[name] = _per_joint(name, text, n)
+    return request_of(setup, values)
+
+
+def _friction(options: argparse.Namespace, n: int) -> Array | None:
+    """Return the friction that an option gives, shape (n,) [N·m]; None without it."""
+    if options.friction is None:
+        return None
+    values = _per_joint('friction', options.friction, n)
+    Parameter('friction', 'float[]', None, '', minimum=0.0, shape='n').check(values, n)
+    return np.array(values)
+
+
+def _per_joint(name: str, text: str, n: int) -> tuple[float, ...]:
+    """Return the numbers of an option; one stands for all joints."""
+    try:
+        values = tuple(float(word) for word in text.split(','))
+    except ValueError:
+        raise ParameterError(name, text, f'a number, or {n} numbers A,B,C') from None
+    return values * n if len(values) == 1 else values
+
+
+def _show(found: Plan) -> None:
+    """Print what the motion reaches of what it may, and what is foretold of it."""
+    motion, bounds = found.motion, found.bounds
+    rows = [('joint', 'position', 'velocity', 'of', 'acceleration', 'of', 'torque', 'of',
+             'condition', 'scaled', 'kp', 'kv', 'sticks')]
+    for i, joint in enumerate(found.limits):
+        q = motion.q[:, i]
+        peaks = zip((np.abs(x[:, i]).max() for x in (motion.dq, motion.ddq, motion.tau)),
+                    (bounds.velocity[i], bounds.acceleration[i], found.effort[i]))
+        rows.append((
+            joint.name, f'{q.min():.2f} to {q.max():.2f}',
+            *(text for most, limit in peaks for text in (f'{most:.3g}', f'{limit:.4g}')),
+            *(f'{x:.1f}' for x in found.conditions[i]), f'{found.kp[i]:g}', f'{found.kv[i]:g}',
+            f'{found.hold[i]:.3f}'))  # type: ignore[arg-type]
+    print_columns(rows)
+    (first, _), (_, last) = found.excitation.slow[0], found.excitation.slow[-1]
+    begin, end = found.excitation.fourier
+    print(f'slow reversals at {len(found.excitation.slow)} poses from {first:.1f} to '
+          f'{last:.1f} s, Fourier series from {begin:.1f} to {end:.1f} s')
+    _warn(found)
+
+
+def _warn(found: Plan) -> None:
+    """Print which limits are assumed, and on which joints the motion shows little."""
+    for quantity in ('velocity', 'acceleration'):
+        names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
+        if names:
+            print(f'no {quantity} limit in the description, so the one above is assumed: '
+                  + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
+    held = [f'{joint.name} ({hold:.2g} of ±{slow:.2g} {joint.unit})' for joint, hold, slow in zip(
+        found.limits, found.hold, found.bounds.slow) if hold > 0.5 * slow]
+    if held:
+        print('warning: friction may hold joints through much of their slow reversals: '
+              f'{", ".join(held)}; a greater position_range helps, or a shorter control_period, '
+              'which allows a higher kp')
+    poor = [joint.name for joint, (_, scaled) in zip(found.limits, found.conditions)
+            if scaled > _POOR]
+    if poor:
+        print('warning: the motion hardly separates friction and errors of the model on '
+              f'{", ".join(poor)}: a condition number above {_POOR:g}; a greater position_range '
+              'or duration helps')

@@ -1,0 +1,32 @@
+"""`ctc export`: the samples of a bag as a table."""
+
+from __future__ import annotations
+
+import argparse
+
+from ctc_chattering.analysis.export import write_csv, write_npz
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.options import add_bag, add_output
+
+DETAILS = ('With names and units of the joints: trajectory.npz, which has the gains as well, or '
+           'trajectory.csv.')
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc export`."""
+    add_bag(parser)
+    parser.add_argument('--csv', action='store_true',
+                        help='comma-separated values in place of a NumPy file')
+    add_output(parser, 'export')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc export`."""
+    from ctc_chattering.bags.reader import read_bag
+
+    result = read_bag(options.bag)
+    name, write = ('trajectory.csv', write_csv) if options.csv else ('trajectory.npz', write_npz)
+    out = prepare(options.out, (name,), options.overwrite)
+    write(result, out / name)
+    print(f'{len(result.run.t)} samples: {out / name}')
+    return 0

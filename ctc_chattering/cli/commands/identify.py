@@ -1,0 +1,165 @@
+"""`ctc identify`: from bags to friction, delays, errors of the model and gains."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from ctc_chattering.analysis.output import prepare, write_text, writing
+from ctc_chattering.analysis.result import write_json
+from ctc_chattering.cli.options import add_output
+from ctc_chattering.cli.presentation import print_page
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.identification.regression.model_errors import candidates, ModelError
+import numpy as np
+
+if TYPE_CHECKING:
+    from ctc_chattering.bags.motion import RecordedMotion
+    from ctc_chattering.identification.report.results import IdentificationResults
+
+DETAILS = ('From bags of any recorder, with intervals of 95 %. Write identified.yaml, '
+           'identify.json, figures and index.html.')
+#: Names in the output directory.
+_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES = (
+    'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'figures')
+#: Acceleration of gravity where nothing says otherwise [m/s²].
+_GRAVITY = 9.81
+
+
+@dataclasses.dataclass(frozen=True)
+class _IdentifiedRobot:
+    """The model that is corrected, its errors that are looked for, and values of all nodes."""
+
+    model: Model
+    candidates: list[ModelError]
+    description: str
+    shared: dict[str, Any]
+    gains: tuple[Any, Any] | None
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc identify`."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='bag of the robot')
+    parser.add_argument('--validate', type=Path, metavar='BAG',
+                        help='bag that is not used for the fit, and predicted')
+    parser.add_argument('--urdf', metavar='FILE',
+                        help="the URDF, a path or package://NAME/PATH; by default the bag's")
+    parser.add_argument('--model', metavar='NAME',
+                        help="two_link, urdf, or package.module:Class; by default the bag's")
+    parser.add_argument('--joints', metavar='A,B,C',
+                        help="joints in the order of the commands; by default the bag's")
+    parser.add_argument('--gravity', type=float, metavar='G',
+                        help="by default the bag's, or 9.81 [m/s²]")
+    parser.add_argument('--torque', choices=('command', 'effort'),
+                        help='where torques are taken from; by default what explains more')
+    parser.add_argument('--states', default='joint_states', metavar='TOPIC',
+                        help='topic of the joint states, joint_states by default')
+    parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
+                        help='topic of the commanded torques, effort_controller/commands by '
+                             'default')
+    parser.add_argument('--torque-rate', metavar='R',
+                        help='rate that the drives allow, one number or one for each joint '
+                             '[N·m/s]')
+    add_output(parser, 'identified')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc identify`."""
+    from ctc_chattering.bags.motion import read_motion
+    from ctc_chattering.identification.regression.identify import identify
+    from ctc_chattering.identification.report.perturbation import perturbation
+    from ctc_chattering.identification.report.recommendation import recommend
+    from ctc_chattering.identification.report.results import IdentificationResults
+    from ctc_chattering.identification.report.validation import validate
+
+    description = read_description(options.urdf) if options.urdf else ''
+    joints = tuple(filter(None, (options.joints or '').split(',')))
+    motions = [read_motion(bag, joints, description, options.states, options.commands)
+               for bag in (*options.bags, *filter(None, [options.validate]))]
+    recordings = [motion.recording for motion in motions[:len(options.bags)]]
+    robot = _robot(options, motions[0], description)
+    rate = _rates(options.torque_rate, len(recordings[0].joints))
+    names = (_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES)
+    out = prepare(options.out, names, options.overwrite)
+    found = identify(recordings, robot.model, robot.candidates, options.torque or '')
+    perturbed = perturbation(found)
+    q = np.concatenate([recording.q for recording in recordings])
+    recommended = recommend(found, perturbed, robot.model, q)
+    validation = validate(found, motions[-1].recording, robot.model, robot.candidates
+                          ) if options.validate else None
+    results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
+                                    perturbed, recommended, validation, rate)
+    _write(results, robot, q, out)
+    print(results.text())
+    print()
+    print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
+    return 0
+
+
+def _robot(options: argparse.Namespace, motion: RecordedMotion, description: str
+           ) -> _IdentifiedRobot:
+    """Return the model for a motion, from the options, the bag, or both."""
+    controller = motion.controller
+    description = description or motion.description
+    name = options.model or ('urdf' if options.urdf else controller.model if controller else
+                             'urdf' if description else '')
+    if not name:
+        raise UsageError('the bag has no robot description: give --urdf FILE, or --model')
+    gravity = options.gravity
+    if gravity is None:
+        gravity = controller.gravity if controller else _GRAVITY
+    locked = controller.locked if controller else ('',)
+    joints = motion.recording.joints
+    positions = locked_positions(locked)
+    model = make_model(name, gravity, joints, description, positions)
+    shared: dict[str, Any] = {'model': name, 'gravity': gravity}
+    if any(locked):
+        shared['locked'] = list(locked)
+    used = description if name == 'urdf' else ''
+    return _IdentifiedRobot(model, candidates(model, used, positions), used, shared,
+                            (controller.kp, controller.kv) if controller else None)
+
+
+def _rates(text: str | None, n: int) -> tuple[float, ...]:
+    """Return the allowed rate of each joint [N·m/s] from the option; empty without."""
+    if text is None:
+        return ()
+    try:
+        values = [float(x) for x in text.split(',')]
+    except ValueError:
+        values = []
+    if len(values) not in (1, n) or not all(x > 0.0 for x in values):
+        raise UsageError(f'--torque-rate: {text} is not allowed; allowed: one number above 0, or '
+                         f'{n} with commas')
+    return tuple(values * n if len(values) == 1 else values)
+
+
+def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path) -> None:
+    """Write all files."""
+    from ctc_chattering.identification.report.figures import save_identification_figures
+    from ctc_chattering.identification.report.parameter_values import parameter_values
+    from ctc_chattering.identification.report.results import write_page
+
+    shared = dict(robot.shared)
+    if robot.description:
+        write_text(out / _ROBOT, robot.description)
+        shared['description'] = str((out / _ROBOT).resolve())
+    values = parameter_values(report.found, report.recommended, robot.model, q, shared,
+                              robot.gains)
+    with writing(out / _VALUES):
+        parameter_file.dump(values, out / _VALUES)
+    try:
+        parameter_file.load(out / _VALUES)
+    except CtcError as error:
+        raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
+    write_json(report.as_mapping(), out / _JSON)
+    figures = save_identification_figures(
+        report.found, report.run, report.recommended, report.validation, out / _FIGURES)
+    files = {_VALUES: 'parameter file', _JSON: 'all numbers'}
+    write_page(report, figures, out / _PAGE, files)

@@ -1,0 +1,113 @@
+"""`ctc live`: the page of a running graph or of bags, or an export of bags."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+import sys
+from typing import Any, TYPE_CHECKING
+
+from ctc_chattering.cli.command_line import say
+from ctc_chattering.errors import CtcError, UsageError
+
+if TYPE_CHECKING:
+    from ctc_chattering.live.page import Page
+
+DETAILS = ('Without a bag the page shows the running graph, and its buttons change law, gains and '
+           'plant; arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags are '
+           'shown side by side.')
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc live`."""
+    parser.add_argument('bags', nargs='*', type=Path, metavar='BAG')
+    parser.add_argument('--export', type=Path, metavar='FILE',
+                        help='write the page of the bags into one HTML file, and serve none')
+    parser.add_argument('--overwrite', action='store_true', help='replace that file')
+    parser.add_argument('--host', default='127.0.0.1', metavar='H',
+                        help='address to listen on, by default 127.0.0.1, which other machines '
+                             'do not reach')
+    parser.add_argument('--port', type=int, metavar='N',
+                        help='port; by default the first free one from 8080 on')
+    parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
+                        help='open it in the browser of this machine; by default in a terminal')
+    parser.add_argument('--read-only', action='store_true', help='no buttons, nothing is sent')
+    parser.add_argument('--dark', action='store_true', help='light letters on dark ground')
+    parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc live`."""
+    if options.port is not None and not 0 <= options.port < 65536:
+        raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
+    if options.export is not None:
+        return _export(options.bags, options.export, options.overwrite)
+    from ctc_chattering.live.browser import opened
+    from ctc_chattering.live.page import Page, require_viser, warning_of
+    require_viser()
+    if options.bags and (options.read_only or options.ros_args):
+        raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
+    if warning := warning_of(options.host):
+        say(f'ctc live: {warning}')
+
+    with ExitStack() as open_pages:
+        def make_page(main: str, reports: str = '') -> Page:
+            page = Page('ctc live', options.host, options.port, options.dark, main, reports)
+            print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
+            wanted = sys.stdout.isatty() if options.open is None else options.open
+            if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
+                say('ctc live: --open: no browser here')
+            return page
+
+        _serve(options, make_page)
+    return 0
+
+
+def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
+    """Serve the page until a signal comes."""
+    from ctc_chattering.ros import signals
+    stop = signals.collect()
+    if options.parent is not None:
+        from ctc_chattering.launch.child_process import end_with
+        end_with(options.parent)
+    if options.bags:
+        from ctc_chattering.live.bag_page import BagPage
+        runs = _runs(options.bags)
+        page = make_page('run')
+        try:
+            BagPage(page, runs).run(stop)
+        finally:
+            page.close()
+        return
+    from ctc_chattering.live.graph_page import run_graph_page
+    run_graph_page(lambda: make_page('controls', 'reports'), stop, options.ros_args,
+                   not options.read_only)
+
+
+def _runs(bags: Sequence[Path]) -> list[Any]:
+    """Return the runs of bags."""
+    from ctc_chattering.bags.reader import read_bag
+    from ctc_chattering.live.recorded import RecordedRun
+    if len(bags) > 2:
+        raise UsageError(f'{len(bags)} bags; one or two can be shown')
+    runs = []
+    for bag in bags:
+        print(f'reading {bag} ...', flush=True)
+        runs.append(RecordedRun(read_bag(bag)))
+        if runs[-1].remark:
+            say(f'ctc live: {bag}: {runs[-1].remark}')
+    return runs
+
+
+def _export(bags: Sequence[Path], path: Path, overwrite: bool) -> int:
+    """Write the page of bags into one file."""
+    from ctc_chattering.live.export import write_export
+    if not bags:
+        raise UsageError('--export needs a bag')
+    if path.exists() and not overwrite:
+        raise CtcError(f'{path}: exists already; choose another file, or --overwrite')
+    size = write_export(_runs(bags), path)
+    print(f'{path}: {size / 1e6:.1f} MB; it opens in a browser and needs no network')
+    return 0

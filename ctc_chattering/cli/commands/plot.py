@@ -1,0 +1,45 @@
+"""`ctc plot`: figures, metrics and page of bags."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.options import add_output
+from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
+from ctc_chattering.errors import CtcError
+
+DETAILS = 'Write them with metrics.json and index.html. Several bags are compared.'
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc plot`."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
+                        help='bag, or a directory of bags')
+    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
+                        help='figures in this format as well; the page has them as SVG')
+    add_output(parser, 'plots')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc plot`."""
+    from ctc_chattering.bags.reader import find_bags, read_bag
+
+    bags, results = [], []
+    for path in options.bags:
+        found = find_bags(path)
+        for bag in found or [path]:
+            try:
+                results.append(read_bag(bag))
+                bags.append(bag)
+            except CtcError as error:
+                if not found:
+                    raise
+                print(f'left out: {error}', file=sys.stderr)
+    if not results:
+        raise CtcError('no bag of this package in '
+                       + ', '.join(str(path) for path in options.bags))
+    out = prepare(options.out, (FIGURES, METRICS, PAGE), options.overwrite)
+    return present(results, bags, out, options.format)

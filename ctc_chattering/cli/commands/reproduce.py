@@ -1,0 +1,41 @@
+"""`ctc reproduce`: the paper's experiments over ROS, and its figures."""
+
+from __future__ import annotations
+
+import argparse
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.options import add_output
+from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.paper import EXPERIMENTS
+
+DETAILS = 'Write bags, figures, metrics.json and index.html.'
+#: Name in the output directory.
+_BAGS = 'bags'
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc reproduce`."""
+    add_output(parser, 'results')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc reproduce`."""
+    from ctc_chattering.bags.reader import read_bag
+    from ctc_chattering.cli.progress import Progress
+    from ctc_chattering.launch.graph import run_graph
+    from ctc_chattering.ros.domain import own_domain
+
+    out = prepare(options.out, (_BAGS, FIGURES, METRICS, PAGE), options.overwrite)
+    bags = []
+    width = max(len(experiment.name) for experiment in EXPERIMENTS)
+    with own_domain():
+        for experiment in EXPERIMENTS:
+            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+            bags.append(out / _BAGS / experiment.name)
+            with Progress(f'{experiment.name:{width}}', duration) as progress:
+                run_graph(experiment.path, experiment.overrides, bags[-1], progress=progress,
+                          show=lambda _: None)
+                progress(duration)
+    return present([read_bag(bag) for bag in bags], bags, out)

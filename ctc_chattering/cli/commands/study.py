@@ -1,0 +1,53 @@
+"""`ctc study`: every switching, or every law, over sample periods, gains and imperfections."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.cli.command_line import say
+from ctc_chattering.cli.options import (
+    add_engine_option,
+    add_jobs,
+    add_output,
+    chosen_engine,
+    number_of_jobs,
+)
+from ctc_chattering.cli.presentation import print_page
+
+DETAILS = ('Simulate them and write study.md, study.csv, figures and study.html; with --laws, '
+           'laws.md, laws.csv, laws_figures and laws.html.')
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc study`."""
+    add_output(parser, 'study')
+    parser.add_argument('--laws', action='store_true',
+                        help='every law with its recommended settings, against compensation')
+    add_jobs(parser)
+    add_engine_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc study`."""
+    from ctc_chattering.analysis.engine import compile_loop
+    from ctc_chattering.cli.progress import progress_bar
+    from ctc_chattering.studies import study_files
+    from ctc_chattering.studies.cases import CASES
+    from ctc_chattering.studies.study import engines, run_cases
+
+    jobs, engine, start = number_of_jobs(options.jobs), chosen_engine(options), time.monotonic()
+    kind = study_files.LAWS if options.laws else study_files.SWITCHINGS
+    out = prepare(options.out, kind.names, options.overwrite)
+    compile_loop((case.setup() for case in CASES), engine, say)
+    outcomes = list(progress_bar(
+        run_cases(CASES, kind.variants, jobs, engine), desc=kind.name, unit='run',
+        total=len(CASES) * len(kind.variants)))
+    print('drawing ...', flush=True)
+    page = study_files.write_study(kind, outcomes, out, engine)
+    failed = sum(bool(outcome.score.failure) for outcome in outcomes)
+    print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
+          f'{engines(outcomes)}.')
+    print_page(page)
+    return 0

@@ -1,0 +1,1 @@
+"""Motions that excite all joints of a robot."""

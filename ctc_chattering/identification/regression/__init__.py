@@ -1,0 +1,1 @@
+"""Friction, delays and errors of the model from recorded runs."""

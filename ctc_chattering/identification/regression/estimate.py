@@ -1,0 +1,58 @@
+"""A number with its interval, or the reason why there is none."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from ctc_chattering.analysis.number_format import with_interval
+
+#: The reason where the data would show a quantity, and do not.
+NONE = 'none shows'
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """
+    What was identified of one quantity.
+
+    Attributes
+    ----------
+    value : float or None
+        None where it is not identifiable.
+    half : float
+        Half the interval of 95 %; 0 where none is given.
+    unit : str
+        As in ``N*m``.
+    reason : str
+        Why there is no value.
+
+    """
+
+    value: float | None
+    half: float = 0.0
+    unit: str = ''
+    reason: str = ''
+
+    @classmethod
+    def none(cls, reason: str) -> Estimate:
+        """Return what is not identifiable."""
+        return cls(None, reason=reason)
+
+    def __str__(self) -> str:
+        """Return value, interval and unit, or the reason."""
+        if self.value is None:
+            return NONE if self.reason == NONE else f'not identifiable: {self.reason}'
+        return with_interval(self.value, self.half, self.unit)
+
+    def or_zero(self) -> float:
+        """Return the value, or 0 where there is none."""
+        return 0.0 if self.value is None else self.value
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        if self.value is None:
+            return {'value': None, 'reason': self.reason}
+        return {'value': self.value, 'interval_95': [self.value - self.half,
+                                                     self.value + self.half]} if self.half else {
+            'value': self.value}

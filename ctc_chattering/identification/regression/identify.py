@@ -1,0 +1,282 @@
+"""From recordings to timing, friction, errors of the model, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+
+from ctc_chattering.analysis.recording import Recording, Stretch, stretches
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
+from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.intervals import correlation_length
+from ctc_chattering.identification.regression.least_squares import (
+    Data,
+    Kind,
+    stribeck_velocity,
+    Term,
+)
+from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.rows import Rows, STRIBECK
+from ctc_chattering.identification.regression.selection import select, Selected
+from ctc_chattering.identification.regression.sensor_noise import (
+    Clock,
+    clock,
+    encoder_step,
+    velocity_noise,
+)
+from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has
+from ctc_chattering.identification.regression.weak_form import TestFunction
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: How much better the effort must explain the motion than the commands to be preferred.
+_BETTER = 0.5
+#: Part that the weight or the inertial torque may be off by without being named.
+_LEFT = 0.01
+#: Shortest recording that is used [s].
+_SHORTEST = 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class JointFriction:
+    """
+    Friction of one joint.
+
+    Attributes
+    ----------
+    coulomb, forwards, backwards : Estimate
+        Coulomb friction: mean of both directions, and each [N·m].
+    offset : Estimate
+        Half of forwards less backwards [N·m]: friction that depends on the direction, or a
+        constant torque that the model lacks; no motion can distinguish these.
+    viscous : Estimate
+        [N·m·s/rad].
+    stribeck, stribeck_velocity : Estimate
+        Ks [N·m] and v_s [rad/s].
+    load : Estimate
+        Part of the torque's magnitude.
+
+    """
+
+    coulomb: Estimate
+    forwards: Estimate
+    backwards: Estimate
+    offset: Estimate
+    viscous: Estimate
+    stribeck: Estimate
+    stribeck_velocity: Estimate
+    load: Estimate
+
+
+@dataclasses.dataclass(frozen=True)
+class Identification:
+    """
+    All that is identified; J windows, n joints.
+
+    Attributes
+    ----------
+    joints : tuple of str, length n
+        Names.
+    clock : Clock
+        Stamps of the first recording.
+    encoder, noise, velocity_lag : list of Estimate, length n
+        Step of the encoder, noise of the measured velocity, and its lag.
+    timing : Timing
+        Delay and lag of the torque.
+    friction : list of JointFriction, length n
+    errors : list of (ModelError, Estimate)
+        Errors of the model: those that are clear, and those that cannot be told.
+    left : list of str
+        What else of the torque goes with weight or acceleration, in words.
+    data : Data
+        The windows.
+    selected : Selected
+        The regression.
+    base, weight : ndarray, shape (J, n)
+        Torque of the model, and its weight [N·m].
+    duration : float
+        Of all stretches [s].
+
+    """
+
+    joints: tuple[str, ...]
+    clock: Clock
+    encoder: list[Estimate]
+    noise: list[Estimate]
+    velocity_lag: list[Estimate]
+    timing: Timing
+    friction: list[JointFriction]
+    errors: list[tuple[ModelError, Estimate]]
+    left: list[str]
+    data: Data
+    selected: Selected
+    base: Array
+    weight: Array
+    duration: float
+
+
+def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
+             source: str = '') -> Identification:
+    """
+    Identify a robot from recordings of its motion.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Checked, with the same joints and about the same period.
+    model : Model
+        To be corrected.
+    candidates : sequence of ModelError
+        Errors of it that are looked for.
+    source : {'', 'command', 'effort'}
+        Where torques are taken from; empty for the one that explains the motion better.
+
+    Raises
+    ------
+    CtcError
+        If the recordings do not belong together, are too short, or no joint moves.
+
+    """
+    period = _common_period(recordings)
+    parts = [part for recording in recordings for part in stretches(recording, period)
+             if len(part.q) * period > 1.0]
+    duration = period * sum(len(part.q) for part in parts)
+    if duration < _SHORTEST:
+        raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
+                       f'{_SHORTEST:g} s are needed')
+    phi = TestFunction(period)
+    models = [model, *(candidate.model for candidate in candidates)]
+    rows = [Rows.of(part, models, phi) for part in parts]
+    if not any((part.way != 0.0).sum() for part in rows):
+        raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
+                       f'{2 * phi.half * period:g} s in one direction')
+    parts, rows, found = _timed(parts, rows, phi, source, recordings[0].name)
+    profile = Profile(parts, rows, found.source, phi)
+    data = profile.windows(found)
+    joints = recordings[0].joints
+    selected = select(data, joints, [candidate.name for candidate in candidates])
+    noise, lag = velocity_noise(recordings[0], period)
+    base, weight = (np.concatenate([getattr(part, name) for part in rows])
+                    for name in ('base', 'gravity'))
+    return Identification(
+        joints, dataclasses.replace(clock(recordings[0]), period=period),
+        [encoder_step(x) for x in recordings[0].q.T], noise, lag,
+        found, [_friction(selected, i) for i in range(len(joints))],
+        list(_errors(selected, candidates)), _left(selected, base, weight, data, joints), data,
+        selected, base, weight, duration)
+
+
+def _common_period(recordings: Sequence[Recording]) -> float:
+    """Return the period of recordings; raise `CtcError` if they do not belong together."""
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.joints != first.joints:
+            raise CtcError(f'{other.name}: joints {list(other.joints)}; those of {first.name}: '
+                           f'{list(first.joints)}')
+        if abs(other.period - first.period) > 0.02 * first.period:
+            raise CtcError(f'{other.name}: a period of {other.period:.4g} s; that of '
+                           f'{first.name}: {first.period:.4g} s')
+    period = first.period
+    nearest = round(period * 1e6) * 1e-6
+    return nearest if abs(nearest - period) < 1e-3 * period else period
+
+
+def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: str, name: str
+           ) -> tuple[list[Stretch], list[Rows], Timing]:
+    """Return the stretches that have the torque of the better source, and its timing."""
+    options = []
+    for kind in (COMMAND, EFFORT):
+        mine = [(part, row) for part, row in zip(parts, rows) if has(part, kind) is not None]
+        if mine and source in ('', kind):
+            with_it, their_rows = [x for x, _ in mine], [x for _, x in mine]
+            options.append((with_it, their_rows, timing(with_it, their_rows, kind, phi)))
+    if not options:
+        raise CtcError(f'{name}: no torque of the source {source}')
+    if len(options) == 2:
+        command, effort = (option[2].misfit for option in options)
+        moving = np.isfinite(command) & (command > 0.0)
+        if np.median(effort[moving] / command[moving]) < _BETTER:
+            commands = options[0][2]
+            chosen = dataclasses.replace(options[1][2], delays=commands.delays, commands=commands)
+            return options[1][0], options[1][1], chosen
+    return options[0]
+
+
+def _friction(selected: Selected, i: int) -> JointFriction:
+    """Return the friction of joint i."""
+    terms, missing = selected.fit.terms, selected.missing
+
+    def number(kind: Kind, unit: str) -> Estimate:
+        for term in terms:
+            if (term.kind, term.joint) == (kind, i):
+                return Estimate(*selected.interval(term), unit)
+        return Estimate.none(missing.get((kind, i), NONE))
+
+    forwards, backwards = number(Kind.FORWARDS, 'N*m'), number(Kind.BACKWARDS, 'N*m')
+    both = forwards.value is not None and backwards.value is not None
+    if both:
+        a, b = Term(Kind.FORWARDS, i), Term(Kind.BACKWARDS, i)
+        coulomb = Estimate(*selected.combined({a: 0.5, b: 0.5}), 'N*m')
+        offset = Estimate(*selected.combined({a: 0.5, b: -0.5}), 'N*m')
+    else:
+        reason = forwards.reason or backwards.reason
+        coulomb = offset = Estimate.none(reason)
+        if 'hardly moves' in reason:
+            coulomb = offset = Estimate.none(f'{reason}: friction and a constant torque look the '
+                                             'same in one direction')
+    return JointFriction(coulomb, forwards, backwards, offset, number(Kind.VISCOUS, 'N*m*s/rad'),
+                         number(Kind.STRIBECK, 'N*m'), _stribeck_velocity(selected, i),
+                         number(Kind.LOAD, ''))
+
+
+def _stribeck_velocity(selected: Selected, i: int) -> Estimate:
+    """Return v_s of joint i with its interval, from the slope of the column by its place."""
+    for term in selected.fit.terms:
+        if (term.kind, term.joint) == (Kind.STRIBECK, i):
+            size = selected.fit.of(term)
+            _, half = selected.interval(Term(Kind.STRIBECK_SLOPE, i, term.which))
+            velocity = stribeck_velocity(term.which)
+            ratio = float(np.log(STRIBECK[1] / STRIBECK[0]))
+            return Estimate(velocity, velocity * ratio * half / size, 'rad/s')
+    return Estimate.none(selected.missing.get((Kind.STRIBECK, i), NONE))
+
+
+def _errors(selected: Selected, candidates: Sequence[ModelError]
+            ) -> list[tuple[ModelError, Estimate]]:
+    """Return the errors of the model that are clear, and those that cannot be told."""
+    found = []
+    for k, candidate in enumerate(candidates):
+        if Term(Kind.MODEL, -1, k) in selected.fit.terms:
+            value, half = selected.interval(Term(Kind.MODEL, -1, k))
+            found.append((candidate, Estimate(value, half, candidate.unit)))
+        elif k in selected.unseen:
+            found.append((candidate, Estimate.none(selected.unseen[k])))
+    return found
+
+
+def _left(selected: Selected, base: Array, weight: Array, data: Data, joints: Sequence[str]
+          ) -> list[str]:
+    """Return in words which part of weight or inertial torque is left, joint by joint."""
+    found = []
+    for i, name in enumerate(joints):
+        used = data.way[:, i] != 0.0
+        if used.sum() < 50:
+            continue
+        mine = [k for k, term in enumerate(selected.fit.terms) if term.joint == i]
+        x = np.column_stack((weight[used, i], (base - weight)[used, i],
+                             selected.fit.design[used, i][:, mine]))
+        y = selected.fit.residual[used, i]
+        length = np.sqrt(np.square(x).sum(axis=0))
+        if min(length[:2]) <= 1e-9 * max(length[:2]):
+            x[:, int(np.argmin(length[:2]))] = 0.0
+        value = np.linalg.lstsq(x, y, rcond=1e-9)[0]
+        rest = y - x @ value
+        variance = float(rest.dot(rest)) / len(y) * correlation_length(rest)
+        errors = np.sqrt(variance * np.linalg.pinv(x.T @ x).diagonal())
+        for k, what in ((0, 'weight'), (1, 'inertial torque')):
+            if abs(value[k]) > max(_LEFT, 4.0 * errors[k]) and errors[k] > 0.0:
+                found.append(f'{name}: {value[k]:+.1%} ± {2.0 * errors[k]:.1%} of the '
+                             f"model's {what} is left, which no mass above explains")
+    return found

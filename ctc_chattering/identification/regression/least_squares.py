@@ -1,0 +1,238 @@
+"""
+Weighted least squares over all joints at once: friction of each joint, errors of the model.
+
+A column of friction is in the rows of its joint only, one of a model's error in the rows of all.
+Rows of a joint are weighted by the inverse variance of its residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+from enum import Enum
+from typing import NamedTuple
+
+from ctc_chattering.identification.regression.rows import Rows, STRIBECK
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Iterations in which weights follow from residuals.
+_ITERATIONS = 3
+#: Singular value, of columns of the length 1, below which they count as dependent.
+DEPENDENT = 1e-4
+
+
+class Kind(Enum):
+    """What a column of the regression stands for."""
+
+    FORWARDS = 'forwards'
+    BACKWARDS = 'backwards'
+    VISCOUS = 'viscous'
+    STRIBECK = 'stribeck'
+    STRIBECK_SLOPE = 'stribeck slope'
+    LOAD = 'load'
+    LAG_SLOPE = 'lag slope'
+    MODEL = 'model'
+
+
+class Term(NamedTuple):
+    """
+    A column: what it stands for, its joint, and which one of several.
+
+    The joint of an error of the model is -1, and `which` its index. `which` of the Stribeck terms
+    is the place of the velocity among `STRIBECK`, between two of them as well; the slope is the
+    derivative of the column by that, and that of the lag the derivative of the torque by the lag.
+    """
+
+    kind: Kind
+    joint: int
+    which: float = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Data:
+    """
+    All windows of all stretches; J windows, n joints.
+
+    Attributes
+    ----------
+    t, velocity, way, more, stribeck
+        As in `Rows`.
+    load : ndarray, shape (J, n)
+        Mean magnitude of the torque [N·m].
+    late : ndarray, shape (J, n)
+        Derivative of the torque by the lag of the drive; 0 without a lag [N·m/s].
+    residual : ndarray, shape (J, n)
+        Torque less the model's without friction, 0 where it is not known [N·m].
+    starts : tuple of int
+        First window of each stretch.
+
+    """
+
+    t: Array
+    velocity: Array
+    way: Array
+    more: Array
+    stribeck: Array
+    load: Array
+    late: Array
+    residual: Array
+    starts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, rows: Sequence[Rows], torques: Sequence[Array],
+           loads: Sequence[Array] | None = None, late: Sequence[Array] | None = None) -> Data:
+        """
+        Return the rows of stretches.
+
+        Parameters
+        ----------
+        rows : sequence of Rows
+            One for each stretch.
+        torques, loads : sequence of ndarray, shape (J, n)
+            Weak torque, nan where it is not known, and mean magnitude of the torque [N·m].
+        late : sequence of ndarray, shape (J, n), optional
+            Derivative of the weak torque by the lag [N·m/s].
+
+        """
+        residual = np.concatenate([tau - part.base for part, tau in zip(rows, torques)])
+        known = np.isfinite(residual)
+        columns = {name: np.concatenate([getattr(part, name) for part in rows])
+                   for name in ('t', 'velocity', 'way', 'more', 'stribeck')}
+        columns['way'] = np.where(known, columns['way'], 0.0)
+        counts = np.cumsum([0, *(len(part.t) for part in rows)])
+        load, slope = (np.concatenate(list(x)) if x else np.zeros_like(residual)
+                       for x in (loads, late))
+        return cls(**columns, load=np.where(known, load, 0.0),
+                   late=np.where(known & np.isfinite(slope), slope, 0.0),
+                   residual=np.where(known, residual, 0.0), starts=tuple(counts[:-1].tolist()))
+
+    def columns(self, terms: Sequence[Term]) -> Array:
+        """Return the design, shape (J, n, terms); 0 in rows that are not used."""
+        found = np.zeros((*self.way.shape, len(terms)))
+        for k, (kind, i, which) in enumerate(terms):
+            if kind == Kind.MODEL:
+                found[:, :, k] = self.more[:, :, int(which)] * (self.way != 0.0)
+            elif kind in (Kind.STRIBECK, Kind.STRIBECK_SLOPE):
+                weights = interpolation(which, kind == Kind.STRIBECK_SLOPE)
+                found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
+            elif kind == Kind.LOAD:
+                found[:, i, k] = self.way[:, i] * self.load[:, i]
+            elif kind == Kind.LAG_SLOPE:
+                found[:, i, k] = self.late[:, i] * (self.way[:, i] != 0.0)
+            elif kind == Kind.VISCOUS:
+                found[:, i, k] = self.velocity[:, i] * (self.way[:, i] != 0.0)
+            else:
+                sign = 1.0 if kind == Kind.FORWARDS else -1.0
+                found[:, i, k] = np.where(self.way[:, i] == sign, sign, 0.0)
+        return found
+
+    def used(self) -> Array:
+        """Return which rows are used, shape (J, n)."""
+        found: Array = self.way != 0.0
+        return found
+
+
+class Fit(NamedTuple):
+    """
+    A solution.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+        Columns.
+    value : ndarray, shape (terms,)
+        Their coefficients.
+    weight : ndarray, shape (n,)
+        Of the rows of each joint [1/(N·m)²].
+    residual : ndarray, shape (J, n)
+        What is left, 0 in rows that are not used [N·m].
+    design : ndarray, shape (J, n, terms)
+        The columns.
+
+    """
+
+    terms: tuple[Term, ...]
+    value: Array
+    weight: Array
+    residual: Array
+    design: Array
+
+    def of(self, term: Term) -> float:
+        """Return the coefficient of a term, 0 if it is none of the fit."""
+        return float(self.value[self.terms.index(term)]) if term in self.terms else 0.0
+
+
+def solve(data: Data, terms: Sequence[Term]) -> Fit:
+    """Return the weighted least-squares fit of these columns, which must be independent."""
+    design, used = data.columns(terms), data.used()
+    y = data.residual * used
+    counts = np.maximum(used.sum(axis=0), 1.0)
+    scale = np.square(y).sum(axis=0) / counts
+    weight = 1.0 / np.where(scale > 0.0, scale, 1.0)
+    value = np.zeros(len(terms))
+    residual = y
+    for _ in range(_ITERATIONS):
+        normal, right = normal_equations(design, y, weight)
+        value = solved(normal.sum(axis=0), right.sum(axis=0))
+        residual = y - design @ value
+        scale = np.square(residual).sum(axis=0) / counts
+        weight = 1.0 / np.where(scale > 0.0, scale, np.inf)
+        weight = np.where(weight > 0.0, weight, 1.0)
+    return Fit(tuple(terms), value, weight, residual, design)
+
+
+def normal_equations(design: Array, y: Array, weight: Array) -> tuple[Array, Array]:
+    """Return Xᵀ W X and Xᵀ W y of each window, shapes (J, p, p) and (J, p)."""
+    weighted = design * weight[:, None]
+    return (np.einsum('jip,jiq->jpq', weighted, design),
+            np.einsum('jip,ji->jp', weighted, y))
+
+
+def solved(normal: Array, right: Array) -> Array:
+    """Return the solution of normal equations, their columns scaled to the same length."""
+    length = np.sqrt(np.where(normal.diagonal() > 0.0, normal.diagonal(), 1.0))
+    found: Array = np.linalg.lstsq(
+        normal / np.outer(length, length), right / length, rcond=1e-13)[0] / length
+    return found
+
+
+def dependent(data: Data, terms: Sequence[Term]) -> list[Term]:
+    """
+    Return which errors of the model are a combination of the columns before them and friction.
+
+    They are taken in their order, so that earlier ones are kept.
+    """
+    fit = solve(data, [term for term in terms if term.kind != Kind.MODEL])
+    root = np.sqrt(fit.weight)[:, None]
+    basis = np.linalg.qr((fit.design * root).reshape(-1, fit.design.shape[2]))[0]
+    found = []
+    for term in (term for term in terms if term.kind == Kind.MODEL):
+        column = (data.columns([term]) * root).reshape(-1)
+        length = np.sqrt(column.dot(column))
+        rest = column - basis @ (basis.T @ column)
+        rest -= basis @ (basis.T @ rest)
+        size = np.sqrt(rest.dot(rest))
+        if size <= DEPENDENT * length or length == 0.0:
+            found.append(term)
+        else:
+            basis = np.column_stack((basis, rest / size))
+    return found
+
+
+def stribeck_velocity(which: float) -> float:
+    """Return the velocity at a place among `STRIBECK` [rad/s]."""
+    ratio = STRIBECK[1] / STRIBECK[0]
+    return float(STRIBECK[0] * ratio ** which)
+
+
+def interpolation(which: float, slope: bool = False) -> Array:
+    """Return the weights of the Stribeck columns, by the quintic of six, or those of its slope."""
+    count = len(STRIBECK)
+    first = int(np.clip(np.floor(which) - 2, 0, count - 6))
+    nodes = np.arange(first, first + 6)
+    powers = np.linalg.inv(np.vander(nodes - which, 6, increasing=True))
+    found = np.zeros(count)
+    # Of the quintic in (place - which): its value there, or its slope.
+    found[nodes] = powers[1 if slope else 0]
+    return found

@@ -1,0 +1,106 @@
+"""The rows of the regression: one for each window of time and joint that slides one way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+
+from ctc_chattering.analysis.recording import Indices, Stretch
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.regression.weak_form import (
+    Dynamics,
+    position_noise,
+    smoothed,
+    smoothing_half,
+    TestFunction,
+    velocity_deviation,
+)
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+#: Velocities for which a column of Stribeck friction is prepared [rad/s].
+STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
+#: A joint slides where its velocity exceeds this many deviations, and this part of its largest.
+_DEVIATIONS, _PART = 6.0, 2e-3
+#: Time before the first window, in which drives reach what was commanded before [s].
+SETTLING = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """
+    Windows of one stretch; J windows, n joints, m models besides the first one.
+
+    Attributes
+    ----------
+    t : ndarray, shape (J,)
+        Times of their centres [s].
+    centres : ndarray, shape (J,)
+        Samples of their centres.
+    way : ndarray, shape (J, n)
+        Direction in which a joint slides over the whole window: 1, -1, or 0 for neither.
+    base : ndarray, shape (J, n)
+        Weak left side of the model, without friction [N·m].
+    more : ndarray, shape (J, n, m)
+        The same of each other model, less `base` [N·m].
+    velocity : ndarray, shape (J, n)
+        Mean velocity [rad/s], by differences of positions.
+    stribeck : ndarray, shape (J, n, len(STRIBECK))
+        Mean of sgn(dq) exp(-(dq / v)²) for these v.
+    gravity : ndarray, shape (J, n)
+        The part of `base` that is weight [N·m].
+
+    """
+
+    t: Array
+    centres: Indices
+    way: Array
+    base: Array
+    more: Array
+    velocity: Array
+    stribeck: Array
+    gravity: Array
+
+    @classmethod
+    def of(cls, stretch: Stretch, models: Sequence[Model], phi: TestFunction) -> Rows:
+        """Return the rows of a stretch; the first of `models` is the one to be corrected."""
+        h, q = stretch.period, stretch.q
+        place, dq, _ = smoothed(q, h)
+        moved = np.empty_like(q)
+        moved[1:-1], moved[0], moved[-1] = (q[2:] - q[:-2]) / (2.0 * h), dq[0], dq[-1]
+        margin = max(smoothing_half(h), round(SETTLING / h)) + 1
+        centres = phi.centres(len(q), margin)
+        dynamics = Dynamics.along(place, dq, h, models)
+        sides = [dynamics.weak(k, moved, phi, centres) for k in range(len(models))]
+        slide = sliding(q, dq, h)
+        low, high = _extremes(slide, phi, centres)
+        way = np.where(low == high, low, 0.0)
+        columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, centres)
+                   for v in STRIBECK]
+        more = [side - sides[0] for side in sides[1:]]
+        return cls(stretch.t[centres], centres, way, sides[0],
+                   np.stack(more, axis=2) if more else np.empty((*sides[0].shape, 0)),
+                   phi.sums(moved, phi.at, centres), np.stack(columns, axis=2),
+                   dynamics.weight(phi, centres))
+
+
+def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:
+    """Return the least and the greatest x in each window, shape (2, J, n)."""
+    windows = sliding_window_view(x, 2 * phi.half + 1, axis=0)[centres - phi.half]
+    return np.stack((windows.min(axis=-1), windows.max(axis=-1)))
+
+
+def sliding(q: Array, dq: Array, period: float) -> Array:
+    """
+    Return which way each joint slides at each sample: 1, -1, or 0 for not at all, shape (N, n).
+
+    Samples whose smoothed velocity contains some of a stop count as not sliding.
+    """
+    least = np.maximum(_DEVIATIONS * velocity_deviation(period) * position_noise(q, period),
+                       _PART * np.percentile(np.abs(dq), 99.0, axis=0))
+    way = np.where(np.abs(dq) > least, np.sign(dq), 0.0)
+    m = smoothing_half(period)
+    around = sliding_window_view(np.pad(way, ((m, m), (0, 0)), 'edge'), 2 * m + 1, axis=0)
+    found: Array = np.where(around.min(axis=-1) == around.max(axis=-1), way, 0.0)
+    return found

@@ -1,0 +1,119 @@
+"""What the sensors do: step of the encoders, noise and lag of the velocities, period."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ctc_chattering.analysis.recording import BRIDGED, Recording
+from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.weak_form import (
+    position_noise,
+    smoothed,
+    velocity_deviation,
+)
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
+
+#: Part of the steps that must be a multiple of an encoder's.
+_MULTIPLES = 0.98
+#: Smallest step that counts, relative to the position: less is rounding of numbers.
+_ROUNDING = 1e-13
+#: Shortest lag of a velocity that is named, in periods: the smoothing's own errors are less.
+_SHORTEST = 0.03
+#: Samples that the noise is computed from, at most.
+_ENOUGH = 200_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Clock:
+    """
+    The stamps of a recording.
+
+    Attributes
+    ----------
+    period, jitter, longest : float
+        Mean step, standard deviation of the steps, and the longest one [s].
+    missing : int
+        Samples that are missing.
+    pauses : tuple of (float, float)
+        Begin and length of gaps that are too long to be bridged [s].
+
+    """
+
+    period: float
+    jitter: float
+    longest: float
+    missing: int
+    pauses: tuple[tuple[float, float], ...]
+
+
+def clock(recording: Recording) -> Clock:
+    """Return what the stamps of a checked recording say."""
+    step, period = np.diff(recording.t), recording.period
+    lost = np.maximum(np.rint(step / period) - 1, 0)
+    near = step[np.abs(step - period) < 0.5 * period]
+    long = np.flatnonzero(step > (BRIDGED + 1.5) * period)
+    begin = recording.t[0]
+    return Clock(period, float(near.std()), float(step.max()), int(lost.sum()),
+                 tuple((float(recording.t[k] - begin), float(step[k])) for k in long))
+
+
+def encoder_step(q: Array) -> Estimate:
+    """
+    Return the step of an encoder from positions q, shape (N,) [rad].
+
+    It is the least difference of two positions, improved by all small ones, if nearly all
+    differences are multiples of it.
+    """
+    levels = np.unique(q)
+    rounding = _ROUNDING * max(1.0, float(np.abs(q).max()))
+    steps = np.diff(levels)
+    steps = steps[steps > rounding]
+    if len(steps) < 20:
+        return Estimate.none('it hardly moves')
+    few = np.sort(steps)
+    least = float(few[: max(1, len(few) // 100)].mean())
+    small = steps[steps < 20.0 * least]
+    count = np.rint(small / least)
+    least = float(small.sum() / count.sum())
+    off = np.abs(small / least - np.rint(small / least))
+    if (off < 0.02 + rounding / least).mean() < _MULTIPLES:
+        return Estimate.none('no step shows')
+    return Estimate(least, unit='rad')
+
+
+def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate], list[Estimate]]:
+    """
+    Return noise [rad/s] and lag [s] of the measured velocity of each joint.
+
+    The velocity is compared with that of the smoothed positions.
+    """
+    n = len(recording.joints)
+    if recording.dq is None:
+        reason = Estimate.none('no velocities in the bag')
+        return [reason] * n, [reason] * n
+    dq = recording.dq[:_ENOUGH]
+    q = recording.q[:_ENOUGH]
+    ours, acceleration = smoothed(q, period)[1:]
+    rest = dq - ours
+    finite = np.isfinite(rest)
+    known = velocity_deviation(period) * position_noise(q, period)
+    noise, lag = [], []
+    for i in range(n):
+        use = finite[:, i]
+        x, y = acceleration[use, i], rest[use, i]
+        # A lag shows where the joint accelerates, not where it stops or jerks.
+        calm = np.abs(x) <= np.percentile(np.abs(x), 95.0)
+        power = float(x[calm].dot(x[calm]))
+        slope = -float(x[calm].dot(y[calm])) / power if power else 0.0
+        left = y[calm] + slope * x[calm]
+        spread = float(median_abs_deviation(left, scale='normal'))
+        noise.append(Estimate(float(np.sqrt(max(spread ** 2 - known[i] ** 2, 0.0))), unit='rad/s'))
+        error = 2.0 * spread / np.sqrt(power) if power else np.inf
+        if error >= 0.5 * period:
+            lag.append(Estimate.none('it hardly accelerates'))
+        else:
+            shows = abs(slope) > max(error, _SHORTEST * period)
+            lag.append(Estimate(slope, float(error), 's') if shows else Estimate.none(NONE))
+    return noise, lag

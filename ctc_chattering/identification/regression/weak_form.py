@@ -1,0 +1,188 @@
+"""
+Equations of motion under an integral, so that no velocity is differentiated.
+
+With a test function φ that is 0, with its first three derivatives, outside a window of time, the
+equation of motion `d(M dq)/dt - Cᵀ dq + G + F = tau` becomes, after integration by parts,
+
+    ∫ φ tau dt = -∫ φ' M dq dt + ∫ φ (G - Cᵀ dq) dt + ∫ φ F dt.                           (WF1)
+
+`dM/dt = C + Cᵀ` was used. The momentum M dq takes the place of accelerations (modulating
+functions: Shinbrot 1957, Preisig and Rippin 1993; filtered regressors of the momentum: Hsu,
+Bodson, Sastry and Paden 1987). φ = 315/256 (1 - s²)⁴, s from -1 to 1, is a low-pass filter without
+delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+
+from ctc_chattering.analysis.recording import Indices
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
+from scipy.signal import savgol_coeffs, savgol_filter  # type: ignore[import-untyped]
+from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
+
+#: Half the length of φ [s], and the fewest samples in it.
+HALF, FEWEST = 0.05, 12
+#: Distance of two windows, as a part of half their length.
+_STEP = 0.5
+#: Half the length of the polynomials that velocities come from [s], and the fewest samples.
+_SMOOTH, _FEWEST_SMOOTH = 0.012, 3
+#: Their order.
+_ORDER = 3
+#: Longest step of the grid on which M, C and G are evaluated [s].
+_GRID = 0.004
+
+
+class TestFunction:
+    """
+    φ on a grid of samples.
+
+    Parameters
+    ----------
+    period : float
+        h [s].
+
+    Attributes
+    ----------
+    half : int
+        Samples on each side of the centre.
+    at, slope : ndarray, shape (2 half + 1,)
+        h φ and h φ' at the samples [1, 1/s].
+    over : ndarray, shape (2 half + 1,)
+        ∫ φ dt from each sample to the next one; 0 for the last.
+
+    """
+
+    __test__ = False  # No test of pytest.
+
+    def __init__(self, period: float) -> None:
+        self.half = max(FEWEST, round(HALF / period))
+        s = np.arange(-self.half, self.half + 1) / self.half
+        scale = 315.0 / 256.0 / self.half
+        self.at = scale * (1.0 - s * s) ** 4
+        self.slope = scale * -8.0 * s * (1.0 - s * s) ** 3 / (self.half * period)
+        primitive = 315.0 / 256.0 * (
+            s - 4.0 * s ** 3 / 3.0 + 6.0 * s ** 5 / 5.0 - 4.0 * s ** 7 / 7.0 + s ** 9 / 9.0)
+        self.over = np.append(np.diff(primitive), 0.0)
+
+    def centres(self, count: int, margin: int) -> Indices:
+        """Return the centres of windows over `count` samples, without `margin` at both ends."""
+        step = max(1, round(_STEP * self.half))
+        return np.arange(self.half + margin, count - self.half - margin, step)
+
+    def sums(self, x: Array, weights: Array, centres: Indices) -> Array:
+        """Return Σ weights x around each centre, shape (J, ...), of x, shape (N, ...)."""
+        windows = sliding_window_view(x, 2 * self.half + 1, axis=0)
+        found: Array = windows[centres - self.half] @ weights
+        return found
+
+
+def smoothing_half(period: float) -> int:
+    """Return how many samples on each side a velocity comes from."""
+    return max(_FEWEST_SMOOTH, round(_SMOOTH / period))
+
+
+def smoothed(q: Array, period: float) -> tuple[Array, Array, Array]:
+    """
+    Return position, velocity and acceleration by local cubics, each of shape (N, n).
+
+    That is the filter of Savitzky and Golay, without delay.
+    """
+    window = 2 * smoothing_half(period) + 1
+    q, dq, ddq = (savgol_filter(q, window, _ORDER, order, period, axis=0) for order in range(3))
+    return q, dq, ddq
+
+
+def position_noise(q: Array, period: float) -> Array:
+    """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
+    m = smoothing_half(period)
+    hat = savgol_coeffs(2 * m + 1, _ORDER)
+    rest = (q - smoothed(q, period)[0])[m:-m]
+    # Robust: where a joint stops, no cubic fits.
+    spread = median_abs_deviation(rest, axis=0, scale='normal')
+    found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))
+    return found
+
+
+def velocity_deviation(period: float) -> float:
+    """Return the deviation of a smoothed velocity per deviation of white position noise [1/s]."""
+    row = savgol_coeffs(2 * smoothing_half(period) + 1, _ORDER, 1, period)
+    return float(np.linalg.norm(row))
+
+
+@dataclasses.dataclass(frozen=True)
+class Dynamics:
+    """
+    Terms of models along a stretch, on a coarse grid: `index` of the samples, M, and G - Cᵀ dq.
+
+    Attributes
+    ----------
+    index : ndarray, shape (K,)
+        Samples at which they were evaluated.
+    mass : ndarray, shape (models, K, n, n)
+        M [kg·m²].
+    rest : ndarray, shape (models, K, n)
+        G - Cᵀ dq [N·m].
+    gravity : ndarray, shape (K, n)
+        G of the first model [N·m].
+    count : int
+        Number of samples.
+
+    """
+
+    index: Indices
+    mass: Array
+    rest: Array
+    gravity: Array
+    count: int
+
+    @classmethod
+    def along(cls, q: Array, dq: Array, period: float, models: Sequence[Model]) -> Dynamics:
+        """Evaluate `models` along a motion, each of q and dq of shape (N, n)."""
+        step = max(1, int(_GRID / period))
+        index = np.append(np.arange(0, len(q) - 1, step), len(q) - 1)
+        n = q.shape[1]
+        mass = np.empty((len(models), len(index), n, n))
+        rest = np.empty((len(models), len(index), n))
+        weight = np.empty((len(index), n))
+        for a, model in enumerate(models):
+            for b, k in enumerate(index):
+                M, C, G = model.evaluate(q[k], dq[k])
+                mass[a, b], rest[a, b] = M, G - C.T.dot(dq[k])
+                if not a:
+                    weight[b] = G
+        return cls(index, mass, rest, weight, len(q))
+
+    def weight(self, phi: TestFunction, centres: Indices) -> Array:
+        """Return the weak G of the first model, shape (J, n) [N·m]."""
+        return phi.sums(self._full(self.gravity), phi.at, centres)
+
+    def weak(self, which: int, moved: Array, phi: TestFunction, centres: Indices) -> Array:
+        """
+        Return the left side of the equation of one model, without friction, shape (J, n) [N·m].
+
+        Parameters
+        ----------
+        which : int
+            Index of the model.
+        moved : ndarray, shape (N, n)
+            Velocity at the samples [rad/s]; it may be noisy.
+        phi : TestFunction
+            φ.
+        centres : ndarray, shape (J,)
+            Of the windows.
+
+        """
+        momentum = np.einsum('tij,tj->ti', self._full(self.mass[which]), moved)
+        rest = self._full(self.rest[which])
+        return phi.sums(rest, phi.at, centres) - phi.sums(momentum, phi.slope, centres)
+
+    def _full(self, values: Array) -> Array:
+        """Return values of the coarse grid at all samples."""
+        found: Array = CubicSpline(self.index, values)(np.arange(self.count))
+        return found

@@ -1,0 +1,1 @@
+"""What follows from what was identified: gains, a parameter file, a page."""

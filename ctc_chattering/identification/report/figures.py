@@ -1,0 +1,135 @@
+"""Figures of an identification."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.least_squares import Kind, stribeck_velocity
+from ctc_chattering.identification.report.perturbation import Perturbation
+from ctc_chattering.identification.report.recommendation import Recommendation
+from ctc_chattering.identification.report.validation import Validation
+from ctc_chattering.numerics.linear_algebra import Array
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+_MEASURED, _FIT, _BAND = '#8aa6c1', '#b34a00', '#f3c9a8'
+#: Points of a fitted curve.
+_POINTS = 200
+_Named = tuple[str, Figure, str]
+
+
+def save_identification_figures(found: Identification, run: Perturbation,
+                                recommended: Recommendation, validation: Validation | None,
+                                directory: Path) -> list[FigureFile]:
+    """Write all figures as SVG into `directory`, and return them."""
+    ka = np.asarray(recommended.values['ka'][0], float)
+    figures = [_friction(found), _perturbation(found, run, ka), _residual(found, run),
+               _spectrum(found, run)]
+    if validation is not None:
+        figures.append(_validation(found, validation))
+    return save(((stem, fit_titles(figure), caption) for stem, figure, caption in figures),
+                directory, ('svg',))
+
+
+def _panels(found: Identification, title: str, ylabel: str) -> tuple[Figure, list[Axes]]:
+    """Return a figure, and axes in it for each joint, two in a row."""
+    n = len(found.joints)
+    figure, grid = sheet(title, (n + 1) // 2, (1.0, 1.0), 2.0)
+    return figure, [panel(figure, grid[i // 2, i % 2], joint, ylabel)
+                    for i, joint in enumerate(found.joints)]
+
+
+def _friction(found: Identification) -> _Named:
+    """Return friction against velocity."""
+    data, fit = found.data, found.selected.fit
+    figure, panels = _panels(found, 'Friction against velocity', 'torque [N·m]')
+    for i, axes in enumerate(panels):
+        used = data.way[:, i] != 0.0
+        mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
+        speed = data.velocity[used, i]
+        # Less errors of the model, and friction of the load.
+        rest = fit.residual[used, i] + fit.design[used, i][:, mine] @ fit.value[mine]
+        axes.plot(speed, rest, '.', markersize=2.0, color=_MEASURED, rasterized=len(speed) > 5000)
+        axes.set_xlabel('velocity [rad/s]')
+        for sign in (1.0, -1.0):
+            mine_speed = speed[np.sign(speed) == sign]
+            if len(mine_speed):
+                v = sign * np.linspace(np.abs(mine_speed).min(), np.abs(mine_speed).max(), _POINTS)
+                value, half = _curve(found, i, v)
+                axes.fill_between(v, value - half, value + half, color=_BAND, linewidth=0)
+                axes.plot(v, value, color=_FIT, linewidth=1.2)
+    return 'friction', figure, ('Dots: torque less the corrected model, in windows of 0.1 s in '
+                                'which the joint slides one way. Line: the fit with its interval '
+                                'of 95 %.')
+
+
+def _curve(found: Identification, i: int, v: Array) -> tuple[Array, Array]:
+    """Return the fitted friction of joint i at velocities of one sign, and half its interval."""
+    fit, spread = found.selected.fit, found.selected.spread
+    columns = np.zeros((len(v), len(fit.terms)))
+    for k, term in enumerate(fit.terms):
+        if term.joint != i:
+            continue
+        if term.kind in (Kind.FORWARDS, Kind.BACKWARDS):
+            columns[:, k] = np.sign(v) * ((v > 0.0) == (term.kind == Kind.FORWARDS))
+        elif term.kind == Kind.VISCOUS:
+            columns[:, k] = v
+        elif term.kind == Kind.STRIBECK:
+            columns[:, k] = np.sign(v) * np.exp(-np.square(v / stribeck_velocity(term.which)))
+    half = spread.factor * np.sqrt(np.einsum('tp,pq,tq->t', columns, spread.covariance, columns))
+    return columns @ fit.value, half
+
+
+def _perturbation(found: Identification, run: Perturbation, ka: Array) -> _Named:
+    """Return P over time with ±ka."""
+    figure, panels = _panels(found, 'Perturbation P and the recommended ka', 'P [N·m]')
+    for i, axes in enumerate(panels):
+        axes.plot(run.t, run.measured[:, i], color=_MEASURED, linewidth=0.8)
+        for sign in (1.0, -1.0):
+            axes.plot(run.t, sign * run.envelope[:, i], color=_FIT, linewidth=0.5, alpha=0.6)
+            axes.axhline(sign * ka[i], color=REFERENCE, linewidth=1.0, linestyle='--')
+    return 'perturbation', figure, ('P: torque less the model. Thin lines: the most that what was '
+                                    'identified allows at each time. Dashed: ±ka.')
+
+
+def _residual(found: Identification, run: Perturbation) -> _Named:
+    """Return what is not explained over time."""
+    figure, panels = _panels(found, 'What is not explained', 'torque [N·m]')
+    for i, axes in enumerate(panels):
+        axes.plot(run.t, run.measured[:, i] - run.predicted[:, i], color=_MEASURED, linewidth=0.8)
+    return 'residual', figure, ('Measured P less friction and errors of the model as identified, '
+                                'where the joint slides.')
+
+
+def _spectrum(found: Identification, run: Perturbation) -> _Named:
+    """Return the spectrum of what is not explained."""
+    figure, panels = _panels(found, 'Spectrum of what is not explained', 'N·m / √Hz')
+    for i, axes in enumerate(panels):
+        rest = run.measured[:, i] - run.predicted[:, i]
+        step = float(np.median(np.diff(run.t)))
+        rest = np.where(np.isfinite(rest), rest, 0.0)
+        spectrum = np.abs(np.fft.rfft(rest)) * np.sqrt(2.0 * step / len(rest))
+        frequency = np.fft.rfftfreq(len(rest), step)
+        axes.loglog(frequency[1:], np.maximum(spectrum[1:], 1e-12), color=_MEASURED, linewidth=0.8)
+        axes.set_xlabel('frequency [Hz]')
+    return 'spectrum', figure, ('A peak is a periodic torque that the model lacks, such as ripple '
+                                'of a gear; windows of 0.1 s hide what is above 10 Hz.')
+
+
+def _validation(found: Identification, validation: Validation) -> _Named:
+    """Return measured and predicted torque of another run."""
+    figure, panels = _panels(found, f'Validation on {validation.name}', 'torque [N·m]')
+    for i, axes in enumerate(panels):
+        t = validation.run.t
+        predicted = validation.model[:, i] + validation.run.predicted[:, i]
+        axes.plot(t, validation.torque[:, i], color=_MEASURED, linewidth=1.4, label='measured')
+        axes.plot(t, predicted, color=_FIT, linewidth=0.8, label='predicted')
+        axes.plot(t, validation.torque[:, i] - predicted, color=REFERENCE, linewidth=0.6,
+                  label='difference')
+        if not i:
+            axes.legend(fontsize=8, loc='upper right')
+    return 'validation', figure, ('Torque of a run that was not used, and the prediction where '
+                                  'the joint slides.')

@@ -1,0 +1,104 @@
+"""What was identified as values of a parameter file: friction for the plant, gains for the law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.report.recommendation import GAINS, Recommendation
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
+
+#: Part of the range and of the speed of the recorded motion that the new one takes.
+_PART = 0.5
+#: Duration of the run, and of its smooth start [s].
+_DURATION, _START = 10.0, 2.0
+#: Frequencies of the joints [Hz]: least and most.
+_SLOWEST, _FASTEST = 0.2, 1.0
+
+
+def parameter_values(found: Identification, recommended: Recommendation, model: Model, q: Array,
+                     shared: Mapping[str, Any], gains: tuple[Any, Any] | None
+                     ) -> dict[str, dict[str, Any]]:
+    """
+    Return the values by node and parameter.
+
+    Parameters
+    ----------
+    found : Identification
+        What was identified.
+    recommended : Recommendation
+        What follows from it.
+    model : Model
+        The controller's; its limits of position are kept.
+    q : ndarray, shape (N, n)
+        Recorded positions [rad]: the motion of the reference is within them.
+    shared : mapping
+        Values of all nodes: model, description, gravity, locked.
+    gains : (kp, kv) or None
+        Of the recorded run.
+
+    """
+    low, high = np.percentile(q, (2.0, 98.0), axis=0)
+    limits = getattr(model, 'position_limits', None)
+    start = q[0].copy()
+    if limits:
+        start = np.clip(start, *np.array(limits).T)
+    kp, kv = gains or GAINS
+    controller: dict[str, Any] = {
+        name: np.broadcast_to(gain, max(q.shape[1], np.size(gain))).tolist()
+        for name, gain in (('kp', kp), ('kv', kv))}
+    controller.update({name: value for name, (value, _) in recommended.values.items()})
+    return {
+        '/**': {'joint_names': list(found.joints), 'control_period': round(found.clock.period, 9),
+                **shared},
+        'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
+                  'initial_position': _rounded(start), **_plant(found)},
+        'controller': controller,
+        'reference': {'start_duration': _START, **_reference(found, low, high)}}
+
+
+def _plant(found: Identification) -> dict[str, Any]:
+    """Return the friction, the sensors and the drives of the plant."""
+    friction = found.friction
+    coulomb = [max(0.0, x.coulomb.or_zero()) for x in friction]
+    delay, lag, _ = found.timing.drive
+    values: dict[str, Any] = {
+        'coulomb_friction': _rounded(coulomb),
+        'viscous_friction': _rounded([max(0.0, x.viscous.or_zero()) for x in friction]),
+        'fault_damping': _rounded([max(5.0 * x, 1e-3) for x in coulomb]),
+        'encoder_resolution': _rounded([x.or_zero() for x in found.encoder]),
+        'velocity_noise': _rounded([x.or_zero() for x in found.noise]),
+        'input_delay': int(delay) if np.isfinite(delay) else 0,
+        'actuator_lag': _rounded(lag)}
+    if any(x.stribeck.value for x in friction):
+        values['stribeck_friction'] = _rounded([x.stribeck.or_zero() for x in friction])
+        values['stribeck_velocity'] = _rounded([
+            x.stribeck_velocity.value or 0.05 for x in friction])
+    if any(x.load.value for x in friction):
+        values['load_friction'] = _rounded([min(x.load.or_zero(), 0.9) for x in friction])
+    uneven = [x.offset.or_zero() / k if k and abs(x.offset.or_zero()) > max(
+        x.offset.half, 0.01 * k) else 0.0 for x, k in zip(friction, coulomb)]
+    if any(uneven):
+        values['friction_asymmetry'] = _rounded(np.clip(uneven, -1.0, 1.0))
+    return values
+
+
+def _reference(found: Identification, low: Array, high: Array) -> dict[str, Any]:
+    """Return a sinusoid for each joint, within the recorded range and speed."""
+    amplitude = 0.5 * _PART * (high - low)
+    speed = _PART * np.abs(found.data.velocity).max(axis=0)
+    n = len(amplitude)
+    frequency = np.clip(speed / (2.0 * np.pi * np.maximum(amplitude, 1e-6)), _SLOWEST, _FASTEST)
+    frequency = np.minimum(frequency * np.linspace(0.8, 1.0, n), _FASTEST)
+    return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(amplitude),
+            'frequency': _rounded(frequency, 3), 'phase': _rounded(0.5 * np.arange(n), 3)}
+
+
+def _rounded(values: npt.ArrayLike, digits: int = 6) -> list[float]:
+    """Return values to some digits."""
+    return [rounded(x, digits) for x in np.asarray(values, float).tolist()]

@@ -1,0 +1,100 @@
+"""Whether what was identified predicts a run that was not used for the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+
+from ctc_chattering.analysis.recording import Recording, stretches
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.regression.delay_and_lag import Profile
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.rows import Rows
+from ctc_chattering.identification.regression.torque import has
+from ctc_chattering.identification.regression.weak_form import TestFunction
+from ctc_chattering.identification.report.perturbation import Perturbation, perturbation
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class Validation:
+    """
+    Another run, predicted.
+
+    Attributes
+    ----------
+    name : str
+        Of its bag.
+    run : Perturbation
+        P, measured and predicted.
+    torque : ndarray, shape (J, n)
+        Measured torque of each window [N·m].
+    model : ndarray, shape (J, n)
+        That of the model alone [N·m].
+
+    """
+
+    name: str
+    run: Perturbation
+    torque: Array
+    model: Array
+
+    def verdicts(self, joints: Sequence[str], ka: Sequence[float]) -> list[tuple[bool, str]]:
+        """Return for each joint whether prediction and ka hold, and why."""
+        whole, rest = self.run.misfit()
+        good, peak = self.run.good(), self.run.peak
+        moved = np.isfinite(self.run.predicted).sum(axis=0) > 0
+        found = []
+        for i, name in enumerate(joints):
+            if not moved[i]:
+                found.append((False, f'{name}: hardly moves in this run'))
+                continue
+            held = peak[i] <= ka[i]
+            found.append((bool(good[i] and held), (
+                f'{name}: {rest[i]:.3g} N*m RMS of {whole[i]:.3g} N*m of friction and errors of '
+                f'the model are not predicted ({rest[i] / max(whole[i], 1e-12):.2%}); |P| reaches '
+                f'{peak[i]:.3g} N*m, ' + ('within' if held else 'beyond')
+                + f' ka = {ka[i]:.3g} N*m')))
+        return found
+
+
+def validate(found: Identification, recording: Recording, model: Model,
+             candidates: Sequence[ModelError]) -> Validation:
+    """
+    Return how another run is predicted.
+
+    Parameters
+    ----------
+    found : Identification
+        Of other recordings.
+    recording : Recording
+        Checked.
+    model, candidates
+        As `identify` has them.
+
+    Raises
+    ------
+    CtcError
+        If the run has other joints, another period, or no torque of the same source.
+
+    """
+    if recording.joints != found.joints:
+        raise CtcError(f'{recording.name}: joints {list(recording.joints)}; those identified: '
+                       f'{list(found.joints)}')
+    period = found.clock.period
+    if abs(recording.period - period) > 0.02 * period:
+        raise CtcError(f'{recording.name}: a period of {recording.period:.4g} s; that of the '
+                       f'identified run: {period:.4g} s')
+    phi = TestFunction(period)
+    parts = [part for part in stretches(recording, period)
+             if len(part.q) * period > 1.0 and has(part, found.timing.source) is not None]
+    if not parts:
+        raise CtcError(f'{recording.name}: no second without a gap that has a torque of the '
+                       f'source {found.timing.source}')
+    rows = [Rows.of(part, [model, *(x.model for x in candidates)], phi) for part in parts]
+    data = Profile(parts, rows, found.timing.source, phi).windows(found.timing)
+    base = np.concatenate([part.base for part in rows])
+    return Validation(recording.name, perturbation(found, data), base + data.residual, base)

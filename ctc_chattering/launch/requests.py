@@ -1,0 +1,121 @@
+"""What is asked of the graph, through its services, and the answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+from math import inf
+import time
+from typing import Any
+
+from ctc_chattering.analysis.number_format import in_field
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.ros.node import BaseNode
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+#: Time after which a request is sent again [s]: the middleware drops an answer to a client that
+#: the server has not met yet, and to set a value twice does no harm.
+_AGAIN = 1.0
+
+
+@dataclasses.dataclass
+class _Pending:
+    """A request that has no answer yet."""
+
+    what: str
+    client: Any
+    request: Any
+    asked: float
+    outcome: Callable[[Any], tuple[bool, str]]
+    sent: float = -1.0
+    futures: list[Future] = dataclasses.field(default_factory=list)
+
+
+class Requests:
+    """
+    Calls services of the graph without waiting for them.
+
+    Parameters
+    ----------
+    node : BaseNode
+        Who asks.
+    show : callable
+        Called with what was asked, whether it was done, and the answer.
+    patience : float
+        Time to wait for a service and its answer [s].
+
+    """
+
+    def __init__(self, node: BaseNode, show: Callable[[str, bool, str], None],
+                 patience: float = inf) -> None:
+        self._node, self._show, self._patience = node, show, patience
+        self._clients_by_name: dict[str, Any] = {}
+        self._pending: list[_Pending] = []
+
+    def set(self, node: str, *values: Mapping[str, Any]) -> None:  # noqa: A003
+        """Set parameters of a node; of several mappings one after the other."""
+        items = [item for mapping in values for item in mapping.items()]
+        request = SetParameters.Request(parameters=[
+            RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
+            .to_parameter_msg() for name, value in items])
+        name, value = items[-1]
+        self._ask(f'{node}: {name} = {in_field(value)}', SetParameters, f'{node}/set_parameters',
+                  request)
+
+    def get(self, node: str, names: Sequence[str], use: Callable[[dict[str, Any]], None]) -> None:
+        """Ask for parameters of a node that are declared, and call `use` with them."""
+        def show(response: Any) -> tuple[bool, str]:
+            use({name: parameter_value_to_python(value)
+                 for name, value in zip(names, response.values)})
+            return True, 'done'
+        self._ask(f'{node}: its parameters', GetParameters, f'{node}/get_parameters',
+                  GetParameters.Request(names=list(names)), show)
+
+    def enable(self, on: bool) -> None:
+        """Stop or resume the torques."""
+        self._ask('enable' if on else 'disable', SetBool, 'controller/enable',
+                  SetBool.Request(data=on))
+
+    def reset(self) -> None:
+        """Resume the torques after an error beyond the limit."""
+        self._ask('reset', Trigger, 'controller/reset', Trigger.Request())
+
+    def _ask(self, what: str, kind: Any, service: str, request: Any,
+             outcome: Callable[[Any], tuple[bool, str]] | None = None) -> None:
+        client = self._clients_by_name.get(service)
+        if client is None:
+            client = self._clients_by_name[service] = self._node.create_client(kind, service)
+        self._pending.append(_Pending(
+            what, client, request, time.monotonic(), outcome or _outcome))
+
+    def poll(self) -> None:
+        """Send what waits, and show the answers that have come."""
+        now = time.monotonic()
+        for it in list(self._pending):
+            done = next((x for x in it.futures if x.done()), None)
+            if done is not None:
+                self._pending.remove(it)
+                try:
+                    with refused_as('its answer'):
+                        outcome = it.outcome(done.result())
+                except CtcError as error:
+                    outcome = False, str(error)
+                self._show(it.what, *outcome)
+            elif now - it.asked > self._patience:
+                self._pending.remove(it)
+                self._show(it.what, False, f'no answer of {it.client.srv_name}')
+            elif now - it.sent > _AGAIN and it.client.service_is_ready():
+                it.sent = now
+                it.futures.append(it.client.call_async(it.request))
+
+
+def _outcome(response: Any) -> tuple[bool, str]:
+    """Return whether what was asked was done, and the answer in words."""
+    if isinstance(response, SetParameters.Response):
+        reasons = [x.reason for x in response.results if not x.successful]
+        return not reasons, '; '.join(reasons) or 'done'
+    return bool(response.success), str(response.message)

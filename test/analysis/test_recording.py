@@ -1,0 +1,83 @@
+"""A recording is checked before anything is computed of it, and cut at its gaps."""
+
+from __future__ import annotations
+
+from ctc_chattering.analysis.recording import Recording, stretches
+from ctc_chattering.errors import CtcError
+import numpy as np
+import pytest
+
+H = 1e-3
+T = H * np.arange(3000)
+Q = np.stack((np.sin(T), np.cos(2.0 * T)), axis=1)
+TAU = np.stack((T, -T), axis=1)
+
+
+def recording(t: np.ndarray = T, q: np.ndarray = Q, tau: np.ndarray | None = TAU) -> Recording:
+    return Recording('run', ('a', 'b'), t, q, None, None, tau)
+
+
+def test_positions_that_are_not_finite_are_refused_by_joint_and_time() -> None:
+    q = Q.copy()
+    q[1234, 1] = np.nan
+    with pytest.raises(CtcError, match=r'1 of 3000 states .* the first of b at 1\.234 s'):
+        recording(q=q).checked()
+
+
+def test_two_publishers_with_the_same_stamps_are_refused() -> None:
+    t = np.repeat(T, 2)
+    q = np.repeat(Q, 2, axis=0)
+    q[1::2] += 0.1
+    with pytest.raises(CtcError, match='two publishers of joint states'):
+        recording(t, q, np.repeat(TAU, 2, axis=0)).checked()
+
+
+@pytest.mark.parametrize('phase', [0.05, 0.1, 0.3, 0.42])
+def test_two_publishers_side_by_side_are_refused(phase: float) -> None:
+    t = np.sort(np.concatenate((T, T + phase * H)))
+    with pytest.raises(CtcError, match='no period'):
+        recording(t, np.repeat(Q, 2, axis=0), np.repeat(TAU, 2, axis=0)).checked()
+
+
+def test_jitter_is_no_second_publisher() -> None:
+    t = T + np.random.default_rng(0).normal(0.0, 0.1 * H, len(T))
+    assert recording(t).checked().period == pytest.approx(H, rel=1e-3)
+
+
+def test_repeated_states_are_counted_once_and_order_is_restored() -> None:
+    order = np.r_[0:100, 50:60, 100:3000]
+    order[[500, 501]] = order[[501, 500]]
+    found = recording(T[order], Q[order], TAU[order]).checked()
+    assert np.array_equal(found.t, T)
+    assert np.array_equal(found.q, Q)
+
+
+def test_a_run_without_torque_or_with_few_samples_is_refused() -> None:
+    with pytest.raises(CtcError, match='no torque'):
+        recording(tau=None).checked()
+    with pytest.raises(CtcError, match='no torque'):
+        recording(tau=np.full_like(TAU, np.nan)).checked()
+    with pytest.raises(CtcError, match='50 states; at least 200'):
+        recording(T[:50], Q[:50], TAU[:50]).checked()
+
+
+def test_a_pause_cuts_a_run_and_missing_samples_are_bridged() -> None:
+    keep = np.r_[0:1000, 1003:1500, 2000:3000]
+    found = recording(T[keep], Q[keep], TAU[keep]).checked()
+    first, second = stretches(found, H)
+    assert (len(first.q), len(second.q)) == (1500, 1000)
+    assert first.q == pytest.approx(Q[:1500], abs=1e-9)
+    assert second.t == pytest.approx(T[2000:])
+    # The torque is held where samples are missing.
+    assert first.command is not None
+    assert first.command[1000:1003] == pytest.approx(np.tile(TAU[999], (3, 1)))
+
+
+def test_positions_between_jittering_stamps_are_those_of_the_grid() -> None:
+    rng = np.random.default_rng(1)
+    t = T + np.clip(rng.normal(0.0, 0.1 * H, len(T)), -0.4 * H, 0.4 * H)
+    exact = np.stack((np.sin(t), np.cos(2.0 * t)), axis=1)
+    (part,) = stretches(recording(t, exact).checked(), H)
+    middle = slice(2, -2)
+    assert part.q[middle] == pytest.approx(np.stack(
+        (np.sin(part.t), np.cos(2.0 * part.t)), axis=1)[middle], abs=1e-11)

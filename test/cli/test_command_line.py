@@ -1,0 +1,93 @@
+"""Exit statuses, and one line for whatever goes wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import tempfile
+
+from ctc_chattering.cli import options
+from ctc_chattering.cli.command_line import guarded
+from ctc_chattering.cli.options import number_of_jobs
+from ctc_commands import ctc, refused, ROOT
+import pytest
+
+#: Command lines that mean nothing, and words of the answer.
+WRONG = {
+    'simulat': ['did you mean simulate?'],
+    'simulate --params-file fricton': ['panda', 'did you mean friction?'],
+    'simulate --params-file friction.yaml': ['did you mean friction?'],
+    'simulate --law chatering': ['law', 'did you mean chattering?'],
+    'simulate --switching implict': ['did you mean implicit?'],
+    'simulate --duration -1': ['duration', '-1.0', '>= 0'],
+    'simulate --control-period nan': ['control_period', 'nan'],
+    'compare fricton': ['did you mean friction?'],
+    'compare friction --laws chatering': ['did you mean chattering?'],
+    'compare friction --condition real_amr': ['did you mean real_arm?'],
+    'compare friction --backend mujoko': ['did you mean mujoco?'],
+    'compare friction --jobs 0': ['--jobs', '>= 1'],
+    'study --jobs -1': ['--jobs', '>= 1'],
+    'study --engine btach': ['did you mean batch?'],
+    'excite --draws 0': ['--draws', '>= 1'],
+    'excite --poses 0': ['poses', '>= 1'],
+    'excite --center a': ['center', 'a number'],
+    'excite --friction -1': ['friction', '>= 0'],
+    'check-model --model two_lnk': ['did you mean two_link?'],
+    'check-model --model urdf': ['--urdf'],
+    'check-model --samples 0': ['--samples'],
+    'check-model --joints a,b,c': ['joint_names', '2 names'],
+    'replay bag --rate 0': ['--rate'],
+    'live --port 99999': ['--port', '65535'],
+    'plot bag --format jpg': ['svg']}
+
+
+@pytest.mark.parametrize('line', WRONG)
+def test_a_wrong_command_line_has_status_2_and_one_line(line: str, tmp_path: Path) -> None:
+    result = ctc(*line.split(), cwd=tmp_path)
+    refused(result, *WRONG[line])
+    assert result.returncode == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_joints_of_a_description_are_listed(tmp_path: Path) -> None:
+    robot = tmp_path / 'robot.urdf'
+    robot.write_text('<robot name="r"><link name="a"/><link name="b"/><joint name="elbow" '
+                     'type="continuous"><parent link="a"/><child link="b"/></joint></robot>')
+    result = ctc('check-model', '--urdf', robot, '--joints', 'elbo')
+    refused(result, "['elbo']", 'movable joints of the URDF: elbow', 'did you mean elbow?')
+    assert result.returncode == 2
+
+
+def test_what_a_file_has_wrong_has_status_1(tmp_path: Path) -> None:
+    """The same value as an option has status 2; an option replaces the file's value."""
+    file = tmp_path / 'run.yaml'
+    file.write_text('controller: {ros__parameters: {law: chatering}}\n'
+                    'plant: {ros__parameters: {duration: 0.01}}')
+    result = ctc('simulate', '--params-file', file)
+    refused(result, 'did you mean chattering?')
+    assert result.returncode == 1
+    assert ctc('simulate', '--params-file', file, '--law', 'chattering').returncode == 0
+
+
+def test_a_defect_is_one_line_that_names_a_file_with_the_traceback(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+        ) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+
+    def broken() -> int:
+        raise TypeError('no such\nthing')
+    assert guarded('ctc broken', broken) == 1
+    line, = capsys.readouterr().err.splitlines()
+    file, = tmp_path.iterdir()
+    assert line == (f'ctc broken: TypeError: no such thing. This is a defect of ctc_chattering: '
+                    f'please report it with {file}')
+    text = file.read_text()
+    assert text.startswith('Traceback') and 'in broken' in text
+    assert str(ROOT) in text
+
+
+def test_without_dask_one_process_is_taken_unless_more_are_asked_for(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('os.cpu_count', lambda: 8)
+    assert (number_of_jobs(None), number_of_jobs(3)) == (8, 3)
+    monkeypatch.setattr(options, 'find_spec', lambda _: None)
+    assert (number_of_jobs(None), number_of_jobs(3)) == (1, 3)

@@ -1,0 +1,98 @@
+"""Gains follow from what was identified, hold on another run, and make a file that works."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from ctc_chattering.analysis.metrics import metrics
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.identification.regression.identify import Identification, identify
+from ctc_chattering.identification.regression.model_errors import candidates
+from ctc_chattering.identification.report.parameter_values import parameter_values
+from ctc_chattering.identification.report.perturbation import Perturbation, perturbation
+from ctc_chattering.identification.report.recommendation import recommend, Recommendation
+from ctc_chattering.identification.report.validation import validate
+from identified_robots import record
+import numpy as np
+import pytest
+
+MADE = record('two_link', 7, 16.0, plant={'velocity_noise': [1e-5] * 2})
+FOUND = identify([MADE.recording.checked()], MADE.model, candidates(MADE.model))
+RUN = perturbation(FOUND)
+
+
+def recommended(found: Identification = FOUND, run: Perturbation = RUN) -> Recommendation:
+    return recommend(found, run, MADE.model, MADE.recording.q)
+
+
+def test_ka_holds_the_largest_perturbation() -> None:
+    """|P| of a joint is at most Coulomb friction and viscous friction at its fastest."""
+    speed = np.abs(MADE.run.dq).max(axis=0)
+    largest = np.array(MADE.plant.coulomb_friction) + MADE.plant.viscous_friction * speed
+    ka = np.array(recommended().values['ka'][0], float)
+    assert RUN.peak == pytest.approx(largest, rel=0.03)
+    assert (ka >= 1.15 * largest).all() and (ka <= 1.3 * largest).all()
+
+
+def test_noise_forbids_a_chattering_term_by_the_condition_of_the_theory() -> None:
+    quiet = recommended()
+    assert quiet.allowed == [True, True]
+    assert quiet.law == 'chattering'
+    loud = dataclasses.replace(FOUND, noise=[
+        dataclasses.replace(x, value=5e-3) for x in FOUND.noise])
+    found = recommended(loud)
+    # docs/theory.md: 49 N·m on joint 1 for 5e-3 rad/s at 1 kHz.
+    assert found.noise_torque[0] == pytest.approx(49.0, rel=0.03)
+    assert found.allowed[0] is False
+    assert found.law == 'observer_feedback'
+    assert 'not possible at h = 0.001 s' in found.verdicts[0]
+
+
+def test_lag_and_delay_slow_the_gains_down() -> None:
+    lag = np.array([6e-3, 2e-3])
+    timing = dataclasses.replace(FOUND.timing, delay=3.0, lag=lag, delays={3: lag})
+    values = recommended(dataclasses.replace(FOUND, timing=timing)).values
+    assert values['law'][0] == 'observer_feedback'
+    assert values['input_delay'][0] == 3
+    bandwidth = values['observer_bandwidth'][0]
+    assert isinstance(bandwidth, float) and bandwidth * 6e-3 <= 0.3
+    assert values['kp'][0] == [40.0 ** 2] * 2
+    assert values['kv'][0] == [80.0] * 2
+    assert '0.4 ≤ 0.4' in values['kp'][1]
+
+
+def test_steps_of_the_torque() -> None:
+    found = recommended()
+    ka = np.array(found.values['ka'][0], float)
+    assert found.steps['sign'] == pytest.approx(2.0 * ka, rel=0.05)
+    friction = 2.0 * np.array(MADE.plant.coulomb_friction)
+    assert (found.steps['implicit'] >= 0.99 * friction).all()
+    assert (found.steps['implicit'] <= found.steps['sign']).all()
+
+
+def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path) -> None:
+    """On a motion that was not recorded, tenfold on every joint."""
+    values = parameter_values(FOUND, recommended(), MADE.model, MADE.recording.q,
+                              {'model': 'two_link', 'gravity': 9.81}, None)
+    file = tmp_path / 'identified.yaml'
+    parameter_file.dump(values, file)
+    plant = parameter_file.load(file).plant
+    assert plant.coulomb_friction == pytest.approx(MADE.plant.coulomb_friction, rel=0.02)
+    errors = {}
+    for law in ('compensation', 'chattering'):
+        setup = parameter_file.load(file, {'controller': {'law': law}})
+        errors[law] = np.array(metrics(simulated(setup).run)['rms_error_rad'])
+    assert (errors['compensation'] > 10.0 * errors['chattering']).all()
+
+
+def test_another_run_is_predicted_and_ka_holds_there() -> None:
+    other = record('two_link', 7, 8.0, plant={'velocity_noise': [1e-5] * 2})
+    found = validate(FOUND, other.recording.checked(), MADE.model, candidates(MADE.model))
+    ka = [float(x) for x in np.array(recommended().values['ka'][0], float)]
+    verdicts = found.verdicts(FOUND.joints, ka)
+    assert all(good for good, _ in verdicts), verdicts
+    rough = record('two_link', 7, 8.0, plant={'coulomb_friction': [14.0, 14.0]})
+    failed = validate(FOUND, rough.recording.checked(), MADE.model, candidates(MADE.model))
+    assert not any(good for good, _ in failed.verdicts(FOUND.joints, ka))
