@@ -91,8 +91,10 @@ def _plain(figure: Figure) -> None:
 
 
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
-          left: float = _LEFT) -> tuple[Figure, GridSpec]:
-    whole = _TOP + _BOTTOM + rows * height + (rows - 1) * _GAP
+          left: float = _LEFT, below: float = 0.0) -> tuple[Figure, GridSpec]:
+    """Return a figure with room for rows of panels, and `below` them for more [inch]."""
+    bottom = _BOTTOM + below
+    whole = _TOP + bottom + rows * height + (rows - 1) * _GAP
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.15 / _WIDTH, y=1.0 - 0.16 / whole, ha='left', va='top',
@@ -100,7 +102,7 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
     width = (_WIDTH - left - _RIGHT) / len(widths)
     return figure, figure.add_gridspec(
         rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,
-        right=1.0 - _RIGHT / _WIDTH, bottom=_BOTTOM / whole, top=1.0 - _TOP / whole,
+        right=1.0 - _RIGHT / _WIDTH, bottom=bottom / whole, top=1.0 - _TOP / whole,
         hspace=_GAP / height, wspace=_SIDE / (width - _SIDE))
 
 

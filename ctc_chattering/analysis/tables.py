@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+import csv
 from html import unescape
+import io
 import re
 from typing import NamedTuple
 
@@ -73,6 +75,15 @@ def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[
     """Return the lines of a table in Markdown; cells as `markdown` takes them."""
     return [f'| {" | ".join(cells)} |' for cells in (
         map(markdown, heads), ['---'] * len(heads), *(map(markdown, row) for row in rows))]
+
+
+def csv_text(rows: Sequence[Mapping[str, object]], heads: Sequence[str] = ()) -> str:
+    """Return rows of the same keys as CSV, `heads` without any row; None is empty."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0] if rows else heads, lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ctc_chattering.studies.score import PER_JOINT
+
 INTEGER, TEXT, NUMBER = 'int64', 'string', 'float64'
 #: Which run it is; before the axes and what is uncertain.
 WHICH = {'run': INTEGER, 'point': INTEGER, 'repeat': INTEGER, 'seed': INTEGER,
@@ -11,14 +13,12 @@ WHICH = {'run': INTEGER, 'point': INTEGER, 'repeat': INTEGER, 'seed': INTEGER,
 #: What came of it, and the numbers that sum it up; without a number where it failed.
 RESULT = {'engine': TEXT, 'failure': TEXT, 'reason': TEXT,
           'error': NUMBER, 'variation': NUMBER, 'saturated': NUMBER}
-#: Metrics of each joint, and of all; as `analysis.metrics` has them.
-PER_JOINT = ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s', 'max_torque_step_nm',
-             'max_torque_rate_nm_per_s')
-OVERALL = {'max_error_norm1_rad': NUMBER, 'reaching_time_s': NUMBER, 'missing_samples': INTEGER}
+#: Numbers of all joints together, besides; as `analysis.metrics` has them.
+_OVERALL = {'max_error_norm1_rad': NUMBER, 'reaching_time_s': NUMBER, 'missing_samples': INTEGER}
 #: Units of columns, and of those of each joint.
 _UNITS = {'error': 'rad', 'variation': 'N*m/s', 'max_error_norm1_rad': 'rad',
           'reaching_time_s': 's'}
-_OF_JOINTS = dict(zip(PER_JOINT, ('rad', 'N*m', 'N*m/s', 'N*m', 'N*m/s')))
+_OF_JOINTS = dict(zip(PER_JOINT.values(), ('rad', 'N*m', 'N*m/s', 'N*m', 'N*m/s')))
 
 
 def unit_of(column: str) -> str:
@@ -28,8 +28,8 @@ def unit_of(column: str) -> str:
 
 def of_results(n: int) -> dict[str, str]:
     """Return name and type of the columns behind the axes, for `n` joints."""
-    joints = {f'{name}_{i}': NUMBER for name in PER_JOINT for i in range(1, n + 1)}
-    return {**RESULT, **joints, **OVERALL}
+    joints = {f'{name}_{i}': NUMBER for name in PER_JOINT.values() for i in range(1, n + 1)}
+    return {**RESULT, **joints, **_OVERALL}
 
 
 def of_map(quantities: Sequence[str], n: int) -> dict[str, str]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite, nan
+from typing import Any
 
 from ctc_chattering.errors import near, ParameterError, UsageError
 from ctc_chattering.robustness.quantity import Axis
 from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.spec import Variant
+from ctc_chattering.robustness.spec import LawSettings, MapSpec
 
 _LAW, _REPEAT = 'law', 'repeat'
 
@@ -31,29 +32,32 @@ def find_run(runs: Runs, text: str) -> int:
         If it names no run, or more than one.
 
     """
-    spec = runs.spec
     try:
         if text.strip().isdecimal():
             return _among('run', int(text), len(runs))
-        given = dict(_pair(word) for word in text.split(','))
-        choices = {**{axis.name: [f'{x:g}' for x in axis.values] for axis in spec.axes},
-                   _LAW: [variant.name for variant in spec.variants],
-                   _REPEAT: [str(k) for k in range(spec.repeats.repeats)]}
-        for name in given:
-            if name not in choices:
-                raise ParameterError(name, given[name], 'a run number, or '
-                                     f'{", ".join(choices)}{near(name, choices)}')
-        for name, values in choices.items():
-            if len(values) > 1 and name not in given:
-                shown = ', '.join(values if len(values) < 20 else [values[0], '...', values[-1]])
-                raise ParameterError(name, '', f'one of {shown}: there is more than one')
-        indices = tuple(_nearest(axis, given[axis.name]) if axis.name in given else 0
-                        for axis in spec.axes)
-        variant = _law(spec.variants, given[_LAW]) if _LAW in given else 0
-        repeat = _among(_REPEAT, _number(_REPEAT, given.get(_REPEAT, '0')), spec.repeats.repeats)
+        return runs.number(*_place(runs.spec, dict(_pair(word) for word in text.split(','))))
     except ParameterError as error:
         raise UsageError(f'--explain {text}: {error}') from None
-    return runs.number(indices, variant, repeat)
+
+
+def _place(spec: MapSpec, given: Mapping[str, str]) -> tuple[tuple[int, ...], int, int]:
+    """Return the indices of the axes, of the law, and of the repeat."""
+    choices: dict[str, Sequence[Any]] = {
+        **{axis.name: axis.values for axis in spec.axes},
+        _LAW: [x.name for x in spec.variants], _REPEAT: range(spec.repeats.repeats)}
+    for name in given:
+        if name not in choices:
+            raise ParameterError(name, given[name], 'a run number, or '
+                                 f'{", ".join(choices)}{near(name, choices)}')
+    for name, values in choices.items():
+        if len(values) > 1 and name not in given:
+            shown = values if len(values) < 20 else [values[0], '...', values[-1]]
+            words = ', '.join(x if isinstance(x, str) else f'{x:g}' for x in shown)
+            raise ParameterError(name, '', f'one of {words}: there is more than one')
+    repeat = _number(_REPEAT, given.get(_REPEAT, '0'))
+    return (tuple(_nearest(axis, given[axis.name]) if axis.name in given else 0
+                  for axis in spec.axes), _law(spec.variants, given[_LAW]) if _LAW in given else 0,
+            _among(_REPEAT, repeat, spec.repeats.repeats))
 
 
 def _pair(word: str) -> tuple[str, str]:
@@ -83,16 +87,14 @@ def _among(name: str, number: float, count: int) -> int:
 def _nearest(axis: Axis, text: str) -> int:
     """Return the index of the value of an axis that is nearest to a number."""
     x = _number(axis.name, text)
-    distances = [abs(value - x) for value in axis.values]
-    least = min(distances)
-    near = [k for k, distance in enumerate(distances) if distance == least]
-    if len(near) != 1:
+    first, *others = sorted(range(len(axis.values)), key=lambda k: abs(axis.values[k] - x))
+    if others and abs(axis.values[others[0]] - x) == abs(axis.values[first] - x):
         raise ParameterError(axis.name, text, 'a number nearest to one of '
-                             + ', '.join(f'{axis.values[k]:g}' for k in near))
-    return near[0]
+                             + ', '.join(f'{axis.values[k]:g}' for k in (first, others[0])))
+    return first
 
 
-def _law(variants: Sequence[Variant], text: str) -> int:
+def _law(variants: Sequence[LawSettings], text: str) -> int:
     """Return the index of the variant with this name, or of the only one under this law."""
     found = [i for i, x in enumerate(variants) if x.name == text] or [
         i for i, x in enumerate(variants) if x.law == text]

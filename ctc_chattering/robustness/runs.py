@@ -13,7 +13,7 @@ from ctc_chattering.studies.recommended import recommended_setup
 import numpy as np
 
 
-class Place(NamedTuple):
+class RunPlace(NamedTuple):
     """
     Where a run is in its map.
 
@@ -65,12 +65,12 @@ class Runs:
         """Return the number of runs."""
         return self.spec.runs
 
-    def place(self, run: int) -> Place:
+    def place(self, run: int) -> RunPlace:
         """Return where a run is."""
         rest, repeat = divmod(run, self.spec.repeats.repeats)
         point, variant = divmod(rest, len(self.spec.variants))
         indices = np.unravel_index(point, self.spec.shape) if self.spec.axes else ()
-        return Place(point, tuple(map(int, indices)), variant, repeat)
+        return RunPlace(point, tuple(map(int, indices)), variant, repeat)
 
     def number(self, indices: tuple[int, ...], variant: int, repeat: int) -> int:
         """Return the number of the run at a place."""
@@ -111,7 +111,7 @@ class Runs:
         except CtcError:
             return setup
 
-    def _settings(self, place: Place) -> list[tuple[Quantity, float]]:
+    def _settings(self, place: RunPlace) -> list[tuple[Quantity, float]]:
         """Return the numbers of all quantities at a place, in the order in which they are set."""
         axes = [(axis, axis.values[i]) for axis, i in zip(self.spec.axes, place.indices)]
         return [*axes, *zip(self.spec.uncertain, self.draws[place.repeat].tolist())]

@@ -68,7 +68,7 @@ class Failure(Config):
 
 
 @dataclasses.dataclass(frozen=True)
-class Variant:
+class LawSettings:
     """
     A law with its settings.
 
@@ -105,7 +105,7 @@ class MapSpec:
         The parameter file with the overrides of the spec.
     window : (float, float)
         Evaluated interval [s].
-    variants : tuple of Variant
+    variants : tuple of LawSettings
         Laws.
     axes, uncertain : tuple of Quantity
         In the order of the file.
@@ -119,7 +119,7 @@ class MapSpec:
     name: str
     setup: Setup
     window: tuple[float, float]
-    variants: tuple[Variant, ...]
+    variants: tuple[LawSettings, ...]
     axes: tuple[Axis, ...]
     uncertain: tuple[Uncertain, ...]
     repeats: Repeats
@@ -232,7 +232,7 @@ def _failure(tree: object) -> Failure:
         raise ParameterError(f'failure.{error.name}', error.value, error.allowed) from None
 
 
-def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[Variant, ...]:
+def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
     """Return the laws; that of the file by default."""
     items = values.get('laws', [setup.controller.law])
     if not isinstance(items, list) or not items:
@@ -245,7 +245,7 @@ def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[Variant, ...]:
     return found
 
 
-def _variant(key: str, item: object, setup: Setup) -> Variant:
+def _variant(key: str, item: object, setup: Setup) -> LawSettings:
     """Return a law from text, such as ``chattering sign``, or a mapping."""
     values: dict[str, Any] = {'law': setup.controller.law}
     if isinstance(item, str) and 0 < len(item.split()) <= 2:
@@ -268,4 +268,5 @@ def _variant(key: str, item: object, setup: Setup) -> Variant:
         raise ParameterError(f'{key}.{error.name}', error.value, error.allowed) from None
     switching = made.switching_in_force
     words = (made.law, switching, 'recommended' if recommended else '')
-    return Variant(name or ' '.join(filter(None, words)), made.law, switching, values, recommended)
+    return LawSettings(name or ' '.join(filter(None, words)), made.law, switching, values,
+                       recommended)

@@ -189,8 +189,8 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     if budget and base and task.variant.settings == TUNED:
         runs = _with(runs, _tuned(task, budget, base, run))
     found = base if base and task.variant == BASE else _scored(task.path, runs, run)
-    if found.failure and task.variant == BASE:
-        raise CtcError(f'{task.path}: {found.failure}')
+    if task.variant == BASE:
+        _check(task, found)
     return Outcome(
         task, setup.plant.experiment, setup.plant.plant_backend, setup.plant.joint_names, runs,
         found, tuning.cost(found, base, budget.weights) if budget and base and not found.failure
@@ -200,7 +200,15 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
 @lru_cache(maxsize=4)
 def _base(task: Task, run: Runner) -> Score:
     """Return the numbers of `BASE`, which is that of all variants of a robot and condition."""
-    return _scored(task.path, runs_of(task), run)
+    found = _scored(task.path, runs_of(task), run)
+    _check(task, found)
+    return found
+
+
+def _check(task: Task, found: Score) -> None:
+    """Raise `CtcError` if there are no numbers to which others could be compared."""
+    if found.failure:
+        raise CtcError(f'{task.path}: {found.failure}')
 
 
 def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:

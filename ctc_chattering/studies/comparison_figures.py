@@ -11,7 +11,6 @@ from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.studies.comparison import Outcome, RECOMMENDED, Variant
 from ctc_chattering.studies.comparison_tables import groups, heading
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
@@ -66,7 +65,8 @@ def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
     look = styles([x.task.variant for x in outcomes])
     columns = min(_COLUMNS, len(parts))
     rows = -(-len(parts) // columns)
-    figure, grid = drawing.sheet(title, rows, (1.0,) * columns, 3.6)
+    below = 0.24 * -(-len(look) // 4) + 0.15
+    figure, grid = drawing.sheet(title, rows, (1.0,) * columns, 3.6, below=below)
     for k, group in enumerate(parts):
         ax = drawing.panel(figure, grid[k // columns, k % columns],
                            heading(group[0]).rpartition(', ')[2], 'RMS error [rad]')
@@ -79,26 +79,8 @@ def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
             drawing.decades(ax, axis, [_mean(getattr(x.score, key)) for x in group
                                        if not x.score.failure])
     handles = [Line2D([], [], label=label(variant), **style) for variant, style in look.items()]
-    _legend_below(figure, handles)
+    figure.legend(handles=handles, loc='lower center', ncol=4, frameon=False, fontsize=9)
     return figure
-
-
-def _legend_below(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """Put a legend below the panels, on paper that is added for it."""
-    width, height = figure.get_size_inches()
-    more = 0.24 * -(-len(handles) // 4) + 0.15
-    for ax in figure.axes:
-        _raise(ax, height, more)
-    figure.set_size_inches(width, height + more)
-    figure.legend(handles=list(handles), loc='lower center', ncol=4, frameon=False, fontsize=9)
-
-
-def _raise(ax: Axes, height: float, more: float) -> None:
-    """Keep the place of a panel while `more` inches of paper come in below."""
-    box = ax.get_position()
-    scale = height / (height + more)
-    ax.set_position((box.x0, (box.y0 * height + more) / (height + more), box.width,
-                     box.height * scale))
 
 
 def _mean(values: Sequence[float]) -> float:

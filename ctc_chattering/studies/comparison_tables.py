@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-import csv
 from functools import partial
-import io
 import itertools
 import json
 
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.result import finite
-from ctc_chattering.analysis.tables import bold, markdown, markdown_table, Table
-from ctc_chattering.studies.comparison import BASE, Outcome
+from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
+from ctc_chattering.studies.comparison import BASE, Outcome, Variant
 
 #: A number with the text that shows it.
 Number = tuple[float, str]
-_HEAD = ['law', 'switching', 'settings']
+_HEAD = list(Variant._fields)
+#: Columns of the numbers, and what they are of a score.
+_NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torque_step': 'step',
+            'max_torque_rate_per_s': 'rate', 'max_torque': 'peak'}
 
 
 def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
@@ -97,22 +98,18 @@ def to_markdown(outcomes: Sequence[Outcome]) -> str:
 
 def to_csv(outcomes: Sequence[Outcome]) -> str:
     """Return one line per run and joint, with a header; numbers in full, empty if it diverged."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow((
-        'experiment', 'backend', 'condition', 'law', 'switching', 'settings', 'joint',
-        'rms_error', 'torque_variation_per_s', 'max_torque_step', 'max_torque_rate_per_s',
-        'max_torque', 'cost', 'trials', 'seed', 'failure', 'controller', 'engine'))
+    rows = []
     for x in outcomes:
         task, budget, found = x.task, x.task.budget, x.score
-        numbers: list[tuple[object, ...]] = list(zip(
-            found.rms, found.variation, found.step, found.rate, found.peak)) or [
-                ('',) * 5] * len(x.joints)
         for i, joint in enumerate(x.joints):
-            writer.writerow((
-                x.experiment, x.backend, task.condition.name if task.condition else '',
-                *task.variant, joint, *numbers[i],
-                '' if x.cost is None else x.cost, budget.trials if budget else '',
-                budget.seed if budget else '', found.failure, json.dumps(
-                    finite(x.runs[0].get('controller', {})), sort_keys=True), found.engine))
-    return text.getvalue()
+            numbers = {name: getattr(found, key)[i] if not found.failure else None
+                       for name, key in _NUMBERS.items()}
+            rows.append({
+                'experiment': x.experiment, 'backend': x.backend,
+                'condition': task.condition.name if task.condition else '',
+                **task.variant._asdict(), 'joint': joint, **numbers, 'cost': x.cost,
+                'trials': budget and budget.trials, 'seed': budget and budget.seed,
+                'failure': found.failure, 'controller': json.dumps(
+                    finite(x.runs[0].get('controller', {})), sort_keys=True),
+                'engine': found.engine})
+    return csv_text(rows)

@@ -25,6 +25,8 @@ _LOST = 'the scheduler is lost'
 _IN_FLIGHT = 4
 #: Time to connect [s].
 _CONNECT = 10
+#: Time in which a process takes the place of one that was killed [s].
+_RESTART = 120
 #: Time without a result after which to look whether there are workers [s].
 _LOOK = 1.0
 #: What dask logs besides what is raised.
@@ -150,12 +152,24 @@ def show(line: str) -> None:
 
 
 def threads(client: Client, say: Callable[[str], None] = show) -> int:
-    """Return the number of threads that compute; with none, `say` a line and wait for one."""
+    """
+    Return the number of threads that compute; with none, `say` a line and wait for one.
+
+    Raises
+    ------
+    CtcError
+        If no process of this machine takes the place of those that were killed.
+
+    """
+    from distributed import TimeoutError as TooLate
     found: int = sum(client.nthreads().values())
     if not found:
         say(f'waiting for workers at {client.scheduler.address}')
         while not found:
-            client.wait_for_workers(1)
+            try:
+                client.wait_for_workers(1, _RESTART if client.cluster else None)
+            except TooLate:
+                raise CtcError('the processes were killed, and no other one starts') from None
             found = sum(client.nthreads().values())
     return found
 
@@ -201,9 +215,13 @@ def computed(client: Client, function: Callable[..., Any], shared: Sequence[Any]
             with done.thread_condition:
                 ready = done.thread_condition.wait_for(done.has_ready, _LOOK)
             if ready:
-                futures = done.next_batch(block=False)
-                for future in futures:
-                    _check(future)
+                futures = []
+                for future in done.next_batch(block=False):
+                    if future.status == 'lost':  # Its worker was killed: it is computed again.
+                        done.add(future)
+                    else:
+                        _check(future)
+                        futures.append(future)
                 for future, result in zip(futures, client.gather(futures)):
                     yield future.key, result
                     future.release()

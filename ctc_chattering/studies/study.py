@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-import csv
 import dataclasses
 from functools import partial
-import io
 import itertools
 import json
 import math
 from typing import NamedTuple
 
 from ctc_chattering.analysis.markup import fragment, Markup
-from ctc_chattering.analysis.tables import bold, Table
+from ctc_chattering.analysis.tables import bold, csv_text, Table
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case, KA
@@ -108,19 +106,18 @@ def to_csv(outcomes: Sequence[CaseOutcome], variant: str = 'switching') -> str:
         What their variants are.
 
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow((
-        'group', 'case', 'x', variant, 'control_period_s', 'ka_1_nm', 'ka_2_nm',
-        'rms_error_1_rad', 'rms_error_2_rad', 'torque_variation_1_nm_per_s',
-        'torque_variation_2_nm_per_s', 'failure', 'file', 'overrides', 'engine'))
-    for o in outcomes:
-        writer.writerow((
-            o.case.group, o.case.name, o.case.x, o.variant, o.control_period, *o.ka,
-            *(o.score.rms or ('', '')), *(o.score.variation or ('', '')), o.score.failure,
-            o.case.file,
-            json.dumps(o.case.overrides, ensure_ascii=False, sort_keys=True), o.score.engine))
-    return text.getvalue()
+    return csv_text([{
+        'group': o.case.group, 'case': o.case.name, 'x': o.case.x, variant: o.variant,
+        'control_period_s': o.control_period, **_pair('ka_{}_nm', o.ka),
+        **_pair('rms_error_{}_rad', o.score.rms),
+        **_pair('torque_variation_{}_nm_per_s', o.score.variation), 'failure': o.score.failure,
+        'file': o.case.file, 'overrides': json.dumps(
+            o.case.overrides, ensure_ascii=False, sort_keys=True), 'engine': o.score.engine}
+        for o in outcomes])
+
+
+def _pair(name: str, values: Sequence[float]) -> dict[str, object]:
+    return dict(zip(map(name.format, (1, 2)), values or (None, None)))
 
 
 def about(outcomes: Sequence[CaseOutcome]) -> Markup:

@@ -19,7 +19,7 @@ from ctc_chattering.studies.study_figures import save_study_figures
 
 
 @dataclasses.dataclass(frozen=True)
-class Kind:
+class StudyKind:
     """
     A study.
 
@@ -46,12 +46,12 @@ class Kind:
         return (f'{self.name}.md', f'{self.name}.csv', f'{self.name}.html', self.figures)
 
 
-SWITCHINGS = Kind('switching', EVERY_SWITCHING, 'study', 'figures', study)
-LAWS = Kind('law', EVERY_LAW, 'laws', 'laws_figures', law_study)
+SWITCHINGS = StudyKind('switching', EVERY_SWITCHING, 'study', 'figures', study)
+LAWS = StudyKind('law', EVERY_LAW, 'laws', 'laws_figures', law_study)
 
 
-def write_study(kind: Kind, outcomes: Sequence[CaseOutcome], out: Path, engine: str | None = None
-                ) -> Path:
+def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path,
+                engine: str | None = None) -> Path:
     """Write everything into `out` and return the page; raise `CtcError` if that cannot be done."""
     text, table, page = (out / name for name in kind.names[:3])
     write_text(table, to_csv(outcomes, kind.what))
@@ -62,8 +62,8 @@ def write_study(kind: Kind, outcomes: Sequence[CaseOutcome], out: Path, engine: 
     return page
 
 
-def to_markdown(kind: Kind, outcomes: Sequence[CaseOutcome], figures: Sequence[FigureFile] = (),
-                out: Path = Path()) -> str:
+def to_markdown(kind: StudyKind, outcomes: Sequence[CaseOutcome],
+                figures: Sequence[FigureFile] = (), out: Path = Path()) -> str:
     """Return all tables, and the figures below `out`."""
     lines = [f'# {_title(kind)}', '', markdown(kind.module.about(outcomes))]
     for table in kind.module.tables(outcomes):
@@ -77,5 +77,5 @@ def to_markdown(kind: Kind, outcomes: Sequence[CaseOutcome], figures: Sequence[F
     return '\n'.join([*lines, ''])
 
 
-def _title(kind: Kind) -> str:
+def _title(kind: StudyKind) -> str:
     return f'Study of the {kind.what}s'

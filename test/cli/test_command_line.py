@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 import tempfile
 
+from ctc_chattering.cli import options
 from ctc_chattering.cli.command_line import guarded
+from ctc_chattering.cli.options import number_of_jobs
 from ctc_commands import ctc, refused, ROOT
 import pytest
 
@@ -81,3 +83,11 @@ def test_a_defect_is_one_line_that_names_a_file_with_the_traceback(
     text = file.read_text()
     assert text.startswith('Traceback') and 'in broken' in text
     assert str(ROOT) in text
+
+
+def test_without_dask_one_process_is_taken_unless_more_are_asked_for(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('os.cpu_count', lambda: 8)
+    assert (number_of_jobs(None), number_of_jobs(3)) == (8, 3)
+    monkeypatch.setattr(options, 'find_spec', lambda _: None)
+    assert (number_of_jobs(None), number_of_jobs(3)) == (1, 3)

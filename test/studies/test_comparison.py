@@ -351,6 +351,16 @@ def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
     assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,,,the motion')
 
 
+def test_without_numbers_of_the_original_law_nothing_is_compared(arm: Path) -> None:
+    """Check a row that is tuned, of which the cost would be relative to nothing."""
+    def run(_: Setup) -> Result:
+        raise CtcError('the motion diverged')
+
+    task = Task(arm, None, None, Variant('integral', '', TUNED), Budget(1))
+    with pytest.raises(CtcError, match=r'arm\.yaml: the motion diverged'):
+        evaluate(task, run)
+
+
 def test_a_run_that_ends_too_early_is_refused(tmp_path: Path) -> None:
     file = tmp_path / 'short.yaml'
     file.write_text('plant: {ros__parameters: {duration: 0.01}}')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from functools import cached_property
 
+from ctc_chattering.analysis.number_format import short
 from ctc_chattering.numerics.linear_algebra import Array
 from matplotlib.ticker import MaxNLocator
 import numpy as np
@@ -44,7 +45,7 @@ class GridAxis:
 
     def text(self, value: float) -> str:
         """Return a value in words."""
-        return f'{self.name} {number(value)} {self.unit}'.rstrip()
+        return f'{self.name} {short(value)} {self.unit}'.rstrip()
 
     @cached_property
     def scale(self) -> str:
@@ -73,10 +74,10 @@ class GridAxis:
     def ticks(self, most: int) -> tuple[Array, list[str]]:
         """Return positions and texts of about `most` ticks at most: the values if they fit."""
         values = np.array(self.values)
-        texts = [number(x) for x in self.values]
+        texts = [short(x) for x in self.values]
         if len(values) > most or (len(values) > 4 and max(map(len, texts)) > 4):
             values = self._round(most)
-            texts = [number(x) for x in values.tolist()]
+            texts = [short(x) for x in values.tolist()]
         return self._position(values), texts
 
     def _round(self, most: int) -> Array:
@@ -91,15 +92,6 @@ class GridAxis:
             return np.log10(values)
         return values if self.scale == 'linear' else np.searchsorted(
             self.values, values).astype(float)
-
-
-def number(value: float) -> str:
-    """Return a number in short: ``0.05``, ``5e-4``."""
-    plain = f'{value:.4g}'
-    mantissa, exponent = f'{value:.3e}'.split('e')
-    short = f'{mantissa.rstrip("0").rstrip(".")}e{int(exponent)}'
-    shorter = 0.0 < abs(value) < 0.01 and len(short) < len(plain)
-    return short if shorter or 'e' in plain else plain
 
 
 def round_numbers(low: float, high: float, most: int) -> Array:

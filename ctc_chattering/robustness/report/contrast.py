@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-from ctc_chattering.robustness.report.axis import number
+from ctc_chattering.analysis.number_format import span
 from ctc_chattering.robustness.report.boundary import LEVEL, passing_ranges
 from ctc_chattering.robustness.report.data import MapData, spaced
 import numpy as np
@@ -71,7 +71,7 @@ def extent(data: MapData, points: npt.NDArray[np.bool_]) -> str:
     if not len(found[0]):
         return ''
     spans = ', '.join(
-        f'{axis.name} ' + _span(axis.values[int(k.min())], axis.values[int(k.max())])
+        f'{axis.name} ' + span(axis.values[int(k.min())], axis.values[int(k.max())])
         + f' {axis.unit}'.rstrip() for axis, k in zip(data.axes, found))
     return f'{len(found[0])} of {points.size} points, within {spans}'
 
@@ -104,8 +104,4 @@ def _ranges(values: tuple[float, ...], probability: npt.NDArray[np.float64]) -> 
     found = passing_ranges(values, probability)
     if found == [(values[0], values[-1])]:
         return 'all'
-    return ', '.join(_span(*ends) for ends in found) or 'none'
-
-
-def _span(low: float, high: float) -> str:
-    return number(low) if low == high else f'{number(low)} to {number(high)}'
+    return ', '.join(span(*ends) for ends in found) or 'none'

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.number_format import short
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.robustness.report.axis import number, round_decades
+from ctc_chattering.robustness.report.axis import round_decades
 from ctc_chattering.robustness.report.data import MapData, slices
 from ctc_chattering.robustness.report.draws import correlations, distributions, shares
 from ctc_chattering.robustness.report.lines import bands, lines
@@ -35,7 +36,7 @@ def error_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
     if any(np.isfinite(x).any() for x in shown):
         bar = found.colour_bar(drawn, 'median of the RMS error [rad]', extend=extend)
         ticks = round_decades(low, high, 8)
-        bar.set_yticks(ticks, [number(x) for x in ticks])
+        bar.set_yticks(ticks, [short(x) for x in ticks])
         bar.set_yticks([], minor=True)
     found.legend(states(found.places, data, [np.isinf(x) for x in shown],
                         'half of the runs or more diverged'))
@@ -115,7 +116,7 @@ def save_map_figures(data: MapData, directory: Path) -> list[drawing.FigureFile]
     Parameters
     ----------
     data : MapData
-        As `map_data` returns it.
+        Of the map.
     directory : Path
         Created if necessary.
 

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.number_format import counted, percent, scientific, short, span
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.tables import Table, two_lines
-from ctc_chattering.robustness.report.axis import GridAxis, number
+from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import pooled, side
 from ctc_chattering.robustness.report.contrast import Contrast, contrast, passing
 from ctc_chattering.robustness.report.data import Counts, KINDS, MapData
@@ -26,7 +27,7 @@ def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
     Parameters
     ----------
     data : MapData
-        As `map_data` returns it.
+        Of the map.
     figures : sequence of FigureFile
         As `save_map_figures` returns them; linked relative to the page, the first at the top.
     path : Path
@@ -61,16 +62,16 @@ def _headline(data: MapData) -> str:
     shown = list(dict.fromkeys([order[0], order[-1] if data.base is None else data.base,
                                 order[-1]]))[:2]
     return ', '.join(
-        f'{data.variants[v]} {"" if k else "fails "}in {_percent(failed[v], runs[v])}'
+        f'{data.variants[v]} {"" if k else "fails "}in {percent(failed[v], runs[v])}'
         for k, v in enumerate(shown)) + ' of the runs'
 
 
 def _lead(data: MapData) -> str:
     axes = ' × '.join(axis.name for axis in data.axes)
-    points = f'over {axes}: {_many(int(np.prod(data.shape)), "point")}, ' if axes else ''
-    return (f'{_many(len(data.variants), "law")} {points or "with "}'
-            f'{_many(data.repeats, "draw")}{" each" if axes else ""}, '
-            f'{_many(len(data.rows), "run")} in all.')
+    points = f'over {axes}: {counted(int(np.prod(data.shape)), "point")}, ' if axes else ''
+    return (f'{counted(len(data.variants), "law")} {points or "with "}'
+            f'{counted(data.repeats, "draw")}{" each" if axes else ""}, '
+            f'{counted(len(data.rows), "run")} in all.')
 
 
 def _failures(data: MapData) -> Table:
@@ -83,9 +84,10 @@ def _failures(data: MapData) -> Table:
     for v, name in enumerate(data.variants):
         runs = int(_runs(data)[v])
         error = np.sort(data.of(v)['error'])
-        middle, high = (error[int(np.ceil(q * runs)) - 1] for q in (0.5, 0.95))
+        middle, high = (scientific(x) if np.isfinite(x) else 'diverged' for x in (
+            error[int(np.ceil(q * runs)) - 1] for q in (0.5, 0.95)))
         rows.append([name, f'{runs}', *(_share(*data.of_draws(v, kind)) for kind in (None, *used)),
-                     two_lines(_error(middle), _error(high))])
+                     two_lines(middle, high)])
         if data.axes:
             rows[-1].append(' / '.join(str(int(((sides[v] == x) & (data.runs[v] > 0)).sum()))
                                        for x in (-1, 0, 1)))
@@ -109,17 +111,17 @@ def _against_base(data: MapData) -> tuple[Sentences, Sentences]:
                    key=lambda v: (-found[v].worse, -found[v].loss))
     return [(data.variants[v], _sentences(found[v], name)) for v in worse], [
         (data.variants[v], f'nowhere; {name} fails where it does not in {x.better} of '
-         f'{_many(x.runs, "run")}.') for v, x in found.items() if v not in worse]
+         f'{counted(x.runs, "run")}.') for v, x in found.items() if v not in worse]
 
 
 def _sentences(found: Contrast, base: str) -> str:
-    text = (f'fails where {base} does not in {found.worse} of {_many(found.runs, "run")}; '
+    text = (f'fails where {base} does not in {found.worse} of {counted(found.runs, "run")}; '
             f'the reverse in {found.better}.')
     if found.points:
         text += f' Half of its runs or more fail, and less of {base}, at {found.points}.'
-    text += f' In {_many(found.larger, "run")} its error is the larger one'
+    text += f' In {counted(found.larger, "run")} its error is the larger one'
     if found.loss > 1.0:
-        text += f', up to {number(found.loss)} times as large in run {found.run}'
+        text += f', up to {short(found.loss)} times as large in run {found.run}'
         text += f', {found.where}' if found.where else ''
     return text + '.'
 
@@ -141,17 +143,17 @@ def _summary(data: MapData, facts: Mapping[str, str]) -> list[tuple[str, str]]:
     lines = {axis.label: ': '.join(filter(None, (_values(axis), facts.get(axis.name))))
              for axis in (*data.axes, *data.fixed)}
     lines |= {name: facts.get(name, 'drawn') for name in data.uncertain}
-    lines['runs'] = (f'{_many(data.repeats, "run")} of each law'
+    lines['runs'] = (f'{counted(data.repeats, "run")} of each law'
                      + (' at each point' if data.axes else '')
                      + f'; seeds of the noise {seeds.min()} to {seeds.max()}')
-    lines['engines'] = ', '.join(f'{name}: {_many(n, "run")}' for name, n in engines.items())
+    lines['engines'] = ', '.join(f'{name}: {counted(n, "run")}' for name, n in engines.items())
     lines |= {name: text for name, text in facts.items() if name not in data.columns}
     return list(lines.items())
 
 
 def _values(axis: GridAxis) -> str:
-    first, *others = (number(x) for x in axis.values)
-    return f'{len(axis.values)} values, {first} to {others[-1]}' if others else first
+    ends = span(axis.values[0], axis.values[-1])
+    return f'{len(axis.values)} values, {ends}' if len(axis.values) > 1 else ends
 
 
 def _runs(data: MapData) -> Counts:
@@ -161,21 +163,5 @@ def _runs(data: MapData) -> Counts:
 def _share(failures: Counts, runs: Counts) -> str:
     """Return a share with its interval, if there is one, from the counts of each draw."""
     low, high = (100.0 * x for x in pooled(failures, runs))
-    share = _percent(int(failures.sum()), int(runs.sum()))
+    share = percent(int(failures.sum()), int(runs.sum()))
     return share if np.isnan(low) else two_lines(share, f'{low:.1f} to {high:.1f}')
-
-
-def _percent(part: int, whole: int) -> str:
-    return f'{100.0 * part / whole:.1f} %'
-
-
-def _error(value: float) -> str:
-    """Return an error that does not break at its sign."""
-    if not np.isfinite(value):
-        return 'diverged'
-    mantissa, exponent = f'{value:.2e}'.split('e')
-    return f'{mantissa}e{int(exponent)}'.removesuffix('e0').replace('-', '−')
-
-
-def _many(n: int, noun: str) -> str:
-    return f'{n:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}') + f' {noun}{"s"[:n != 1]}'

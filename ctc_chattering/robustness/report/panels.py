@@ -40,7 +40,7 @@ LINES: dict[str, dict[str, Any]] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Place:
+class MapPanel:
     """A panel: its axes, the variant, and indices of the axes after the second."""
 
     ax: Axes
@@ -59,7 +59,7 @@ class Sheet:
     """A figure with its panels; `bar` is the place of the colour bar."""
 
     figure: Figure
-    places: tuple[Place, ...]
+    places: tuple[MapPanel, ...]
     bar: tuple[float, float, float, float]
 
     def colour_bar(self, mappable: ScalarMappable, label: str, **style: Any) -> Axes:
@@ -122,7 +122,7 @@ def sheet(data: MapData, title: str, variants: Sequence[int], rest: tuple[int, .
                 middle = above + row * (height + gap) + 0.5 * height
                 figure.text(0.12 / _WIDTH, 1.0 - middle / whole, text, rotation=90, va='center',
                             fontsize=10, color='#333333')
-            places.append(Place(ax, variant, index))
+            places.append(MapPanel(ax, variant, index))
     tall = min(inner, 4.0)
     return Sheet(figure, tuple(places), (
         (right + 0.2) / _WIDTH, 1.0 - (above + tall) / whole, 0.16 / _WIDTH, tall / whole))
@@ -164,7 +164,7 @@ def _ruled(ax: Axes, x: GridAxis, y: GridAxis, width: float, height: float, firs
     ax.spines[['top', 'right']].set_visible(True)
 
 
-def mesh(place: Place, data: MapData, values: Array, **style: Any) -> ScalarMappable:
+def mesh(place: MapPanel, data: MapData, values: Array, **style: Any) -> ScalarMappable:
     """Draw the cells; the background shows where `values`, shape (ny, nx), are not finite."""
     x, y = (axis.edges for axis in data.axes[:2])
     place.ax.patch.set(**DIVERGED, linewidth=0.0)
@@ -176,7 +176,7 @@ def mesh(place: Place, data: MapData, values: Array, **style: Any) -> ScalarMapp
     return drawn
 
 
-def states(places: Sequence[Place], data: MapData, hatched: Sequence[Mask], text: str
+def states(places: Sequence[MapPanel], data: MapData, hatched: Sequence[Mask], text: str
            ) -> list[Patch]:
     """Return what a legend says of cells without a number; `text` is for the hatched ones."""
     plain = [_plain(place, data) for place in places]
@@ -187,13 +187,13 @@ def states(places: Sequence[Place], data: MapData, hatched: Sequence[Mask], text
         (text, 'refused', 'no run')) if there]
 
 
-def _plain(place: Place, data: MapData) -> tuple[Mask, Mask]:
+def _plain(place: MapPanel, data: MapData) -> tuple[Mask, Mask]:
     """Return where all runs were refused, and where there is none."""
     runs = place.cells(data.runs)
     return (place.cells(data.refused) == runs) & (runs > 0), runs == 0
 
 
-def boundary(place: Place, data: MapData) -> list[Line2D]:
+def boundary(place: MapPanel, data: MapData) -> list[Line2D]:
     """Draw where half of the runs fail, and its interval; return what a legend says of it."""
     failed, runs = place.cells(data.failed), place.cells(data.runs)
     x, y = ([axis.edges[0], *axis.positions, axis.edges[-1]] for axis in data.axes[:2])

@@ -7,8 +7,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.number_format import short
 from ctc_chattering.robustness.quantity import Quantity, Uncertain
-from ctc_chattering.robustness.report.axis import number
 from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.figures import save_map_figures
 from ctc_chattering.robustness.report.page import write_map_page
@@ -67,7 +67,7 @@ def _failures(spec: MapSpec) -> Iterator[str]:
                'the samples')
     if limits.not_reached:
         yield 'v never stays within its band'
-    yield f'it would take more than {number(limits.steps_above)} steps of the integrator'
+    yield f'it would take more than {short(limits.steps_above)} steps of the integrator'
 
 
 def _meaning(x: Quantity) -> str:
@@ -75,7 +75,7 @@ def _meaning(x: Quantity) -> str:
     names = [f'{node}.{spec.name}' for node, spec in x.targets]
     text = ('factor of ' if x.factor else '') + ' and '.join(names)
     if isinstance(x, Uncertain):
-        numbers = [number(y) for y in x.numbers]
+        numbers = [short(y) for y in x.numbers]
         text += ', ' + (_WORDS[x.distribution].format(*numbers) if x.distribution in _WORDS
                         else 'one of ' + ', '.join(numbers))
     return text

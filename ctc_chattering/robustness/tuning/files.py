@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-import csv
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import write_text, writing
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.result import finite
-from ctc_chattering.analysis.tables import Table
+from ctc_chattering.analysis.tables import csv_text, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.figures import save_tune_figures
@@ -126,11 +124,7 @@ def to_csv(tuning: Tuning) -> str:
                         **{f'{title}runs_violating_{name.replace(" ", "_")}': n
                            for name, n in score.violating.items()}})
         rows.append(row)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]) if rows else ['point'], lineterminator='\n')
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(rows, ['point'])
 
 
 def _tables(tuning: Tuning) -> Iterator[Table]:

@@ -23,7 +23,7 @@ _MODEL = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
-class Drives(Uncertain):
+class PossibleDelays(Uncertain):
     """
     Delays with the lags that explain the recording as well: the number is that of the delay.
 
@@ -88,7 +88,7 @@ def _drives(found: Mapping[str, Any]) -> Iterator[Uncertain]:
     if len(pairs) > 1:
         parameters = PlantConfig.parameters()
         targets = tuple(('plant', parameters[x]) for x in ('input_delay', 'actuator_lag'))
-        yield Drives('delay', targets, False, 'choice', tuple(sorted(pairs)), pairs)
+        yield PossibleDelays('delay', targets, False, 'choice', tuple(sorted(pairs)), pairs)
         return
     both = [(lag, 2.0 * error) for lag, error in zip(
         found['actuator_lag_s'], found['actuator_lag_error_s']) if error]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import inf
-from typing import Any
 
-from ctc_chattering.analysis.number_format import number_text
+from ctc_chattering.analysis.number_format import number_text, rounded
 from ctc_chattering.analysis.tables import columns
 from ctc_chattering.robustness.quantity import Uncertain
 from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
@@ -84,8 +83,8 @@ def table(tuning: Tuning) -> list[list[str]]:
         rows.append([
             name, *_gains(x, gains, tuning), f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
             f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
-            _shown([_short(y) for y in x.fresh.torque]),
-            _shown([_short(y) for y in x.fresh.rate]), violations_text(x.fresh)])
+            number_text([rounded(y) for y in x.fresh.torque], _MANY),
+            number_text([rounded(y) for y in x.fresh.rate], _MANY), violations_text(x.fresh)])
     return rows
 
 
@@ -93,7 +92,7 @@ def _gains(x: Candidate, names: Sequence[str], tuning: Tuning) -> list[str]:
     """Return the gains of a candidate in words; empty where its law has none of that name."""
     config = tuning.spec.setup.controller.changed(x.values)
     values, searched = config.as_mapping(), space(config)
-    return [_shown(values[name]) if config.takes(name) and (
+    return [number_text(values[name], _MANY) if config.takes(name) and (
         name in searched or name not in SPACE) else '' for name in names]
 
 
@@ -164,15 +163,3 @@ def _ratio(before: float, after: float) -> str:
     """Return by what factor a number is smaller or larger."""
     factor = after / before if before else inf
     return f'{factor:.2g} times the' if factor >= 0.1 else f'1/{1.0 / factor:.3g} of the'
-
-
-def _shown(value: Any) -> str:
-    """Return a number, or those of all joints; of many joints the least and the largest."""
-    if isinstance(value, (list, tuple)) and len(set(value)) > _MANY:
-        return f'{min(value):g} to {max(value):g}'
-    return number_text(value)
-
-
-def _short(value: float) -> float:
-    """Return a number to three digits."""
-    return float(f'{value:.3g}')

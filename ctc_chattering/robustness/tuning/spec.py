@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import Setup, Values
@@ -263,6 +264,4 @@ def _within(key: str, error: ParameterError) -> ParameterError:
 
 def _rounded(value: Any) -> Any:
     """Return a number, or a list of them, to four digits."""
-    if isinstance(value, list):
-        return [_rounded(x) for x in value]
-    return float(f'{value:.4g}')
+    return [_rounded(x) for x in value] if isinstance(value, list) else rounded(value, 4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.robustness.report.axis import GridAxis, number, round_decades
+from ctc_chattering.robustness.report.axis import GridAxis, round_decades
 import numpy as np
 import pytest
 
@@ -61,13 +61,6 @@ def test_words() -> None:
     assert GridAxis('load', (1.0, 2.0)).label == 'load'
     assert GridAxis('ka', (1.0, 2.5), 'N·m').at(1) == 'ka 2.5 N·m'
     assert GridAxis('load', (1e-7, 2.0)).at(0) == 'load 1e-7'
-
-
-@pytest.mark.parametrize(('value', 'text'), [
-    (0.0, '0'), (1.0, '1'), (-2.5, '-2.5'), (0.05, '0.05'), (0.0005, '5e-4'), (1e-9, '1e-9'),
-    (0.0011, '0.0011'), (12345.6, '1.235e4'), (2000.0, '2000'), (1.0 / 3.0, '0.3333')])
-def test_numbers_are_short(value: float, text: str) -> None:
-    assert number(value) == text
 
 
 @pytest.mark.parametrize(('low', 'high', 'expected'), [

@@ -66,13 +66,6 @@ def test_the_table_has_the_gains_of_all_candidates() -> None:
     assert float(rows[-1][1]) == point.values['kp'][0]
 
 
-def test_numbers_of_many_joints_are_a_range() -> None:
-    assert report._shown([3.0, 1.0, 2.0, 4.0]) == '1 to 4'
-    assert report._shown([3.0, 1.0]) == '3/1'
-    assert report._shown((2.0,) * 7) == '2'
-    assert report._shown(0.5) == '0.5'
-
-
 def test_the_headline_compares_fresh_draws_with_the_gains_of_the_file() -> None:
     tuning = short_tuning()
     best = report.best(tuning)
