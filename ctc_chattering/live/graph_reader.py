@@ -122,10 +122,7 @@ class GraphReader(BaseNode):
             except CtcError as error:
                 raise RejectedMessage('unusable', str(error)) from None
         made = ValidatedSubscription(
-        self._follow(topics.JOINT_STATES, StateReader().read, self._on_state, once,
-                     lambda: self.names)
-        for topic, take in ((topics.TRACKING, self._on_tracking), (topics.FILTER, self._on_filter),
-                            (topics.TORQUES, self._on_torques)):
+            self, message_type(topics.TOPICS[topic].kind), topic, read, heard, profile, joints)
         self.inputs.append(made)
         self._polled.append((made.subscription, made.receive))
 
