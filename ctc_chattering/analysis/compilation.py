@@ -27,8 +27,12 @@ def codes(setup: Setup) -> tuple[Code, ...]:
 
 def way(setup: Setup) -> str:
     """Return how a run of a setup is computed now, `COMPILED` or `PLAIN`."""
-    found = codes(setup)
-    return COMPILED if found and not setup.events and all(x.compiled for x in found) else PLAIN
+    return COMPILED if can_be_compiled(setup) and not missing([setup]) else PLAIN
+
+
+def can_be_compiled(setup: Setup) -> bool:
+    """Return whether a run of a setup can be machine code."""
+    return not setup.events and bool(codes(setup))
 
 
 def missing(setups: Iterable[Setup]) -> dict[str, Code]:

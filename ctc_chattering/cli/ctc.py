@@ -13,6 +13,7 @@ from ctc_chattering.cli.command_line import guarded, Parser
 #: The subcommands with what `ctc --help` says of them; their modules are in `commands`.
 COMMANDS = {
     'simulate': 'run an experiment without ROS',
+    'compile': 'make machine code of a law and the plant, for nodes and simulation',
     'reproduce': "run the paper's experiments over ROS and draw its figures",
     'study': 'compare the switchings over sample period, gain and imperfections',
     'compare': 'compare all laws joint by joint, on any robot',

@@ -26,13 +26,13 @@ _FOLDER, _PARAMETERS, _SAMPLES = 'explain', 'run.yaml', 'trajectory.npz'
 _PATHS = ('description', 'trajectory_file')
 
 
-def explain(runs: Runs, engine: str, options: argparse.Namespace) -> int:
-    """Write and print one run of a map, simulated by the loop of `ctc simulate`."""
+def explain(runs: Runs, options: argparse.Namespace) -> int:
+    """Write and print one run of a map, as `ctc simulate` computes it."""
     run = find_run(runs, options.explain)
     which = {name: x for name, x in runs.columns(run).items() if name not in ('law', 'switching')}
     print(', '.join(f'{name} {x:g}' if isinstance(x, float) else f'{name} {x}'
                     for name, x in which.items()))
-    row = _row(runs, run, engine, options.out)
+    row = _row(runs, run, options.out)
     if row is not None:
         print('in the map: ' + (f'{row["failure"]}: {row["reason"]}' if row['failure'] else
                                 f'no failure, error {row["error"]:.3g} rad'))
@@ -50,10 +50,10 @@ def explain(runs: Runs, engine: str, options: argparse.Namespace) -> int:
     return present([result], [], out)
 
 
-def _row(runs: Runs, run: int, engine: str, directory: Path) -> dict[str, Any] | None:
+def _row(runs: Runs, run: int, directory: Path) -> dict[str, Any] | None:
     """Return the row of a run, if the map of a directory has it."""
-    key = chunks.map_key(runs, engine)
-    part = next(part for part in chunks.chunks(runs, engine) if run in part)
+    key = chunks.map_key(runs)
+    part = next(part for part in chunks.chunks(runs) if run in part)
     paths = list((directory / SHARDS).glob(f'{chunks.chunk_key(key, part)}.*.parquet'))
     if not paths:
         return None

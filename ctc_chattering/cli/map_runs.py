@@ -8,7 +8,7 @@ from functools import partial
 import sys
 import time
 
-from ctc_chattering.analysis.engine import compile_loop
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.cli.progress import progress_bar
 from ctc_chattering.control.controller import Controller
@@ -23,24 +23,23 @@ from ctc_chattering.studies import pool
 import pyarrow
 
 
-def compute_map(runs: Runs, engine: str, reason: str, jobs: int, options: argparse.Namespace
-                ) -> int:
+def compute_map(runs: Runs, jobs: int, options: argparse.Namespace) -> int:
     """Compute what is missing of a map, write its results, and print where they are."""
     _try(runs)
     with locked(options.out):
-        return _map(runs, engine, reason, jobs, options)
+        return _map(runs, jobs, options)
 
 
-def _map(runs: Runs, engine: str, reason: str, jobs: int, options: argparse.Namespace) -> int:
+def _map(runs: Runs, jobs: int, options: argparse.Namespace) -> int:
     """Compute what is missing of a map, and write its results."""
-    start, about = time.monotonic(), chunks.about(runs, engine)
-    parts = [(chunks.chunk_key(about['key'], part), part) for part in chunks.chunks(runs, engine)]
+    start, about = time.monotonic(), chunks.about(runs)
+    parts = [(chunks.chunk_key(about['key'], part), part) for part in chunks.chunks(runs)]
     about.update(runs=len(runs), chunks=len(parts))
     directory, schema = Directory(options.out, about, options.overwrite), chunks.schema(runs.spec)
     todo = directory.missing(parts, schema, partial(print, flush=True))
-    _announce(runs, engine, reason, len(parts), todo)
+    _announce(runs, len(parts), todo)
     if todo:
-        _compute(runs, engine, todo, directory, jobs, options.scheduler)
+        _compute(runs, todo, directory, jobs, options.scheduler)
     table = directory.merge(parts, schema)
     counts = {name: _counts(table[name]) for name in ('engine', 'failure')}
     directory.describe({**about, 'engines': counts['engine'], 'failures': counts['failure'],
@@ -64,28 +63,21 @@ def _try(runs: Runs) -> None:
             setup.controller, setup.descriptions.get('controller', '')))
 
 
-def _announce(runs: Runs, engine: str, reason: str, count: int,
-              todo: Sequence[tuple[str, range]]) -> None:
+def _announce(runs: Runs, count: int, todo: Sequence[tuple[str, range]]) -> None:
     """Print what will run, and what is there already."""
-    used = chunks.engines(runs, engine)
-    reasons = {f'{name}: {why}': None for name, (_, why) in used.items() if why}
-    if reason:
-        reasons[reason] = None
-    names = sorted({x for x, _ in used.values()})
-    print(f'{len(runs)} runs in {count} chunk{"s" * (count > 1)}, engine {" and ".join(names)}'
-          + (f' ({"; ".join(reasons)})' if reasons else ''))
+    print(f'{len(runs)} runs in {count} chunk{"s" * (count > 1)}')
     left = sum(len(part) for _, part in todo)
     if left < len(runs):
         print(f'{len(runs) - left} runs are there already')
     sys.stdout.flush()
 
 
-def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directory: Directory,
+def _compute(runs: Runs, todo: Sequence[tuple[str, range]], directory: Directory,
              jobs: int, address: str | None) -> None:
     """Compute what is missing, and write each chunk as it comes."""
     version, show = chunks.version(), partial(print, flush=True)
     if address is None:
-        compile_loop([runs.spec.setup], engine, show)
+        compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
     with pool.workers(min(jobs, len(todo)), address) as client:
         count = pool.threads(client, show)
         print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
@@ -96,7 +88,7 @@ def _compute(runs: Runs, engine: str, todo: Sequence[tuple[str, range]], directo
                         f'{directory.path}, the same command goes on')
             try:
                 for key, table in pool.computed(
-                        client, chunks.compute, (runs, engine, version), todo,
+                        client, chunks.compute, (runs, version), todo,
                         partial(bar.write, file=sys.stderr)):
                     directory.write(key, table)
                     bar.update(len(table))

@@ -60,22 +60,6 @@ def add_jobs(parser: argparse.ArgumentParser, more: str = '') -> None:
                         help=f'processes, as many as there are processors by default{more}')
 
 
-def add_engine_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that chooses what simulates."""
-    parser.add_argument('--engine', choices=('batch', 'reference'),
-                        help='the compiled loop, the default if numba is installed, where it can '
-                             'run what is asked for; or the loop of ctc simulate')
-
-
-def chosen_engine(options: argparse.Namespace) -> str | None:
-    """Return what simulates, None for what there is; raise `UsageError` if it is not there."""
-    from ctc_chattering.analysis.engine import available
-
-    engine: str | None = options.engine
-    available(engine)
-    return engine
-
-
 def find_file(text: str) -> Path:
     """Return the parameter file that `text` names: a path, or ``panda`` for the package's own."""
     return find_config(text)

@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 import ctc_chattering
-from ctc_chattering.analysis.engine import available, BATCH, engine_of, REFERENCE
+from ctc_chattering.analysis.compilation import can_be_compiled, compile_setups
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness import columns
@@ -23,16 +23,15 @@ from ctc_chattering.robustness.spec import MapSpec
 import pyarrow
 
 #: Control steps of a chunk, with the step of the file, times the square of the number of joints,
-#: about a second of work; and how many steps of the compiled loop cost what one of the reference
-#: does.
-_STEPS, _REFERENCE = 4e6, 30
+#: about a second of work; and how many compiled steps cost what a plain one does.
+_STEPS, _PLAIN = 4e6, 30
 #: Number of chunks, where there are as many runs, so that as many workers have work.
 _FEWEST = 64
 #: Packages whose versions are noted with the results.
 _PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
 #: What computes a row, relative to the package.
 _SOURCES = ('errors.py', 'parameters.py', 'numerics', 'dynamics', 'trajectory', 'control',
-            'simulation', 'configuration', 'batch', 'analysis/engine.py', 'analysis/metrics.py',
+            'simulation', 'configuration', 'analysis/metrics.py',
             'analysis/result.py', 'studies/recommended.py', 'studies/score.py',
             'robustness/chunks.py', 'robustness/columns.py', 'robustness/evaluation.py',
             'robustness/quantity.py', 'robustness/runs.py')
@@ -60,7 +59,7 @@ def schema(spec: MapSpec) -> pyarrow.Schema:
 
 
 def contents(runs: Runs) -> dict[str, Any]:
-    """Return all that the results of a map depend on, besides engine and code, as JSON has it."""
+    """Return all that the results of a map depend on, besides the code, as JSON has it."""
     spec, setup = runs.spec, runs.spec.setup
     quantities = {kind: [{
         'name': x.name, 'parameters': [f'{node}.{spec.name}' for node, spec in x.targets],
@@ -78,19 +77,19 @@ def contents(runs: Runs) -> dict[str, Any]:
         **spec.repeats.as_mapping(), 'failure': spec.failure.as_mapping()}
 
 
-def about(runs: Runs, engine: str) -> dict[str, Any]:
+def about(runs: Runs) -> dict[str, Any]:
     """Return what a map is of, as `Directory` takes it."""
     versions = {'ctc_chattering': version(), 'python': sys.version.split()[0]}
     for name in _PACKAGES:
         with suppress(importlib.metadata.PackageNotFoundError):
             versions[name] = importlib.metadata.version(name)
-    return {'key': map_key(runs, engine), 'spec': finite(contents(runs)), 'engine': engine,
+    return {'key': map_key(runs), 'spec': finite(contents(runs)),
             'versions': versions}
 
 
-def map_key(runs: Runs, engine: str) -> str:
+def map_key(runs: Runs) -> str:
     """Return a word that changes with everything that the results of a map depend on."""
-    return _key([contents(runs), engine, version()])
+    return _key([contents(runs), version()])
 
 
 def chunk_key(key: str, chunk: range) -> str:
@@ -102,37 +101,28 @@ def _key(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def engines(runs: Runs, engine: str) -> dict[str, tuple[str, str]]:
-    """Return the engine of each law at the first point, and why it is another than asked for."""
-    return {variant.name: engine_of(runs.example(i), engine)
-            for i, variant in enumerate(runs.spec.variants)}
-
-
-def chunks(runs: Runs, engine: str) -> list[range]:
+def chunks(runs: Runs) -> list[range]:
     """
     Return the runs of a map in chunks of about a second of work each, or less where runs are few.
 
-    Their size depends on nothing but the spec and the engine.
+    Their size depends on nothing but the spec.
     """
     spec = runs.spec
-    used = [x for x, _ in engines(runs, engine).values()]
-    cost = sum(_REFERENCE if x == REFERENCE else 1 for x in used) / len(used)
+    cost = 1 if can_be_compiled(runs.example(0)) else _PLAIN
     n, plant = len(spec.setup.controller.joint_names), spec.setup.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
     size = max(1, min(int(_STEPS / (n ** 2 * cost * steps)), -(-len(runs) // _FEWEST)))
     return [range(k, min(k + size, len(runs))) for k in range(0, len(runs), size)]
 
 
-def compute(runs: Runs, engine: str, made_by: str, chunk: range) -> pyarrow.Table:
+def compute(runs: Runs, made_by: str, chunk: range) -> pyarrow.Table:
     """
-    Return the rows of a chunk.
+    Return the rows of a chunk; what they need is compiled first, if it is not on this machine.
 
     Parameters
     ----------
     runs : Runs
         The map.
-    engine : str
-        As `engine_of` takes it.
     made_by : str
         `version` of the process that asks.
     chunk : range
@@ -141,20 +131,17 @@ def compute(runs: Runs, engine: str, made_by: str, chunk: range) -> pyarrow.Tabl
     Raises
     ------
     CtcError
-        If this process has another version of the package, or not the engine.
+        If this process has another version of the package.
 
     """
     if made_by != version():
         raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
                        'install the same one everywhere')
-    _, reason = available()
-    if reason and engine == BATCH:
-        raise CtcError(f'a worker cannot run the compiled loop: {reason}')
-    rows = [row(runs, run, engine) for run in chunk]
-    return pyarrow.Table.from_pylist(rows, schema(runs.spec))
+    compile_setups(map(runs.example, range(len(runs.spec.variants))), lambda _: None)
+    return pyarrow.Table.from_pylist([row(runs, run) for run in chunk], schema(runs.spec))
 
 
-def row(runs: Runs, run: int, engine: str) -> dict[str, Any]:
+def row(runs: Runs, run: int) -> dict[str, Any]:
     """Return the row of a run."""
     which = runs.columns(run)
     try:
@@ -162,6 +149,5 @@ def row(runs: Runs, run: int, engine: str) -> dict[str, Any]:
     except MachineError:
         raise
     except CtcError as error:
-        n = len(runs.spec.setup.controller.joint_names)
-        return {**which, **refused(n, error, engine)}
-    return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure, engine)}
+        return {**which, **refused(len(runs.spec.setup.controller.joint_names), error)}
+    return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure)}

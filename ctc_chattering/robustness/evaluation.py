@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.analysis.engine import engine_of
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness.columns import of_results
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.registry import make_plant
-from ctc_chattering.studies.score import OVERALL, PER_JOINT, Score, score, Simulation
+from ctc_chattering.studies.score import OVERALL, PER_JOINT, Score, score
 import numpy as np
 
 
-def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine: str
-             ) -> dict[str, Any]:
+def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dict[str, Any]:
     """
     Return the columns of a run's results, `of_results`; None where there is no number.
 
@@ -27,8 +25,6 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine
         Evaluated interval [s].
     failure : Failure
         What counts as one.
-    engine : str
-        As `engine_of` takes it.
 
     Raises
     ------
@@ -36,18 +32,17 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure, engine
         If the machine cannot run it: that is no property of the run.
 
     """
-    used, _ = engine_of(setup, engine)
-    row = {**dict.fromkeys(of_results(len(setup.controller.joint_names))), 'engine': used}
+    row = {**dict.fromkeys(of_results(len(setup.controller.joint_names))), 'engine': ''}
     if (count := steps(setup)) > failure.steps_above:
         return {**row, 'failure': 'too long', 'reason': (
             f'{count:.3g} steps of the integrator > {failure.steps_above}')}
-    found = score(setup, window, Simulation(used))
+    found = score(setup, window)
     if found.failure:
         return {**row, 'failure': 'diverged', 'reason': found.failure}
     row.update({f'{key}_{i}': _finite(x) for name, key in PER_JOINT.items()
                 for i, x in enumerate(getattr(found, name), 1)})
     row.update({key: _finite(getattr(found, name)) for name, key in OVERALL.items()})
-    row.update(error=found.error, variation=_finite(found.most_variation),
+    row.update(engine=found.engine, error=found.error, variation=_finite(found.most_variation),
                saturated=found.saturated)
     row['failure'], row['reason'] = _judged(found, setup, failure)
     return row
@@ -61,9 +56,9 @@ def steps(setup: Setup) -> float:
     return plant.duration / min(plant.control_period, plant.integration_step)
 
 
-def refused(n: int, error: CtcError, engine: str) -> dict[str, Any]:
+def refused(n: int, error: CtcError) -> dict[str, Any]:
     """Return the columns of a run of `n` joints whose parameters are not allowed."""
-    return {**dict.fromkeys(of_results(n)), 'engine': engine, 'failure': 'refused',
+    return {**dict.fromkeys(of_results(n)), 'engine': '', 'failure': 'refused',
             'reason': str(error)}
 
 

@@ -64,7 +64,7 @@ class Directory:
         elif (there := read_about(path)).get('key') != about['key']:
             same = _made_by(there) == _made_by(about)
             other = ('of another spec' if same else
-                     'of another version of ctc_chattering or engine')
+                     'of another version of ctc_chattering')
             raise CtcError(f'{path}: a map {other} is there; choose another --out, or --overwrite')
         with writing(path):
             (path / SHARDS).mkdir(exist_ok=True)
@@ -157,7 +157,7 @@ class Directory:
         spec['uncertain'] = [{name: x for name, x in tree.items() if name != 'draws'}
                              for tree in spec.get('uncertain', ())]
         return {name: json.dumps(x, ensure_ascii=False, sort_keys=True) for name, x in (
-            ('spec', spec), *((name, self.about.get(name)) for name in ('engine', 'versions')))}
+            ('spec', spec), ('versions', self.about.get('versions')))}
 
     def describe(self, about: Mapping[str, Any]) -> None:
         """Write what the map is of, and what came of it."""
@@ -216,11 +216,10 @@ def file_digest(path: Path) -> str:
     return found.hexdigest()
 
 
-def _made_by(about: Mapping[str, Any]) -> tuple[object, object]:
-    """Return version of the package and engine of a map."""
+def _made_by(about: Mapping[str, Any]) -> object:
+    """Return the version of the package that made a map."""
     versions = about.get('versions')
-    return (versions.get('ctc_chattering') if isinstance(versions, dict) else None,
-            about.get('engine'))
+    return versions.get('ctc_chattering') if isinstance(versions, dict) else None
 
 
 def _digest(content: bytes | pyarrow.Buffer) -> str:

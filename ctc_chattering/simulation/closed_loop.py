@@ -80,6 +80,8 @@ class Run:
         Torque sent at the sample, to be held until the next [N·m].
     v : ndarray, shape (N, n)
         Filtered error of equation (3) [rad/s].
+    compiled : bool
+        Whether machine code computed it.
 
     """
 
@@ -91,12 +93,14 @@ class Run:
     ddq_d: Array
     tau: Array
     v: Array
+    compiled: bool = False
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         shape = (*self.t.shape, *self.q.shape[1:])
         for name, x in vars(self).items():
-            if x.ndim != (1 if name == 't' else 2) or (name != 't' and x.shape != shape):
+            if name != 'compiled' and (x.ndim != (1 if name == 't' else 2)
+                                       or (name != 't' and x.shape != shape)):
                 raise CtcError(f'{name}: an array of shape {x.shape} is not allowed; allowed: '
                                f'(N,) for t, and the same (N, n) for all others')
 
@@ -191,7 +195,8 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         if progress is not None and k % max(1, last // 100) == 0:
             progress(t)
     table = np.frombuffer(record).reshape(-1, 1 + 7 * robot.n)
-    return Run(table[:, 0], *np.split(table[:, 1:], 7, axis=1))
+    q, dq, q_d, dq_d, ddq_d, tau_sent, v = np.split(table[:, 1:], 7, axis=1)
+    return Run(table[:, 0], q, dq, q_d, dq_d, ddq_d, tau_sent, v)
 
 
 def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> CompiledLoop | None:
@@ -223,7 +228,7 @@ def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller) -> 
     at = rows[:, 0, 0].astype(int)
     q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
     return Run(at * period / 1e9, rows[:, 1], rows[:, 2], q_d, dq_d, ddq_d, rows[:, 3],
-               rows[:, 4])
+               rows[:, 4], compiled=True)
 
 
 def _no_torque(t: float, q: Vector, dq: Vector) -> str:

@@ -7,9 +7,8 @@ import dataclasses
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.engine import engine_text, simulated_by
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
-from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError, MachineError, refused_as
@@ -38,7 +37,7 @@ class Score(NamedTuple):
     step [N·m] and rate [N·m/s] of the torque sent, largest Σ |e_i| [rad], number of missing
     samples, and the part of the samples with a torque at its limit. In the whole run: largest
     torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
-    none of these, and `engine` what simulated it; empty for none.
+    none of these, and `engine` how it was computed, compiled or plain; empty for none.
     """
 
     rms: Joints = ()
@@ -68,14 +67,13 @@ class Score(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Simulation:
-    """Simulates without ROS, by an engine that `engine_of` takes; the states are the true ones."""
+    """Simulates without ROS; the states are the true ones, or those that the sensors show."""
 
-    engine: str | None = None
     truth: bool = True
 
     def __call__(self, setup: Setup) -> Result:
         """Return what happens."""
-        return simulated_by(setup, self.engine, self.truth)
+        return simulated(setup, truth=self.truth)
 
 
 over_simulation = Simulation()
@@ -104,15 +102,18 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over
         If the machine cannot run it: that is no property of the run.
 
     """
-    engine = engine_text(setup, run.engine) if isinstance(run, Simulation) else ''
     try:
         with refused_as('the run failed'), np.errstate(all='ignore'):
             period = None if across_gaps else setup.controller.control_period
-            return _numbers(run(setup).run, setup, window, period)._replace(engine=engine)
+            made = run(setup).run
+            found = _numbers(made, setup, window, period)
     except MachineError:
         raise
     except CtcError as error:
-        return Score(failure=str(error), engine=engine)
+        return Score(failure=str(error))
+    if not isinstance(run, Simulation):
+        return found
+    return found._replace(engine='compiled' if made.compiled else 'plain')
 
 
 def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 import dataclasses
-from functools import partial
 import itertools
 import json
 import math
@@ -23,7 +22,7 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case, KA
 from ctc_chattering.studies.pool import in_parallel
 from ctc_chattering.studies.recommended import recommended_setup
-from ctc_chattering.studies.score import Score, score, Simulation
+from ctc_chattering.studies.score import Score, score
 
 #: What the tables show: attribute, heading, unit, format.
 QUANTITIES = (('rms', 'RMS e', 'rad', '.2e'),
@@ -48,16 +47,16 @@ def setup_of(case: Case, variant: str) -> Setup:
     return dataclasses.replace(setup, controller=setup.controller.changed({'switching': variant}))
 
 
-def evaluate(task: tuple[Case, str], engine: str | None = None) -> CaseOutcome:
+def evaluate(task: tuple[Case, str]) -> CaseOutcome:
     """Run a case under a variant; the numbers are of the second half of the run."""
     setup = setup_of(*task)
     controller, end = setup.controller, setup.plant.duration
     return CaseOutcome(*task, controller.control_period, controller.ka, score(
-        setup, (0.5 * end, end), Simulation(engine), across_gaps=True))
+        setup, (0.5 * end, end), across_gaps=True))
 
 
-def run_cases(cases: Sequence[Case], variants: Sequence[str], jobs: int = 1,
-              engine: str | None = None) -> Iterator[CaseOutcome]:
+def run_cases(cases: Sequence[Case], variants: Sequence[str], jobs: int = 1
+              ) -> Iterator[CaseOutcome]:
     """
     Yield the outcome of every case under every variant.
 
@@ -67,8 +66,6 @@ def run_cases(cases: Sequence[Case], variants: Sequence[str], jobs: int = 1,
         What to run; the outcomes are in this order, case by case.
     jobs : int
         Processes; 1 for this one alone.
-    engine : str, optional
-        As `engine_of` takes it.
 
     Raises
     ------
@@ -78,7 +75,7 @@ def run_cases(cases: Sequence[Case], variants: Sequence[str], jobs: int = 1,
     """
     for case in cases:
         case.setup()
-    yield from in_parallel(partial(evaluate, engine=engine),
+    yield from in_parallel(evaluate,
                            list(itertools.product(cases, variants)), jobs)
 
 
@@ -91,7 +88,7 @@ def rows(outcomes: Sequence[CaseOutcome]) -> list[list[CaseOutcome]]:
 def engines(outcomes: Sequence[CaseOutcome]) -> str:
     """Return what simulated how many of the runs."""
     counts = Counter(o.score.engine for o in outcomes)
-    return 'Runs by engine: ' + ', '.join(f'{name} {n}' for name, n in counts.items())
+    return 'Runs: ' + ', '.join(f'{name} {n}' for name, n in counts.items())
 
 
 def to_csv(outcomes: Sequence[CaseOutcome], variant: str = 'switching') -> str:

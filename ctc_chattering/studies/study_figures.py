@@ -103,8 +103,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     return figure
 
 
-def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS, engine: str | None = None
-               ) -> Figure:
+def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     """Draw v and the chattering term of joint 2 over `SLICE`, one column per switching."""
     ka = case.setup().controller.ka[1]
     figure, _ = drawing.sheet(
@@ -115,7 +114,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS, engine: str |
     for column, switching in enumerate(switchings):
         setup = setup_of(case, switching)
         plant = setup.plant.changed({'duration': round(SLICE[1] + 0.01, 3)})
-        result = Simulation(engine, truth=False)(dataclasses.replace(setup, plant=plant))
+        result = Simulation(truth=False)(dataclasses.replace(setup, plant=plant))
         run = result.run
         part = within(run.t, SLICE)
         t, v = run.t[part], run.v[part, 1]
@@ -138,7 +137,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS, engine: str |
     return figure
 
 
-def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, engine: str | None = None
+def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path
                        ) -> list[drawing.FigureFile]:
     """
     Write the figures of a study as PNG; return them in the order in which to show them.
@@ -149,8 +148,6 @@ def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, engine:
         Result of `run_cases`; a figure without any of its cases is left out.
     directory : Path
         Created if necessary.
-    engine : str, optional
-        Of the runs that are drawn sample by sample, as `engine_of` takes it.
 
     Raises
     ------
@@ -158,15 +155,15 @@ def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, engine:
         If a file cannot be written.
 
     """
-    return drawing.save(_all(outcomes, engine), directory, ('png',))
+    return drawing.save(_all(outcomes), directory, ('png',))
 
 
-def _all(outcomes: Sequence[CaseOutcome], engine: str | None) -> Iterator[tuple[str, Figure, str]]:
+def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:
     groups = {o.case.group for o in outcomes}
     laws = outcomes[0].variant in LAW_COLOURS
     basic = [o for o in outcomes if o.case.group == BASIC]
     if basic and not laws:
-        yield 'chattering', chattering(basic[0].case, engine=engine), (
+        yield 'chattering', chattering(basic[0].case), (
             'v and the chattering term of joint 2 while its friction changes sign. The axes of a '
             'row are the same.')
     if basic:

@@ -50,12 +50,11 @@ SWITCHINGS = StudyKind('switching', EVERY_SWITCHING, 'study', 'figures', study)
 LAWS = StudyKind('law', EVERY_LAW, 'laws', 'laws_figures', law_study)
 
 
-def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path,
-                engine: str | None = None) -> Path:
+def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path) -> Path:
     """Write everything into `out` and return the page; raise `CtcError` if that cannot be done."""
     text, table, page = (out / name for name in kind.names[:3])
     write_text(table, to_csv(outcomes, kind.what))
-    figures = save_study_figures(outcomes, out / kind.figures, engine)
+    figures = save_study_figures(outcomes, out / kind.figures)
     write_text(text, to_markdown(kind, outcomes, figures, out))
     write_sections(page, _title(kind), figures, [(x, x) for x in kind.names[:2]],
                    kind.module.about(outcomes), tables=kind.module.tables(outcomes))

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
-    add_engine_option,
     add_jobs,
     add_output,
-    chosen_engine,
     find_file,
     number_of_jobs,
 )
@@ -51,23 +49,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate the bags, not the simulation')
-    add_engine_option(parser)
     add_output(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
-    from ctc_chattering.analysis.engine import compile_loop
+    from ctc_chattering.analysis.compilation import compile_setups
     from ctc_chattering.cli.progress import progress_bar
     from ctc_chattering.studies import comparison
     from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
     from ctc_chattering.studies.comparison_tables import to_markdown
     from ctc_chattering.studies.score import Runner, Simulation
 
-    if options.engine and options.ros:
-        raise UsageError('--engine and --ros exclude each other: the nodes run, no simulation')
-    engine = chosen_engine(options)
-    runner: Runner = Simulation(engine)
+    runner: Runner = Simulation()
     if options.ros:
         from ctc_chattering.studies.over_ros import over_ros as runner
     todo = comparison.tasks([find_file(file) for file in options.files], _backends(options),
@@ -76,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
         prepare(options.out, NAMES, options.overwrite)
     runs = comparison.compare(todo, 1 if options.ros else number_of_jobs(options.jobs), runner)
     if not options.ros:
-        compile_loop(comparison.setups(todo), engine, say)
+        compile_setups(comparison.setups(todo), say)
     outcomes = list(progress_bar(runs, desc='compare', unit='law', total=len(todo)))
     print(to_markdown(outcomes))
     if options.out is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from importlib.util import find_spec
 
-from ctc_chattering.cli.options import add_engine_option, add_jobs, add_output, number_of_jobs
+from ctc_chattering.cli.options import add_jobs, add_output, number_of_jobs
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import UsageError
 
@@ -22,7 +22,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='of a dask cluster that is there, tcp://host:port')
-    add_engine_option(parser)
     parser.add_argument('--explain', metavar='POINT',
                         help='write and draw one run, by its number or by name=value,... of axes, '
                              'law and repeat')
@@ -31,7 +30,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc map`."""
-    from ctc_chattering.analysis.engine import available
     from ctc_chattering.cli.map_explanation import explain
     from ctc_chattering.cli.map_runs import compute_map
     from ctc_chattering.robustness.runs import Runs
@@ -43,7 +41,6 @@ def run(options: argparse.Namespace) -> int:
         raise ModuleNotFoundError(name='pandas')
     jobs = number_of_jobs(options.jobs)
     runs = Runs(read_spec(find_config(options.spec, folder=_FOLDER)))
-    engine, reason = available(options.engine)
     if options.explain is not None:
-        return explain(runs, engine, options)
-    return compute_map(runs, engine, reason, jobs, options)
+        return explain(runs, options)
+    return compute_map(runs, jobs, options)

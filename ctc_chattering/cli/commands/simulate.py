@@ -27,7 +27,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc simulate`."""
+    from ctc_chattering.analysis.compilation import can_be_compiled, PLAIN, way
+    from ctc_chattering.cli.command_line import say
     from ctc_chattering.cli.progress import Progress
+    from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 
     file, over, setup = load_setup(options)
     if setup.plant.duration == 0.0:
@@ -36,6 +39,8 @@ def run(options: argparse.Namespace) -> int:
         setup = parameter_file.load(file, over)
     if options.out is not None:
         prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
+    if way(setup) == PLAIN and can_be_compiled(setup) and setup.plant.compiled:
+        say(HOW_TO_COMPILE)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         result = simulated(setup, progress)
         progress(setup.plant.duration)

@@ -8,10 +8,8 @@ import time
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
-    add_engine_option,
     add_jobs,
     add_output,
-    chosen_engine,
     number_of_jobs,
 )
 from ctc_chattering.cli.presentation import print_page
@@ -26,26 +24,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--laws', action='store_true',
                         help='every law with its recommended settings, against compensation')
     add_jobs(parser)
-    add_engine_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
-    from ctc_chattering.analysis.engine import compile_loop
+    from ctc_chattering.analysis.compilation import compile_setups
     from ctc_chattering.cli.progress import progress_bar
     from ctc_chattering.studies import study_files
     from ctc_chattering.studies.cases import CASES
-    from ctc_chattering.studies.study import engines, run_cases
+    from ctc_chattering.studies.study import engines, run_cases, setup_of
 
-    jobs, engine, start = number_of_jobs(options.jobs), chosen_engine(options), time.monotonic()
+    jobs, start = number_of_jobs(options.jobs), time.monotonic()
     kind = study_files.LAWS if options.laws else study_files.SWITCHINGS
     out = prepare(options.out, kind.names, options.overwrite)
-    compile_loop((case.setup() for case in CASES), engine, say)
+    compile_setups((setup_of(case, x) for case in CASES for x in kind.variants), say)
     outcomes = list(progress_bar(
-        run_cases(CASES, kind.variants, jobs, engine), desc=kind.name, unit='run',
+        run_cases(CASES, kind.variants, jobs), desc=kind.name, unit='run',
         total=len(CASES) * len(kind.variants)))
     print('drawing ...', flush=True)
-    page = study_files.write_study(kind, outcomes, out, engine)
+    page = study_files.write_study(kind, outcomes, out)
     failed = sum(bool(outcome.score.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
           f'{engines(outcomes)}.')

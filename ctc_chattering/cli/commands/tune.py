@@ -64,7 +64,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
-    from ctc_chattering.analysis.engine import available, compile_loop, engine_of
+    from ctc_chattering.analysis.compilation import compile_setups
     from ctc_chattering.robustness.tuning import report
     from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
     from ctc_chattering.robustness.tuning.runs import Evaluation, tune
@@ -79,14 +79,10 @@ def run(options: argparse.Namespace) -> int:
     with given_by_user(key for name, key in (_KEYS | _OF_TUNE).items()
                        if getattr(options, name) is not None):
         spec = _spec(options)
-    engine, reason = available()
-    used, why = engine_of(spec.setup, engine)
     out = prepare(options.out, NAMES, options.overwrite)
-    if reason or why:
-        print(f'engine {used}, which is slower: {reason or why}', flush=True)
-    compile_loop([spec.setup], used, partial(print, flush=True))
+    compile_setups([spec.setup], partial(print, flush=True))
     with _map(jobs, options.trials * spec.repeats.repeats) as each:
-        tuning = tune(Evaluation(spec, options.percentile, used, each), options.trials,
+        tuning = tune(Evaluation(spec, options.percentile, each), options.trials,
                       spec.repeats.seed)
     write_tuning(tuning, out)
     print(report.text(tuning))

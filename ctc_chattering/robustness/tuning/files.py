@@ -73,7 +73,7 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
     recommended = report.best(tuning)
     return {
         'name': spec.name, 'law': config.law, 'switching': config.switching_in_force or None,
-        'engine': tuning.engine, 'percentile': tuning.percentile, 'seed': tuning.seed,
+        'percentile': tuning.percentile, 'seed': tuning.seed,
         'joint_names': list(config.joint_names), 'duration_s': spec.setup.plant.duration,
         'window_s': list(spec.window), 'sampling': spec.repeats.sampling,
         'limits': {'torque_nm': list(spec.limits.torque),

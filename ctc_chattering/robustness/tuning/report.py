@@ -33,7 +33,7 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
     n, fresh = spec.repeats.repeats, len(tuning.fresh.setups)
     yield 'law', f'{config.law} {config.switching_in_force}'.strip()
     yield 'search', (f'{len(tuning.trials)} trials × {n} draws ({spec.repeats.sampling}), seed '
-                     f'{tuning.seed}, engine {tuning.engine}')
+                     f'{tuning.seed}')
     yield 'runs', (f'{spec.setup.plant.duration:g} s, evaluated from {spec.window[0]:g} s to '
                    f'{spec.window[1]:g} s; start within '
                    f'{spec.setup.reference.start_duration:g} s')

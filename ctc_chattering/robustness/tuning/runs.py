@@ -13,7 +13,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.robustness.tuning.search import front, knee, over_draws, OverDraws, Trial
 from ctc_chattering.robustness.tuning.spec import Draws, TuneSpec
 from ctc_chattering.studies.recommended import recommended, recommended_setup
-from ctc_chattering.studies.score import Score, score, Simulation
+from ctc_chattering.studies.score import Score, score
 from ctc_chattering.studies.search import Numbers, search
 from ctc_chattering.studies.tuning import Range, starts
 
@@ -57,8 +57,6 @@ class Tuning:
         Part of the runs that error and variation of a candidate do not exceed [%].
     seed : int
         Of the search.
-    engine : str
-        What ran it.
     trials : tuple of Trial
         All, in their order.
     front : tuple of int
@@ -77,7 +75,6 @@ class Tuning:
     spec: TuneSpec
     percentile: float
     seed: int
-    engine: str
     trials: tuple[Trial, ...]
     front: tuple[int, ...]
     points: tuple[Candidate, ...]
@@ -86,9 +83,9 @@ class Tuning:
     fresh: Draws
 
 
-def scores_of(window: tuple[float, float], engine: str, setups: Sequence[Setup]) -> list[Score]:
-    """Run setups by an engine; return the numbers of their true motion in a window."""
-    return [score(setup, window, Simulation(engine)) for setup in setups]
+def scores_of(window: tuple[float, float], setups: Sequence[Setup]) -> list[Score]:
+    """Run setups; return the numbers of their true motion in a window."""
+    return [score(setup, window) for setup in setups]
 
 
 class Evaluation(NamedTuple):
@@ -101,8 +98,6 @@ class Evaluation(NamedTuple):
         Window and limits.
     percentile : float
         Part of the runs that error and variation do not exceed [%]; 100 for the worst run.
-    engine : str
-        `BATCH` or `REFERENCE`; it has the robot of the spec.
     each : callable
         Map of a function over tasks, in their order.
 
@@ -110,7 +105,6 @@ class Evaluation(NamedTuple):
 
     spec: TuneSpec
     percentile: float
-    engine: str
     each: Callable[..., Iterator[Any]]
 
     def scores(self, candidates: Iterable[Mapping[str, Any]], draws: Draws) -> list[OverDraws]:
@@ -119,7 +113,7 @@ class Evaluation(NamedTuple):
         setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
                   for values in candidates for setup in draws.setups]
         runs = list(chain.from_iterable(self.each(
-            partial(scores_of, spec.window, self.engine),
+            partial(scores_of, spec.window),
             [setups[k:k + _CHUNK] for k in range(0, len(setups), _CHUNK)])))
         return [over_draws(runs[k:k + n], spec.limits, self.percentile)
                 for k in range(0, len(runs), n)]
@@ -164,7 +158,7 @@ def tune(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
                        validated))
     rest = tuple(map(Candidate, others, others.values(),
                      evaluation.scores(others.values(), drawn), validated[len(points):]))
-    return Tuning(spec, evaluation.percentile, seed, evaluation.engine, tuple(found),
+    return Tuning(spec, evaluation.percentile, seed, tuple(found),
                   tuple(chosen), points, recommended_point(points), rest, fresh)
 
 
