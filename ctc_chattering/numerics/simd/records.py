@@ -104,6 +104,9 @@ def _store(fields: Any, value: Any) -> Any:
 
 def register() -> None:
     """Have compiled code call what has been marked since the last time."""
+    marks = len(compilable.FUNCTIONS), len(compilable.RECORDS)
+    if marks == tuple(map(len, _REGISTERED)):
+        return
     _check_names()
     for marked in compilable.FUNCTIONS[len(_REGISTERED[0]):]:
         _REGISTERED[0].append(register_jitable(marked))
