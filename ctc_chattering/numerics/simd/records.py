@@ -206,4 +206,5 @@ def _register_method(marked: type, name: str, method: Callable[..., Any]) -> Non
 
     setattr(chosen, '__signature__', inspect.signature(method))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
-        overload_method(kind, name, strict=False)(chosen)
+        options: Any = {'strict': False}  # Their arguments may have other names.
+        overload_method(kind, name, **options)(chosen)
