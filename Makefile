@@ -37,7 +37,7 @@ test-load: $(READY)
 	$(BIN)/python test/support/load.py --loops $(LOOPS) --rounds $(ROUNDS)
 
 compiled: $(READY)
-	$(BIN)/python test/support/compile_loop.py
+	$(BIN)/python test/support/compile_code.py
 
 # Studies that take a minute or more each, and properties with random examples.
 slow: $(READY)

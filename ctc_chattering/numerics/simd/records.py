@@ -147,4 +147,9 @@ def _register_method(marked: type, name: str, method: Callable[..., Any]) -> Non
 
     setattr(chosen, '__signature__', inspect.signature(bare))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
+<<<<<<< HEAD
         overload_method(kind, name)(chosen)
+=======
+        options: Any = {'strict': False}  # Their arguments may have other names.
+        overload_method(kind, name, **options)(chosen)
+>>>>>>> h-plant

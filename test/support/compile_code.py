@@ -1,6 +1,6 @@
 """Compile the closed loop of two joints, which many tests would wait for."""
 
-from ctc_chattering.analysis.engine import compile_loop
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
 
-compile_loop([parameter_file.load(None)], None, print)
+compile_setups([parameter_file.load(None)], print)
