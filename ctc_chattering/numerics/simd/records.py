@@ -123,14 +123,10 @@ def _methods(marked: type) -> list[tuple[str, Any]]:
 
 def _check_names() -> None:
     """Refuse what numba could not tell apart: it knows methods of records by their names only."""
-    known: dict[str, tuple[str, ...]] = {}
     for marked in compilable.RECORDS:
-        for name, method in _methods(marked):
+        for name, _ in _methods(marked):
             clash = [x.__name__ for x in compilable.RECORDS if name in x.__annotations__]
             assert not clash, f'method {name} of {marked.__name__} is a field of {clash}'
-            names = tuple(inspect.signature(method).parameters)
-            assert known.setdefault(name, names) == names, (
-                f'method {name} of {marked.__name__} has not the arguments {known[name]}')
 
 
 def _register_method(marked: type, name: str, method: Callable[..., Any]) -> None:
@@ -147,9 +143,5 @@ def _register_method(marked: type, name: str, method: Callable[..., Any]) -> Non
 
     setattr(chosen, '__signature__', inspect.signature(bare))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
-<<<<<<< HEAD
-        overload_method(kind, name)(chosen)
-=======
         options: Any = {'strict': False}  # Their arguments may have other names.
         overload_method(kind, name, **options)(chosen)
->>>>>>> h-plant
