@@ -87,7 +87,10 @@ def solve_where(chosen: Truths, matrix: Array, x: Array) -> Array:
     if len(at) == len(x):
         return solve(matrix, x)
     y = np.zeros(len(x))
-    y[at] = solve(matrix[np.ix_(at, at)], x[at])
+    if len(at) == 1:  # A tenth of the time.
+        y[at] = x[at] / matrix[at, at]
+    else:
+        y[at] = solve(matrix[np.ix_(at, at)], x[at])
     return y
 
 
