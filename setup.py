@@ -49,6 +49,8 @@ setup(
         'mujoco': ['mujoco'],
         # The model urdf, of apt ros-jazzy-pinocchio; the robots of panda.yaml and ur5.yaml.
         'urdf': ['example-robot-data', 'pin'],
+        # `ctc compile`.
+        'compile': ['numba'],
         # `ctc map`, and several processes of the others; without numba it is slow.
         'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.

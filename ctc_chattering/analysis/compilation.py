@@ -16,6 +16,11 @@ from ctc_chattering.simulation.registry import make_plant
 COMPILED, PLAIN = 'compiled', 'plain'
 
 
+def has_compiler() -> bool:
+    """Return whether numba is installed."""
+    return find_spec('numba') is not None and find_spec('llvmlite') is not None
+
+
 def codes(setup: Setup) -> tuple[Code, ...]:
     """Return the functions that a setup needs as machine code; none where it cannot have them."""
     robot = make_plant(setup.plant, setup.descriptions.get('plant', ''))
@@ -35,10 +40,10 @@ def can_be_compiled(setup: Setup) -> bool:
     return not setup.events and bool(codes(setup))
 
 
-def missing(setups: Iterable[Setup]) -> dict[str, Code]:
-    """Return the functions that setups need and that are not compiled yet, by their files."""
-    found = {code.path.name: code for setup in setups for code in codes(setup)}
-    return {name: code for name, code in found.items() if not code.compiled}
+def missing(setups: Iterable[Setup]) -> list[Code]:
+    """Return the functions that setups need and that are not compiled yet, each once."""
+    found = {(code.function, code.layouts): code for setup in setups for code in codes(setup)}
+    return [code for code in found.values() if not code.compiled]
 
 
 def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
@@ -55,13 +60,13 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
         Takes a line that says so, before each of them.
 
     """
-    if find_spec('numba') is None or find_spec('llvmlite') is None:
+    if not has_compiler():
         show('numba is not installed: plain Python computes, 20 times slower '
              '(pip install numba)')
         return 0
     from ctc_chattering.numerics.simd.build import build
     todo = missing(setups)
-    for i, code in enumerate(todo.values()):
+    for i, code in enumerate(todo):
         show(f'compiling {code.name} ({i + 1} of {len(todo)}), once for this version ...')
         build(code)
     return len(todo)

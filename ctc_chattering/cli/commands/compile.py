@@ -24,9 +24,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compile`."""
-    from ctc_chattering.analysis.compilation import can_be_compiled, compile_setups
+    from ctc_chattering.analysis.compilation import can_be_compiled, compile_setups, has_compiler
     from ctc_chattering.numerics.machine_code import cache_directory
 
+    if not has_compiler():
+        raise ModuleNotFoundError(name='numba')
     start, (_, _, setup) = time.monotonic(), load_setup(options)
     setup = dataclasses.replace(setup, events=())
     if not can_be_compiled(setup):
