@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from importlib.util import find_spec
 
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import Controller
@@ -27,7 +26,8 @@ def codes(setup: Setup) -> tuple[Code, ...]:
 
 def way(setup: Setup) -> str:
     """Return how a run of a setup is computed now, `COMPILED` or `PLAIN`."""
-    return COMPILED if can_be_compiled(setup) and not missing([setup]) else PLAIN
+    found = () if setup.events else codes(setup)
+    return COMPILED if found and all(code.compiled for code in found) else PLAIN
 
 
 def can_be_compiled(setup: Setup) -> bool:
@@ -37,8 +37,8 @@ def can_be_compiled(setup: Setup) -> bool:
 
 def missing(setups: Iterable[Setup]) -> dict[str, Code]:
     """Return the functions that setups need and that are not compiled yet, by their files."""
-    found = {code.path.name: code for setup in setups for code in codes(setup)}
-    return {name: code for name, code in found.items() if not code.compiled}
+    return {code.path.name: code for setup in setups for code in codes(setup)
+            if not code.compiled}
 
 
 def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
@@ -55,12 +55,13 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
         Takes a line that says so, before each of them.
 
     """
-    if find_spec('numba') is None or find_spec('llvmlite') is None:
-        show('numba is not installed: plain Python computes, 20 times slower '
-             '(pip install numba)')
+    try:
+        todo = missing(setups)
+        if todo:
+            from ctc_chattering.numerics.simd.build import build
+    except ImportError as error:  # Not there, or numba refuses this version of NumPy.
+        show(f'plain Python computes, 20 times slower: {error}')
         return 0
-    from ctc_chattering.numerics.simd.build import build
-    todo = missing(setups)
     for i, code in enumerate(todo.values()):
         show(f'compiling {code.name} ({i + 1} of {len(todo)}), once for this version ...')
         build(code)
