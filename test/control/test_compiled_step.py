@@ -12,6 +12,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.simd.build import build
+from machine_code import compile_step
 import numpy as np
 import pytest
 from urdfs import PANDA, panda
@@ -115,3 +116,60 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
 def test_a_step_is_that_of_plain_python(law: str, switching: str, n: int) -> None:
     for seed in range(8):
         check(law, switching, n, seed)
+
+
+def controllers(**values: Any) -> list[Controller]:
+    """Return one of plain Python and one of machine code."""
+    return [Controller(ControllerConfig.from_mapping({**values, 'compiled': compiled}))
+            for compiled in (False, True)]
+
+
+@pytest.mark.parametrize('delay', [0, 2])
+def test_changes_between_steps(delay: int) -> None:
+    """Machine code begins with what was remembered, and hands it on: filter, law, transit."""
+    changes: dict[int, dict[str, Any]] = {
+        20: {'law': 'observer_feedback'}, 30: {'kp': [50.0, 200.0]},
+        60: {'law': 'integral'}, 70: {'effort_limit': [90.0, 9.0]}, 90: {'law': 'chattering'}}
+    resets: dict[int, tuple[Any, ...]] = {40: (True, [5.0, -2.0]), 80: (False,)}
+    both = plain, compiled = controllers(law='integral', input_delay=delay, b=1.2,
+                                         switching='implicit_observer',
+                                         effort_rate_limit=[2e4, 2e4])
+    torques, h = [], plain.config.control_period
+    for k in range(120):
+        for law in both:
+            if k in changes:
+                law.configure(law.config.changed(changes[k]))
+            if k in resets:
+                law.reset(*resets[k])
+        compile_step(compiled)
+        t = h * np.arange(k, k + 1 + delay)[:, np.newaxis]
+        points = np.stack((0.3 * np.sin(9.0 * t), 2.7 * np.cos(9.0 * t), -24.3 * np.sin(9.0 * t)),
+                          axis=1) + np.zeros(2)
+        q, dq = points[0, :2] - [[1e-3 * np.sin(0.05 * k)], [5e-2 * np.cos(0.05 * k)]]
+        made = [law.step(q, dq, *points[0], points[1:].tolist()) for law in both]
+        assert (plain.compiled, compiled.compiled) == (False, True)
+        for name, right in made[0]._asdict().items():
+            found = getattr(made[1], name)
+            if right is None or found is None:
+                assert found is right
+            else:
+                size = max(1.0, *map(abs, right))
+                np.testing.assert_allclose(found, right, rtol=0.0, atol=1e-9 * size, err_msg=name)
+        torques.append(made[0].tau)
+    assert any(np.abs(np.diff(torques, axis=0))[k - 1].max() > 1.0 for k in resets)
+
+
+@pytest.mark.parametrize('where', [0, 1, 3])
+def test_numbers_that_overflow_are_no_sample(where: int) -> None:
+    """They would be a torque of inf or nan."""
+    for law in controllers(law='compensation'):
+        if law.config.compiled:
+            compile_step(law)
+        rows = [[0.1, 0.2] for _ in range(5)]
+        assert law.try_step(*rows) is not None
+        assert law.compiled == law.config.compiled
+        rows[where] = [1e308, -1e308]
+        with np.errstate(all='ignore'):
+            assert law.try_step(*rows) is None
+        law.reset()
+        assert law.try_step(*[[0.1, 0.2] for _ in range(5)]) is not None
