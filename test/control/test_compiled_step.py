@@ -57,7 +57,7 @@ def same(found: Any, right: Any) -> None:
 def compiled_step(plain: Controller, model: Model) -> CompiledStep:
     """Return the step to come of a controller as machine code."""
     c = plain.config
-    arm = arm_of(model, c.gravity, c.inertia_scale, c.gravity_scale)
+    arm = arm_of(model, c.inertia_scale, c.gravity_scale)
     assert arm is not None
 
     def made() -> CompiledStep:
@@ -159,17 +159,28 @@ def test_changes_between_steps(delay: int) -> None:
     assert any(np.abs(np.diff(torques, axis=0))[k - 1].max() > 1.0 for k in resets)
 
 
+def test_the_gravity_is_that_of_the_model() -> None:
+    """Not that of the configuration, which names another one."""
+    config, x = ControllerConfig(law='compensation'), [0.5, 1.0]
+    plain, compiled = (Controller(config.changed({'compiled': way}), TwoLink(3.0))
+                       for way in (False, True))
+    compile_step(compiled)
+    found, right = (np.array(law.step(x, x, x, x, x).tau) for law in (compiled, plain))
+    np.testing.assert_allclose(found, right, rtol=1e-12)
+    assert compiled.compiled
+
+
 @pytest.mark.parametrize('where', [0, 1, 3])
 def test_numbers_that_overflow_are_no_sample(where: int) -> None:
     """They would be a torque of inf or nan."""
     for law in controllers(law='compensation'):
         if law.config.compiled:
             compile_step(law)
-        rows = [[0.1, 0.2] for _ in range(5)]
-        assert law.try_step(*rows) is not None
+        rest = [0.1, 0.2]
+        assert law.try_step(rest, rest, rest, rest, rest) is not None
         assert law.compiled == law.config.compiled
-        rows[where] = [1e308, -1e308]
+        q, dq, q_d, dq_d = ([1e308, -1e308] if i == where else rest for i in range(4))
         with np.errstate(all='ignore'):
-            assert law.try_step(*rows) is None
+            assert law.try_step(q, dq, q_d, dq_d, rest) is None
         law.reset()
-        assert law.try_step(*[[0.1, 0.2] for _ in range(5)]) is not None
+        assert law.try_step(rest, rest, rest, rest, rest) is not None
