@@ -94,7 +94,8 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
             step = compiled_step(plain, model)
             step.measured[:], step.points[:] = (q, dq), points.reshape(-1, n)
             step.step()
-        sample = plain.step(q, dq, *points[0], points[1:].tolist())
+        sample = plain.step(
+            q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
         assert not plain.compiled
         if k >= 5:
             for row, right in ((TAU, sample.tau), (E, sample.e), (V, sample.v),
@@ -146,7 +147,8 @@ def test_changes_between_steps(delay: int) -> None:
         points = np.stack((0.3 * np.sin(9.0 * t), 2.7 * np.cos(9.0 * t), -24.3 * np.sin(9.0 * t)),
                           axis=1) + np.zeros(2)
         q, dq = points[0, :2] - [[1e-3 * np.sin(0.05 * k)], [5e-2 * np.cos(0.05 * k)]]
-        made = [law.step(q, dq, *points[0], points[1:].tolist()) for law in both]
+        made = [law.step(q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
+                for law in both]
         assert (plain.compiled, compiled.compiled) == (False, True)
         for name, right in made[0]._asdict().items():
             found = getattr(made[1], name)

@@ -71,7 +71,7 @@ def advanced(p: CompiledPlant, given: Any) -> int:
     return 0
 
 
-def compiled(plant: Plant) -> tuple[CompiledPlant, Code, CompiledArm]:
+def compiled(plant: Plant, given: Any) -> tuple[CompiledPlant, Code, CompiledArm]:
     """Return a plant and its machine code, and its dynamics, which must be kept."""
     arm = arm_of(plant.model)
     assert arm is not None
@@ -79,7 +79,7 @@ def compiled(plant: Plant) -> tuple[CompiledPlant, Code, CompiledArm]:
         build(code)
     dynamics = CompiledArm(arm, plant.n)
     taken = compiled_plant(plant, dynamics)
-    code = Code(advanced, (taken, inputs(plant, 1)[0]), f'plant-{plant.n}')
+    code = Code(advanced, (taken, given), f'plant-{plant.n}')
     build(code)
     return taken, code, dynamics
 
@@ -87,8 +87,8 @@ def compiled(plant: Plant) -> tuple[CompiledPlant, Code, CompiledArm]:
 def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tuple[float, int]:
     """Return the largest difference after single steps, and how many modes were seen."""
     plain = Plant(config, model)
-    made, code, _dynamics = compiled(plain)
     given = inputs(Plant(config, model), STEPS)
+    made, code, _dynamics = compiled(plain, given[0])
     weight = np.array(model.gravity_torque(plain.q))
     kf, largest, modes = np.array(config.coulomb_friction), 0.0, set()
     for k in range(STEPS):
