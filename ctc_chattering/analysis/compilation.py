@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from importlib.util import find_spec
 
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import Controller
@@ -32,7 +31,8 @@ def codes(setup: Setup) -> tuple[Code, ...]:
 
 def way(setup: Setup) -> str:
     """Return how a run of a setup is computed now, `COMPILED` or `PLAIN`."""
-    return COMPILED if can_be_compiled(setup) and not missing([setup]) else PLAIN
+    found = () if setup.events else codes(setup)
+    return COMPILED if found and all(code.compiled for code in found) else PLAIN
 
 
 def can_be_compiled(setup: Setup) -> bool:
@@ -60,12 +60,14 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
         Takes a line that says so, before each of them.
 
     """
-    if not has_compiler():
-        show('numba is not installed: plain Python computes, 20 times slower '
-             '(pip install numba)')
-        return 0
-    from ctc_chattering.numerics.simd.build import build
     todo = missing(setups)
+    if not todo:
+        return 0
+    try:
+        from ctc_chattering.numerics.simd.build import build
+    except ImportError as error:  # Not there, or numba refuses this version of NumPy.
+        show(f'plain Python computes, 20 times slower: {error}')
+        return 0
     for i, code in enumerate(todo):
         show(f'compiling {code.name} ({i + 1} of {len(todo)}), once for this version ...')
         build(code)

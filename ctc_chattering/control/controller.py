@@ -94,7 +94,7 @@ class Controller:
             self.model = Scaled(self.model, config.inertia_scale, config.gravity_scale)
         self._arm: Arm | None = None
         if config.compiled:
-            self._arm = arm_of(known, config.gravity, config.inertia_scale, config.gravity_scale)
+            self._arm = arm_of(known, config.inertia_scale, config.gravity_scale)
         self.transit = in_transit(n, config.input_delay)
         #: Laws that are not in force, with what they remember.
         self._others: dict[str, tuple[Law, Any]] = {}

@@ -75,8 +75,7 @@ class BodyScratch:
     bias: Array
 
 
-def arm_of(model: Model, gravity: float, inertia_scale: float = 1.0, gravity_scale: float = 1.0
-           ) -> Arm | None:
+def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0) -> Arm | None:
     """
     Return the numbers of a `TwoLink` or `UrdfModel`; None for another model.
 
@@ -84,22 +83,21 @@ def arm_of(model: Model, gravity: float, inertia_scale: float = 1.0, gravity_sca
     ----------
     model : Model
         Whose numbers they are.
-    gravity : float
-        [m/s²].
     inertia_scale, gravity_scale : float
         Factors of M and C, and of G.
 
     """
-    g, c = gravity * gravity_scale / inertia_scale, inertia_scale
+    c, ratio = inertia_scale, gravity_scale / inertia_scale
     if type(model) is UrdfModel:
         bodies = _bodies(model)
-        return Arm(False, g, 1.0, bodies.parent, bodies.prismatic, bodies.joint, bodies.rotation,
-                   bodies.offset, c * bodies.mass, bodies.center, c * bodies.inertia)
+        return Arm(False, ratio * model.gravity, 1.0, bodies.parent, bodies.prismatic,
+                   bodies.joint, bodies.rotation, bodies.offset, c * bodies.mass, bodies.center,
+                   c * bodies.inertia)
     if type(model) is not TwoLink:
         return None
     none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
-    return Arm(True, g, c, none.astype(np.int64), none.astype(np.bool_), none.astype(np.int64),
-               square, row, none, row, square)
+    return Arm(True, ratio * model.gravity, c, none.astype(np.int64), none.astype(np.bool_),
+               none.astype(np.int64), square, row, none, row, square)
 
 
 @lru_cache(64)

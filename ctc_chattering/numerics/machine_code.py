@@ -25,7 +25,7 @@ import numpy as np
 
 _PACKAGE = Path(__file__).parents[1]
 #: Folders with functions that are compiled.
-_FOLDERS = ('numerics', 'dynamics', 'control', 'simulation', 'batch')
+_FOLDERS = ('numerics', 'dynamics', 'control', 'simulation')
 #: How numba calls: where the result goes, where an error goes, and one argument.
 _PROTOTYPE: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 #: What a user reads who runs plain Python in its place.
@@ -96,11 +96,17 @@ class Code:
 
     @property
     def compiled(self) -> bool:
-        """Whether there is machine code, and what is needed to load it."""
-        try:
-            return self.path.exists()
-        except ImportError:
-            return False
+        """Whether there is machine code, undamaged, and what is needed to load it."""
+        with suppress(ImportError, OSError, CtcError):
+            return _intact(self.path, self.path.stat().st_mtime_ns)
+        return False
+
+    def keep(self, symbol: str, machine_code: bytes) -> None:
+        """Keep an object file with the function of this name."""
+        content = f'{symbol}\n'.encode() + machine_code
+        part = self.path.with_suffix('.part')
+        part.write_bytes(f'{hashlib.sha256(content).hexdigest()}\n'.encode() + content)
+        part.replace(self.path)
 
     def address(self) -> int:
         """Return where the machine code is."""
@@ -183,17 +189,25 @@ def _of_the_user(directory: Path) -> bool:
 @lru_cache(1024)
 def _key(function: Callable[..., int], layouts: tuple[Layout, ...]) -> str:
     """Return a word for all that machine code depends on."""
-    text = f'{source_key()} {_processor()} {_origin(function)} {layouts}'
+    text = f'{source_key()} {_processor()} {_origin(function, str(layouts))} {layouts}'
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _origin(function: Callable[..., int]) -> str:
+def _origin(function: Callable[..., int], layouts: str) -> str:
     """Return what tells a function from others: its name, what it encloses, code of users."""
     enclosed = [repr(cell.cell_contents) for cell in function.__closure__ or ()]
     modules = {marked.__module__ for marked in (*compilable.FUNCTIONS, *compilable.RECORDS)}
-    texts = [Path(str(sys.modules[name].__file__)).read_text(encoding='utf-8')
-             for name in sorted(modules) if not name.startswith('ctc_chattering.')]
+    own = sorted(name for name in modules if not name.startswith('ctc_chattering.'))
+    texts = [*map(_text, own)] if any(f'is {name}.' in layouts for name in own) else []
     return f'{function.__module__}.{function.__qualname__} {enclosed} {texts}'
+
+
+def _text(module: str) -> str:
+    """Return the text of a module of the user."""
+    path = getattr(sys.modules.get(module), '__file__', None)
+    if path is None:  # Typed in; two texts could not be told from each other.
+        raise ImportError(f'{module} is not a file: it cannot be compiled')
+    return Path(path).read_text(encoding='utf-8')
 
 
 @lru_cache(1)
@@ -203,11 +217,25 @@ def _processor() -> str:
     return f'{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}'
 
 
+def _content(path: Path) -> bytes | None:
+    """Return what is kept in a file; None for a damaged one, which must never be run."""
+    word, _, content = path.read_bytes().partition(b'\n')
+    return content if hashlib.sha256(content).hexdigest().encode() == word else None
+
+
+@lru_cache(1024)
+def _intact(path: Path, _written: int) -> bool:
+    return _content(path) is not None
+
+
 @lru_cache
 def _load(path: Path) -> int:
-    """Return the address of the function in a file of `simd.build`."""
+    """Return the address of the function in a file of `Code.keep`."""
     from llvmlite import binding
-    symbol, _, machine_code = path.read_bytes().partition(b'\n')
+    content = _content(path)
+    if content is None:
+        raise CtcError(f'{path} is damaged: remove it')
+    symbol, _, machine_code = content.partition(b'\n')
     for start in (binding.initialize, binding.initialize_native_target,
                   binding.initialize_native_asmprinter):
         try:

@@ -207,7 +207,7 @@ def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> Comp
     """
     if type(robot) is not Plant or not robot.config.compiled or robot.config.elastic:
         return None
-    step, arm = law.compiled_step(), arm_of(robot.model, robot.config.gravity)
+    step, arm = law.compiled_step(), arm_of(robot.model)
     if step is None or arm is None or type(robot.own) not in RECORDS:
         return None
     return CompiledLoop(robot, CompiledArm(arm, robot.n), step, truth)

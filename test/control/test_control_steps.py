@@ -20,6 +20,7 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+from machine_code import compile_step
 import numpy as np
 from oracles import Array
 import pytest
@@ -67,12 +68,12 @@ def smooth_motion(case: dict[str, Any], n: int) -> list[Point]:
              [0.2 * x ** 2 * math.cos(x * k * h) for x in w]) for k in range(STEPS + 5)]
 
 
-def play(case: dict[str, Any], states: list[State], points: list[Point]) -> Array:
+def play(case: dict[str, Any], states: list[State], points: list[Point], compiled: bool) -> Array:
     """Return the torques, shape (STEPS, n)."""
     name, changes = case['model'], case['actions']
     config = ControllerConfig.from_mapping({
         **case['config'], 'model': 'two_link' if name == 'two_link' else 'urdf',
-        'joint_names': list(JOINTS[name])})
+        'joint_names': list(JOINTS[name]), 'compiled': compiled})
     law, torques = Controller(config, model(name, config.gravity)), []
     for k, (q, dq) in enumerate(states):
         action = changes.get(str(k), {})
@@ -80,14 +81,18 @@ def play(case: dict[str, Any], states: list[State], points: list[Point]) -> Arra
             law.configure(law.config.changed(action['configure']))
         if 'reset' in action:
             law.reset(action['reset'], action.get('held'))
+        if compiled and (k == 0 or action):
+            compile_step(law)
         sample = law.step(q, dq, *points[k], points[k + 1:k + 1 + config.input_delay])
+        assert law.compiled == compiled
         torques.append(list(sample.tau))
     return np.array(torques)
 
 
-@pytest.mark.parametrize('name', JOINTS)
+@pytest.mark.parametrize(('name', 'compiled'), [
+    *((name, False) for name in JOINTS), ('two_link', True)])
 @pytest.mark.parametrize('closed', [False, True])
-def test_torques_are_those_recorded(name: str, closed: bool) -> None:
+def test_torques_are_those_recorded(name: str, compiled: bool, closed: bool) -> None:
     """Check every torque to 1e-9 of the largest term of the law in its sequence."""
     cases, torques, measured = recorded()
     at = since = compared = 0
@@ -101,9 +106,9 @@ def test_torques_are_those_recorded(name: str, closed: bool) -> None:
         if (case['model'], case['closed']) != (name, closed):
             continue
         if states is None:
-            made = play(case, *random_motion(case, n))
+            made = play(case, *random_motion(case, n), compiled)
         else:
-            made = play(case, states, smooth_motion(case, n))
+            made = play(case, states, smooth_motion(case, n), compiled)
         np.testing.assert_allclose(made, wanted, rtol=0.0, atol=1e-9 * case['scale'],
                                    err_msg=str(case))
         compared += 1

@@ -1,5 +1,5 @@
 """
-M, C, G and accelerations of the models that compiled code has, against Pinocchio.
+M, C, G and C dq + G of the models that compiled code has, against Pinocchio.
 
 Not compiled: the tests of the compiled plant show that compiling changes rounding only.
 """
@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.batch.records import record
+from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.arm import arm_of, body_scratch
-from ctc_chattering.dynamics.compiled_model import CompiledModel, evaluate
+from ctc_chattering.dynamics.compiled_model import Place, set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.records import packed, record_of
 import numpy as np
+from oracles import Masses
 import pytest
 from urdfs import joint, link, PANDA, panda, urdf
 
@@ -40,6 +41,15 @@ def branching() -> str:
         joint('held', 'fixed', 'wrist', 'tool', xyz='0 0 0.1', more='', rpy='0 0.3 0')])
 
 
+class OwnTwoLink(TwoLink):
+    """Somebody's model."""
+
+
+def place_of(n: int) -> Any:
+    row, square = np.zeros(n), np.zeros((n, n))
+    return packed(Place(0, 0, row, row, square, square, row))
+
+
 def robots() -> dict[str, Model]:
     return {
         'two links': TwoLink(9.81), 'panda': UrdfModel(panda(), PANDA),
@@ -53,36 +63,36 @@ def test_the_terms_of_the_model(name: str, scales: tuple[float, float]) -> None:
     model = robots()[name]
     scaled = model if scales == (1.0, 1.0) else Scaled(model, *scales)
     n, rng = model.n, np.random.default_rng(5)
-    arm = record(arm_of(model, model.gravity, *scales))  # type: ignore[attr-defined]
-    body, M, C, G = record(body_scratch(n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    arm = record_of(arm_of(model, *scales))
+    body, place = record_of(body_scratch(n)), place_of(n)
     for _ in range(5):
-        q, dq, u = rng.uniform(-2.0, 2.0, (3, n))
-        evaluate(arm, q, dq, body, M, C, G)
-        for found, right in zip((M, C, G), scaled.evaluate(q, dq)):
-            np.testing.assert_allclose(found, right, rtol=0, atol=1e-12 * np.abs(right).max())
-        mask, at = int(rng.integers(2 ** n)), (q.tolist(), dq.tolist())
-        compiled = CompiledModel(arm, body)
-        terms: tuple[tuple[Any, Any], ...] = (
-            (compiled.forward_dynamics(q, dq, u, mask),
-             scaled.forward_dynamics(*at, u.tolist(), mask)),
-            (compiled.reaction(q, dq, u, mask), scaled.reaction(*at, u.tolist(), mask)),
-            *zip(compiled.mass_and_bias(q, dq), scaled.mass_and_bias(*at)))
-        for found, right in terms:
-            size = np.abs(right).max()
-            np.testing.assert_allclose(found, right, rtol=0, atol=1e-10 * (1.0 + size))
+        q, dq = rng.uniform(-2.0, 2.0, (2, n))
+        place.q, place.dq = body.q, body.dq = q, dq
+        set_terms(arm, body, place)
+        right = scaled.evaluate(q, dq)
+        for x, y in zip((place.M, place.C, place.G), right):
+            np.testing.assert_allclose(x, y, rtol=0, atol=1e-12 * np.abs(y).max())
+        set_mass_and_bias(arm, body)
+        for x, y in zip((body.M, body.bias), scaled.mass_and_bias(q.tolist(), dq.tolist())):
+            np.testing.assert_allclose(x, y, rtol=0, atol=1e-10 * (1.0 + np.abs(y).max()))
 
 
 def test_joints_of_different_arms_do_not_act_on_each_other() -> None:
     """The oracle, Pinocchio, has zeros there too; that they are seen needs a state in motion."""
-    model = robots()['branching']
-    M, C = np.ones((4, 4)), np.ones((4, 4))
-    arm = record(arm_of(model, 3.7))
-    evaluate(arm, np.full(4, 0.3), np.full(4, 0.7), record(body_scratch(4)), M, C, np.zeros(4))
+    place = place_of(4)
+    place.q, place.dq, place.M, place.C = 0.3, 0.7, 1.0, 1.0
+    set_terms(record_of(arm_of(robots()['branching'])), record_of(body_scratch(4)), place)
     for a, b in ((0, 1), (1, 0), (1, 3), (3, 1)):
-        assert M[a, b] == C[a, b] == 0.0
-    assert (np.abs(M[:, 2]) > 1e-3).all()
+        assert place.M[a, b] == place.C[a, b] == 0.0
+    assert (np.abs(place.M[:, 2]) > 1e-3).all()
 
 
-def test_another_model_is_refused() -> None:
-    with pytest.raises(CtcError, match='no compiled dynamics for the model Scaled'):
-        arm_of(Scaled(TwoLink(), 1.0, 1.0), 9.81)
+@pytest.mark.parametrize('model', [
+    Scaled(TwoLink(), 1.0, 1.0), Masses([[1.0, 0.0], [0.0, 1.0]]), OwnTwoLink(9.81)])
+def test_other_models_have_none(model: Model) -> None:
+    """A class that is derived from one of these may compute something else."""
+    assert arm_of(model) is None
+    law = Controller(ControllerConfig(), model)
+    assert law.compiled_step() is None
+    law.step([0.1, 0.2], *[[0.1, 0.2]] * 4)
+    assert not law.compiled

@@ -1,5 +1,6 @@
 """Machine code of functions of records: the numbers of plain Python, and no numba to run it."""
 
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 import subprocess
@@ -7,9 +8,9 @@ import sys
 from typing import Any, NamedTuple
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.numerics import machine_code
+from ctc_chattering.numerics import compilable, machine_code
 from ctc_chattering.numerics.machine_code import Call, Code, invoke
-from ctc_chattering.numerics.records import numpy_record
+from ctc_chattering.numerics.records import numpy_record, packed
 import numpy as np
 import pytest
 
@@ -49,8 +50,10 @@ def build(code: Code) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _empty(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def _empty(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     monkeypatch.setattr(machine_code, 'cache_directory', lambda: tmp_path)
+    yield
+    machine_code._key.cache_clear()
 
 
 def test_as_plain_python() -> None:
@@ -83,7 +86,7 @@ def test_called_by_its_address() -> None:
 
 
 def test_without_numba(tmp_path: Path) -> None:
-    """One process compiles it; the next one loads and calls it, and never imports numba."""
+    """Of two at once one compiles it; the next one calls it, and never imports numba."""
     script = f"""
 import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
@@ -91,15 +94,24 @@ from ctc_chattering.numerics import machine_code
 machine_code.cache_directory = lambda: Path({str(tmp_path)!r})
 import test_machine_code as t
 code, made = machine_code.Code(t.added, t._arguments(2), 'added'), t._arguments(3)
+compiled = []
 if not code.compiled:
-    t.build(code)
-print(machine_code.Call(code, made)(), made[0].first.x.tolist(), 'numba' in sys.modules)"""
+    from ctc_chattering.numerics.simd import build
+    make = build._machine_code
+    build._machine_code = lambda code: compiled.append(code) or make(code)
+    build.build(code)
+print(machine_code.Call(code, made)(), made[0].first.x.tolist(), len(compiled),
+      'numba' in sys.modules)"""
+
+    def start() -> subprocess.Popen[str]:
+        return subprocess.Popen([sys.executable, '-c', script], stdout=subprocess.PIPE, text=True)
     plain = _arguments(3)
     added(*plain)
-    for compiling in (True, False):
-        ended = subprocess.run([sys.executable, '-c', script], stdout=subprocess.PIPE, text=True,
-                               check=True)
-        assert ended.stdout == f'6 {plain[0].first.x.tolist()} {compiling}\n'
+    found = f'6 {plain[0].first.x.tolist()}'
+    both = [start(), start()]
+    ends = sorted(process.communicate()[0] for process in both)
+    assert ends == [f'{found} 0 True\n', f'{found} 1 True\n']
+    assert start().communicate()[0] == f'{found} 0 False\n'
 
 
 def test_another_layout_text_or_processor_is_another_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,7 +124,74 @@ def test_another_layout_text_or_processor_is_another_file(monkeypatch: pytest.Mo
     for name in ('source_key', '_processor'):
         with monkeypatch.context() as context:
             context.setattr(machine_code, name, lambda: 'another')
+            machine_code._key.cache_clear()
             assert Code(added, (pair, table), 'added').path != path
+
+
+def test_the_text_of_a_user_is_part_of_what_uses_it(
+        monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Check a module of a user: what has its records is another file for another text."""
+    text = ('from typing import Any, NamedTuple\n'
+            'from ctc_chattering.numerics.compilable import record\n'
+            '@record\nclass Gain(NamedTuple):\n    x: Any\n')
+    path = tmp_path / 'module_of_a_user.py'
+    path.write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(compilable, 'RECORDS', [*compilable.RECORDS])
+    pair, table = _arguments(2)
+    without = Code(added, (pair, table), 'added').path
+    gain = packed(import_module('module_of_a_user').Gain(np.zeros(2)))
+
+    def paths() -> tuple[Path, Path]:
+        machine_code._key.cache_clear()
+        return Code(added, (pair, table), 'added').path, Code(added, (gain, table), 'added').path
+    assert paths()[0] == without
+    first = paths()[1]
+    path.write_text(text + '# Another factor.\n')
+    assert paths() == (without, paths()[1]) != (without, first)
+    monkeypatch.delattr(sys.modules['module_of_a_user'], '__file__')
+    machine_code._key.cache_clear()
+    assert not Code(added, (gain, table), 'added').compiled
+    with pytest.raises(ImportError, match='module_of_a_user is not a file'):
+        build(Code(added, (gain, table), 'added'))
+
+
+def test_the_text_of_the_package_is_part_of_all(
+        monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    source_key = machine_code.source_key.__wrapped__
+    for name in ('numerics/simd', 'dynamics', 'control/laws', 'simulation', 'analysis'):
+        (tmp_path / name).mkdir(parents=True)
+    monkeypatch.setattr(machine_code, '_PACKAGE', tmp_path)
+    keys = [source_key()]
+    for name in ('numerics/simd/a', 'dynamics/b', 'control/laws/c', 'simulation/d', 'analysis/e'):
+        (tmp_path / f'{name}.py').write_text('h = 1')
+        keys.append(source_key())
+    assert len(set(keys)) == 5
+    assert keys[-1] == keys[-2]
+
+
+@pytest.mark.parametrize('damage', ['truncated', 'a bit'])
+def test_damaged_machine_code_is_never_run(damage: str) -> None:
+    """It would crash the process, or compute something else; it is made again."""
+    code = Code(added, _arguments(2), 'added')
+    build(code)
+    good = code.path.read_bytes()
+    bad = bytearray(good)
+    bad[len(bad) // 2] ^= 1
+    code.path.write_bytes(good[:len(good) // 2] if damage == 'truncated' else bytes(bad))
+    assert not code.compiled
+    with pytest.raises(CtcError, match='is damaged'):
+        Call(code, _arguments(2))
+    build(code)
+    assert Call(code, _arguments(2))() == 6
+
+
+def test_without_a_directory_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain Python then computes, as it does where llvmlite is not installed."""
+    def none() -> Path:
+        raise CtcError('no directory')
+    monkeypatch.setattr(machine_code, 'cache_directory', none)
+    assert not Code(added, _arguments(2), 'added').compiled
 
 
 def test_memory_is_not_asked_for() -> None:

@@ -19,16 +19,13 @@ _INT = ir.IntType(64)
 
 def build(code: Code) -> None:
     """Compile a function, unless another process has done it meanwhile, and keep its code."""
-    path = code.path
-    with path.with_suffix('.lock').open('w') as lock:
+    with code.path.with_suffix('.lock').open('w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not path.exists():
-            part = path.with_suffix('.part')
-            part.write_bytes(_machine_code(code))
-            part.replace(path)
+        if not code.compiled:
+            code.keep(*_machine_code(code))
 
 
-def _machine_code(code: Code) -> bytes:
+def _machine_code(code: Code) -> tuple[str, bytes]:
     """Return the name of the function, and an object file."""
     register()
     # Without numba's memory: what would allocate an array is refused here.
@@ -36,8 +33,7 @@ def _machine_code(code: Code) -> bytes:
                     'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
     made = numba.njit(types.int64(types.int64), **options)(_entry(code))
     result: Any = made.overloads[made.signatures[0]]
-    machine_code: bytes = result.library._get_compiled_object()
-    return f'{result.fndesc.llvm_func_name}\n'.encode() + machine_code
+    return result.fndesc.llvm_func_name, result.library._get_compiled_object()
 
 
 def _entry(code: Code) -> Any:

@@ -5,13 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.batch.plant import compiled_plant, CompiledPlant, inputs, step
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.arm import arm_of
+from ctc_chattering.dynamics.compiled_model import CompiledArm
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
-from ctc_chattering.numerics.simd.records import packed
+from ctc_chattering.numerics.machine_code import Call, Code
+from ctc_chattering.numerics.records import packed
+from ctc_chattering.numerics.simd.build import build
+from ctc_chattering.simulation.compiled_plant import (
+    advance,
+    compiled_plant,
+    CompiledPlant,
+    inputs,
+)
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import PlantState
@@ -57,16 +65,35 @@ def at(plant: Plant, k: int) -> Any:
                              Measured(*plant.measured), plant._lost_in_a_row))
 
 
+def advanced(p: CompiledPlant, given: Any) -> int:
+    """Go on by one control period."""
+    advance(p, given)
+    return 0
+
+
+def compiled(plant: Plant, given: Any) -> tuple[CompiledPlant, Code, CompiledArm]:
+    """Return a plant and its machine code, and its dynamics, which must be kept."""
+    arm = arm_of(plant.model)
+    assert arm is not None
+    for code in CompiledArm(arm, plant.n).codes:
+        build(code)
+    dynamics = CompiledArm(arm, plant.n)
+    taken = compiled_plant(plant, dynamics)
+    code = Code(advanced, (taken, given), f'plant-{plant.n}')
+    build(code)
+    return taken, code, dynamics
+
+
 def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tuple[float, int]:
     """Return the largest difference after single steps, and how many modes were seen."""
     plain = Plant(config, model)
-    made: CompiledPlant = compiled_plant(plain, arm_of(model, config.gravity))
     given = inputs(Plant(config, model), STEPS)
+    made, code, _dynamics = compiled(plain, given[0])
     weight = np.array(model.gravity_torque(plain.q))
     kf, largest, modes = np.array(config.coulomb_friction), 0.0, set()
     for k in range(STEPS):
         given[k].tau[:] = weight + kf * rng.uniform(-1.6, 1.6, plain.n)
-        step(made, given[k])
+        Call(code, (made, given[k]))()
         plain.step(given[k].tau.tolist())
         modes.add(plain.modes)
         for name in made.state.dtype.names:

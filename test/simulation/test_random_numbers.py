@@ -2,7 +2,7 @@
 
 from random import Random
 
-from ctc_chattering.batch.random_numbers import normal_numbers
+from ctc_chattering.simulation.random_numbers import normal_numbers
 import numpy as np
 import pytest
 

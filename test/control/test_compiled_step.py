@@ -1,0 +1,188 @@
+"""The control step as machine code against plain Python: random states, settings, changes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ctc_chattering.control.compiled_step import CompiledStep, E, ROBUST, TAU, V
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.dynamics.arm import arm_of
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.numerics.simd.build import build
+from machine_code import compile_step
+import numpy as np
+import pytest
+from urdfs import PANDA, panda
+
+VARIANTS = [(law, switching) for law in LAWS
+            for switching in (SWITCHINGS if law == 'chattering' else ('sign',))]
+
+
+def random_values(rng: np.random.Generator, n: int) -> dict[str, Any]:
+    """Return gains and limits that reach every branch."""
+    def each(low: float, high: float) -> list[float]:
+        return [float(x) for x in rng.uniform(low, high, n)]
+
+    def some(values: dict[str, Any]) -> dict[str, Any]:
+        return {name: x for name, x in values.items() if rng.random() < 0.5}
+
+    return {'kp': each(50.0, 400.0), 'kv': each(20.0, 60.0), 'ka': each(5.0, 30.0), **some({
+        'lambda': rng.uniform(5.0, 40.0), 'b': rng.uniform(0.5, 2.0), 'boundary_layer': 0.5,
+        'observer_bandwidth': rng.uniform(100.0, 2000.0), 'effort_limit': each(20.0, 200.0),
+        'effort_rate_limit': each(1e3, 1e5), 'anti_windup': False, 'inertia_scale': 1.1,
+        'gravity_scale': 0.9, 'friction_level': each(1.0, 9.0), 'actuator_lag': each(0.0, 3e-3),
+        'torque_rate_limit': each(1e3, 1e5), 'input_delay': int(rng.integers(1, 4)),
+        'control_period': 2e-3, 'friction_learning': 0.0})}
+
+
+def model_of(n: int) -> tuple[Model, dict[str, Any]]:
+    if n == 2:
+        return TwoLink(), {}
+    return UrdfModel(panda(), PANDA), {'model': 'urdf', 'joint_names': list(PANDA)}
+
+
+def same(found: Any, right: Any) -> None:
+    """Check records of records to 1e-10 of the largest number of each field."""
+    for name, x, y in zip(right._fields, found, right):
+        if hasattr(y, '_fields'):
+            same(x, y)
+        else:
+            np.testing.assert_allclose(
+                x, y, rtol=0.0, atol=1e-10 * max(1.0, np.abs(y).max()), err_msg=name)
+
+
+def compiled_step(plain: Controller, model: Model) -> CompiledStep:
+    """Return the step to come of a controller as machine code."""
+    c = plain.config
+    arm = arm_of(model, c.inertia_scale, c.gravity_scale)
+    assert arm is not None
+
+    def made() -> CompiledStep:
+        return CompiledStep(plain.settings, plain.law, plain.memory, plain.law_memory,
+                            plain.transit.copy(), arm)
+    found = made()
+    if not found.compiled:
+        for code in found.codes:
+            build(code)
+        found = made()
+    return found
+
+
+def check(law: str, switching: str, n: int, seed: int) -> None:
+    """Compare 20 steps after another law, each from the memory of the plain one."""
+    rng = np.random.default_rng(seed)
+    model, names = model_of(n)
+    config = ControllerConfig.from_mapping({
+        **names, **random_values(rng, n), 'law': 'integral', 'switching': switching,
+        'compiled': False})
+    plain = Controller(config, model)
+    # The observer takes a jump of the position for a force, over h².
+    size = 10.0 ** (rng.uniform(-7.0, -4.0) if law == 'observer_feedback' else rng.uniform(-4, 0))
+    start, h = rng.normal(size=n), plain.settings.period
+    for k in range(20):
+        if k == 5:
+            plain.configure(config.changed({'law': law}))
+        t = h * np.arange(k, k + 1 + config.input_delay)[:, np.newaxis]
+        points = np.stack((start + np.sin(9.0 * t), 9.0 * np.cos(9.0 * t) + 0.0 * start,
+                           -81.0 * np.sin(9.0 * t) + 0.0 * start), axis=1)
+        q, dq = points[0, :2] + size * rng.normal(size=(2, n))
+        plain.prepare(np.array((q, dq, *points[0])))
+        if k >= 5:
+            step = compiled_step(plain, model)
+            step.measured[:], step.points[:] = (q, dq), points.reshape(-1, n)
+            step.step()
+        sample = plain.step(
+            q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
+        assert not plain.compiled
+        if k >= 5:
+            for row, right in ((TAU, sample.tau), (E, sample.e), (V, sample.v),
+                               (ROBUST, sample.robust)):
+                np.testing.assert_allclose(
+                    step.made[row], right, rtol=0.0, atol=1e-10 * max(1.0, np.abs(right).max()))
+            memory, law_memory = step.memories()
+            same(memory, plain.memory)
+            same(law_memory, plain.law_memory)
+            np.testing.assert_allclose(
+                step._records.transit, plain.transit, rtol=1e-10, atol=1e-9)
+
+
+# Seven joints are compiled here for the law with most equations, for the others by `make slow`.
+@pytest.mark.parametrize(('law', 'switching', 'n'), [
+    *((*variant, 2) for variant in VARIANTS), ('observer_feedback', 'sign', 7),
+    *(pytest.param(*variant, 7, marks=pytest.mark.slow) for variant in VARIANTS
+      if variant[0] != 'observer_feedback')])
+def test_a_step_is_that_of_plain_python(law: str, switching: str, n: int) -> None:
+    for seed in range(8):
+        check(law, switching, n, seed)
+
+
+def controllers(**values: Any) -> list[Controller]:
+    """Return one of plain Python and one of machine code."""
+    return [Controller(ControllerConfig.from_mapping({**values, 'compiled': compiled}))
+            for compiled in (False, True)]
+
+
+@pytest.mark.parametrize('delay', [0, 2])
+def test_changes_between_steps(delay: int) -> None:
+    """Machine code begins with what was remembered, and hands it on: filter, law, transit."""
+    changes: dict[int, dict[str, Any]] = {
+        20: {'law': 'observer_feedback'}, 30: {'kp': [50.0, 200.0]},
+        60: {'law': 'integral'}, 70: {'effort_limit': [90.0, 9.0]}, 90: {'law': 'chattering'}}
+    resets: dict[int, tuple[Any, ...]] = {40: (True, [5.0, -2.0]), 80: (False,)}
+    both = plain, compiled = controllers(law='integral', input_delay=delay, b=1.2,
+                                         switching='implicit_observer',
+                                         effort_rate_limit=[2e4, 2e4])
+    torques, h = [], plain.config.control_period
+    for k in range(120):
+        for law in both:
+            if k in changes:
+                law.configure(law.config.changed(changes[k]))
+            if k in resets:
+                law.reset(*resets[k])
+        compile_step(compiled)
+        t = h * np.arange(k, k + 1 + delay)[:, np.newaxis]
+        points = np.stack((0.3 * np.sin(9.0 * t), 2.7 * np.cos(9.0 * t), -24.3 * np.sin(9.0 * t)),
+                          axis=1) + np.zeros(2)
+        q, dq = points[0, :2] - [[1e-3 * np.sin(0.05 * k)], [5e-2 * np.cos(0.05 * k)]]
+        made = [law.step(q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
+                for law in both]
+        assert (plain.compiled, compiled.compiled) == (False, True)
+        for name, right in made[0]._asdict().items():
+            found = getattr(made[1], name)
+            if right is None or found is None:
+                assert found is right
+            else:
+                size = max(1.0, *map(abs, right))
+                np.testing.assert_allclose(found, right, rtol=0.0, atol=1e-9 * size, err_msg=name)
+        torques.append(made[0].tau)
+    assert any(np.abs(np.diff(torques, axis=0))[k - 1].max() > 1.0 for k in resets)
+
+
+def test_the_gravity_is_that_of_the_model() -> None:
+    """Not that of the configuration, which names another one."""
+    config, x = ControllerConfig(law='compensation'), [0.5, 1.0]
+    plain, compiled = (Controller(config.changed({'compiled': way}), TwoLink(3.0))
+                       for way in (False, True))
+    compile_step(compiled)
+    found, right = (np.array(law.step(x, x, x, x, x).tau) for law in (compiled, plain))
+    np.testing.assert_allclose(found, right, rtol=1e-12)
+    assert compiled.compiled
+
+
+@pytest.mark.parametrize('where', [0, 1, 3])
+def test_numbers_that_overflow_are_no_sample(where: int) -> None:
+    """They would be a torque of inf or nan."""
+    for law in controllers(law='compensation'):
+        if law.config.compiled:
+            compile_step(law)
+        rest = [0.1, 0.2]
+        assert law.try_step(rest, rest, rest, rest, rest) is not None
+        assert law.compiled == law.config.compiled
+        q, dq, q_d, dq_d = ([1e308, -1e308] if i == where else rest for i in range(4))
+        with np.errstate(all='ignore'):
+            assert law.try_step(q, dq, q_d, dq_d, rest) is None
+        law.reset()
+        assert law.try_step(rest, rest, rest, rest, rest) is not None

@@ -1,0 +1,22 @@
+"""Machine code that a test runs, compiled where it is not yet."""
+
+from __future__ import annotations
+
+from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.numerics.simd.build import build
+
+
+def compile_step(law: Controller) -> None:
+    """Compile the steps of a controller until its next change."""
+    step = law.compiled_step()
+    assert step is not None
+    for code in step.codes:
+        if not code.compiled:
+            build(code)
+
+
+def compile_runs(*setups: Setup) -> None:
+    """Compile what these need."""
+    compile_setups(setups, lambda _: None)
