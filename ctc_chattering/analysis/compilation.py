@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import as_completed, ProcessPoolExecutor
 from importlib.util import find_spec
+from multiprocessing import current_process, get_context
+import os
+import signal
 
+from ctc_chattering.analysis.number_format import counted
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
@@ -14,6 +19,8 @@ from ctc_chattering.simulation.registry import make_plant
 
 #: How a run is computed.
 COMPILED, PLAIN = 'compiled', 'plain'
+#: Functions that are compiled at once, at most: each takes some 300 MB.
+_MOST = 4
 
 
 def codes(setup: Setup) -> tuple[Code, ...]:
@@ -43,7 +50,7 @@ def missing(setups: Iterable[Setup]) -> dict[str, Code]:
 
 def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
     """
-    Compile what setups need and is not compiled yet; return how many functions.
+    Compile what setups need and is not compiled yet, several at once; return how many functions.
 
     Without numba, which compiles, the runs are plain Python.
 
@@ -52,16 +59,46 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
     setups : iterable of Setup
         What will run.
     show : callable
-        Takes a line that says so, before each of them.
+        Takes a line that says so, before and after each of them.
 
     """
-    if find_spec('numba') is None or find_spec('llvmlite') is None:
+    todo: dict[str, tuple[Setup, Code]] = {}
+    for setup in setups:
+        todo |= {name: (setup, code) for name, code in missing([setup]).items()}
+    if not todo:
+        return 0
+    if not all(map(find_spec, ('numba', 'llvmlite'))):
         show('numba is not installed: plain Python computes, 20 times slower '
              '(pip install numba)')
         return 0
-    from ctc_chattering.numerics.simd.build import build
-    todo = missing(setups)
-    for i, code in enumerate(todo.values()):
-        show(f'compiling {code.name} ({i + 1} of {len(todo)}), once for this version ...')
-        build(code)
+    show(f'compiling {counted(len(todo), "function")}, once for this version ...')
+    for i, name in enumerate(_build(todo), 1):
+        show(f'compiled {name} ({i} of {len(todo)})')
     return len(todo)
+
+
+def _build(todo: Mapping[str, tuple[Setup, Code]]) -> Iterator[str]:
+    """Compile functions; yield the name of each that is there."""
+    jobs = min(len(todo), len(os.sched_getaffinity(0)), _MOST)
+    if jobs == 1 or current_process().daemon:  # A daemon has no processes of its own.
+        for setup, code in todo.values():
+            yield _built(setup, code.name)
+        return
+    with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
+                             (signal.SIGINT, signal.SIG_IGN)) as pool:
+        try:
+            for done in as_completed([pool.submit(_built, setup, code.name)
+                                      for setup, code in todo.values()]):
+                yield done.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _built(setup: Setup, name: str) -> str:
+    """Compile the function of a name that a setup needs; return the name."""
+    from ctc_chattering.numerics.simd.build import build
+    for code in codes(setup):
+        if code.name == name:
+            build(code)
+    return name

@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness import chunks, shards
 from ctc_chattering.robustness.shards import (
@@ -203,13 +202,12 @@ def test_a_damaged_list_of_contents_is_named(tmp_path: Path, content: bytes) -> 
 def test_metadata_say_what_it_is(tmp_path: Path) -> None:
     """Read spec, versions and units back by pyarrow; the draws are rows, not metadata."""
     made = runs()
-    about, schema = chunks.about(made, REFERENCE), chunks.schema(made.spec)
+    about, schema = chunks.about(made), chunks.schema(made.spec)
     directory = Directory(tmp_path, about)
-    directory.write('a', chunks.compute(made, REFERENCE, chunks.version(), range(2)))
+    directory.write('a', chunks.compute(made, chunks.version(), range(2)))
     directory.merge([('a', range(2))], schema)
     found = parquet.read_schema(tmp_path / 'map.parquet')
     said = {name.decode(): json.loads(x) for name, x in found.metadata.items()}
-    assert said['engine'] == REFERENCE
     assert said['versions'] == about['versions']
     assert {'ctc_chattering', 'python', 'numpy', 'numba', 'pyarrow'} <= set(said['versions'])
     (model,) = said['spec'].pop('uncertain')

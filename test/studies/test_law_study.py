@@ -5,7 +5,6 @@ import io
 import math
 from pathlib import Path
 
-from ctc_chattering.analysis.engine import ENGINES
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.control.controller import LAWS
@@ -96,7 +95,7 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert main(['study', '--laws', '--out', str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert f'{len(LAWS)} runs, 0 diverged' in said
-    assert f'Runs by engine: batch {len(LAWS)}.' in said
+    assert f'Runs: plain {len(LAWS)}.' in said
     assert said.endswith(f'\nopen {tmp_path / "laws.html"}\n')
     assert [x.name for x in (tmp_path / 'laws_figures').iterdir()] == ['imperfections.png']
     page = (tmp_path / 'laws.html').read_text(encoding='utf-8')
