@@ -23,8 +23,8 @@ from ctc_chattering.robustness.spec import MapSpec
 import pyarrow
 
 #: Control steps of a chunk, with the step of the file, times the square of the number of joints:
-#: a quarter of a second of work, some seconds where it is plain Python.
-_STEPS = 1e6
+#: a second of work, half a minute where it is plain Python.
+_STEPS = 4e6
 #: Number of chunks, where there are as many runs, so that as many workers have work.
 _FEWEST = 64
 #: Packages whose versions are noted with the results.

@@ -20,8 +20,8 @@ def sizes(made: Runs) -> list[int]:
 
 
 def test_a_chunk_has_so_many_control_steps() -> None:
-    """Check 1e6 / n² steps of two laws, and that one run is the least."""
-    long = {'duration': 25.0, 'axes': None, 'uncertain': None, 'repeats': 1000}
+    """Check 4e6 / n² steps of two laws, and that one run is the least."""
+    long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 1000}
     assert sizes(runs(**long)) == [10] * 200
     assert sizes(runs(**{**long, 'duration': 1000.0}, laws=['compensation'])) == [1] * 1000
 

@@ -136,7 +136,8 @@ def test_refused() -> None:
 
 
 def test_a_row_says_what_simulated_it() -> None:
-    elastic = setup({'joint_stiffness': [1e4, 1e4], 'motor_inertia': [1.0, 0.1]}, law='compensation')
+    elastic = setup({'joint_stiffness': [1e4, 1e4], 'motor_inertia': [1.0, 0.1]},
+                    law='compensation')
     assert evaluate(elastic, WINDOW, NONE)['engine'] == PLAIN
 
 

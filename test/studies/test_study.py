@@ -125,7 +125,8 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                  capsys: pytest.CaptureFixture[str]) -> None:
     """Check the files, that nothing is overwritten unasked, and nothing else removed."""
     sweep = tuple(Case(f'h = {x:g} ms', cases.PERIOD, {
-        '/**': {'control_period': 1e-3 * x}, 'plant': {'duration': 0.6, 'compiled': False}}, x=x) for x in (1.0, 2.0))
+        '/**': {'control_period': 1e-3 * x}, 'plant': {
+            'duration': 0.6, 'compiled': False}}, x=x) for x in (1.0, 2.0))
     monkeypatch.setattr(cases, 'CASES', (*SHORT, *sweep))
     monkeypatch.setattr('ctc_chattering.studies.study_figures.SLICE', (0.4, 0.5))
     out = tmp_path / 'study'

@@ -14,7 +14,8 @@ def short_spec(**more: Any) -> TuneSpec:
     """Return a spec of the paper's arm, short, at 200 Hz, with two draws."""
     return parse_tune({
         'duration': 0.5, 'repeats': 2,
-        'overrides': {'/**': {'control_period': 5e-3}, 'plant': {'integration_step': 5e-3, 'compiled': False}},
+        'overrides': {'/**': {'control_period': 5e-3},
+                      'plant': {'integration_step': 5e-3, 'compiled': False}},
         'uncertain': {'friction': {'parameter': 'plant.coulomb_friction', 'uniform': [5, 15]}},
         **more}, Path('spec.yaml'))
 

@@ -138,7 +138,7 @@ def _boundaries(data: MapData) -> Iterator[Table]:
 
 
 def _summary(data: MapData, facts: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return axes, draws, seeds and how runs were computed, then the `facts` of nothing of these."""
+    """Return axes, draws, seeds, ways of computing, then the `facts` of nothing of these."""
     seeds, engines = data.rows['seed'], data.rows['engine'].value_counts(sort=False)
     lines = {axis.label: ': '.join(filter(None, (_values(axis), facts.get(axis.name))))
              for axis in (*data.axes, *data.fixed)}
