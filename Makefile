@@ -56,7 +56,7 @@ lint: $(READY)
 TRIALS ?= 6
 COMPARE := $(BIN)/ctc compare --overwrite --condition
 compare: $(READY)
-	$(COMPARE) real_arm friction --trials 30 --engine reference --out docs/comparison/two_link
+	$(COMPARE) real_arm friction --trials 30 --out docs/comparison/two_link
 	$(COMPARE) real_arm panda ur5 --backend mujoco --trials $(TRIALS) --out docs/comparison/urdf
 	$(BIN)/python test/support/comparison_page.py
 
@@ -64,10 +64,10 @@ compare: $(READY)
 benchmark: $(READY)
 	$(BIN)/python test/benchmark/benchmark.py
 
-# The compiled loop of `ctc map` beside `ctc simulate`, MuJoCo, and, where they are installed, JAX
+# Compiled runs beside plain ones, MuJoCo, and, where they are installed, JAX
 # and Drake: a Markdown table, in some minutes.
 map-benchmark: $(READY)
-	$(BIN)/python test/benchmark/batch.py
+	$(BIN)/python test/benchmark/compiled_loop.py
 
 # Period and answer time of the loop in real time, with and without priority: a Markdown table.
 latency: $(READY)

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import as_completed, ProcessPoolExecutor
+from importlib.util import find_spec
+from multiprocessing import current_process, get_context
+import os
+import signal
+from typing import Any
 
+from ctc_chattering.analysis.number_format import counted
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import model_of
@@ -13,6 +20,8 @@ from ctc_chattering.simulation.registry import make_plant
 
 #: How a run is computed.
 COMPILED, PLAIN = 'compiled', 'plain'
+#: Functions that are compiled at once, at most: each takes some 300 MB.
+_MOST = 4
 
 
 def has_compiler() -> bool:
@@ -48,7 +57,7 @@ def missing(setups: Iterable[Setup]) -> list[Code]:
 
 def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
     """
-    Compile what setups need and is not compiled yet; return how many functions.
+    Compile what setups need and is not compiled yet, several at once; return how many functions.
 
     Without numba, which compiles, the runs are plain Python.
 
@@ -57,18 +66,47 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
     setups : iterable of Setup
         What will run.
     show : callable
-        Takes a line that says so, before each of them.
+        Takes a line that says so, before and after each of them.
 
     """
-    todo = missing(setups)
+    todo: dict[Any, tuple[Setup, Code]] = {}
+    for setup in setups:
+        todo |= {(code.function, code.layouts): (setup, code) for code in missing([setup])}
     if not todo:
         return 0
     try:
-        from ctc_chattering.numerics.simd.build import build
+        from ctc_chattering.numerics.simd import build  # noqa: F401
     except ImportError as error:  # Not there, or numba refuses this version of NumPy.
         show(f'plain Python computes, 20 times slower: {error}')
         return 0
-    for i, code in enumerate(todo):
-        show(f'compiling {code.name} ({i + 1} of {len(todo)}), once for this version ...')
-        build(code)
+    show(f'compiling {counted(len(todo), "function")}, once for this version ...')
+    for i, name in enumerate(_build(list(todo.values())), 1):
+        show(f'compiled {name} ({i} of {len(todo)})')
     return len(todo)
+
+
+def _build(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
+    """Compile functions; yield the name of each that is there."""
+    jobs = min(len(todo), len(os.sched_getaffinity(0)), _MOST)
+    if jobs == 1 or current_process().daemon:  # A daemon has no processes of its own.
+        for setup, code in todo:
+            yield _built(setup, code.name)
+        return
+    with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
+                             (signal.SIGINT, signal.SIG_IGN)) as pool:
+        try:
+            for done in as_completed([pool.submit(_built, setup, code.name)
+                                      for setup, code in todo]):
+                yield done.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _built(setup: Setup, name: str) -> str:
+    """Compile the function of a name that a setup needs; return the name."""
+    from ctc_chattering.numerics.simd.build import build
+    for code in codes(setup):
+        if code.name == name:
+            build(code)
+    return name

@@ -8,7 +8,7 @@ from typing import cast
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.trajectory.buffer import Point, Trajectory
-from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition
+from ctc_chattering.trajectory.smooth_start import smooth_start, TimedMotion, Transition
 
 #: Time without a torque after which the robot may be far from the reference [ns].
 PAUSE = NANOSECONDS // 10
@@ -112,7 +112,7 @@ class DesiredMotion:
             return None
         if self._driven is not None and t - self._driven > PAUSE and duration > 0.0:
             self._way_back = smooth_start(
-                cast('Motion', reference), t, (q, dq, (0.0,) * len(q)), duration)
+                cast('TimedMotion', reference), t, (q, dq, (0.0,) * len(q)), duration)
             self.way_back_since = t
         self._driven = t
         if self._way_back is not None:

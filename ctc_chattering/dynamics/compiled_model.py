@@ -14,7 +14,7 @@ import numpy as np
 
 
 @record
-class Place(NamedTuple):
+class KeptTerms(NamedTuple):
     """Where the terms of a state are computed and kept; arrays of shape (n,) and (n, n)."""
 
     #: Address of `set_terms`, and that of the places of its arguments.
@@ -55,7 +55,7 @@ class CompiledModel(NamedTuple):
 
 @record
 class EvaluatedModel(NamedTuple):
-    """A model as the control step takes it: of the plant's form, with a `Place`."""
+    """A model as the control step takes it: of the plant's form, with a `KeptTerms`."""
 
     model: CompiledModel
     place: Any
@@ -110,7 +110,7 @@ class CompiledArm:
 
     def _place(self) -> Any:
         zero, square = np.zeros(self._n), np.zeros((self._n, self._n))
-        return packed(Place(0, 0, zero, zero, square, square, zero))
+        return packed(KeptTerms(0, 0, zero, zero, square, square, zero))
 
     def _set(self, called: Any, code: Code, arguments: tuple[Any, ...]) -> None:
         """Set the addresses by which compiled code calls another one."""
@@ -128,7 +128,7 @@ class CompiledArm:
 
 @function
 def set_terms(arm: Any, body: Any, place: Any) -> int:
-    """Set M, C and G of a `Place` for its q and dq."""
+    """Set M, C and G of a `KeptTerms` for its q and dq."""
     terms(arm, place.q, place.dq, body, place.M, place.C, place.G)
     return 0
 

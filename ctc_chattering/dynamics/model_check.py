@@ -37,7 +37,7 @@ class Finding(NamedTuple):
     error: str = ''
 
 
-class _State:
+class _SampledState:
     """A sampled state and what the model says of it, as arrays."""
 
     def __init__(self, model: Model, q: Array, dq: Array, x: Array) -> None:
@@ -95,9 +95,9 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Findi
     """
     rng = np.random.default_rng(seed)
     n = model.n
-    states = [_State(model, rng.uniform(-np.pi, np.pi, n), rng.uniform(-2.0, 2.0, n),
+    states = [_SampledState(model, rng.uniform(-np.pi, np.pi, n), rng.uniform(-2.0, 2.0, n),
                      rng.uniform(-3.0, 3.0, n)) for _ in range(samples)]
-    shaped = _worst('values are finite and have their shapes', 0.0, _State.ask, states)
+    shaped = _worst('values are finite and have their shapes', 0.0, _SampledState.ask, states)
     if not shaped.passed:
         return [shaped]
     masks = [*(1 << i for i in range(n)), *rng.integers(1, 2 ** n, 10).tolist(), 2 ** n - 1]
@@ -106,8 +106,8 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Findi
                    lambda s: max(_forward(s, mask) for mask in masks), states)]
 
 
-def _worst(name: str, tolerance: float, error: Callable[[_State], float],
-           states: Sequence[_State]) -> Finding:
+def _worst(name: str, tolerance: float, error: Callable[[_SampledState], float],
+           states: Sequence[_SampledState]) -> Finding:
     worst, where, why = -1.0, states[0], ''
     for state in states:
         try:
@@ -120,21 +120,21 @@ def _worst(name: str, tolerance: float, error: Callable[[_State], float],
                    tuple(where.at[0]), tuple(where.at[1]), why)
 
 
-def _symmetric(s: _State) -> float:
+def _symmetric(s: _SampledState) -> float:
     return s.matrix_error(s.mass - s.mass.T)
 
 
-def _condition(s: _State) -> float:
+def _condition(s: _SampledState) -> float:
     values = np.linalg.eigvalsh(s.mass / np.outer(s.size, s.size))
     return float(values[-1] / values[0]) if values[0] > 0.0 else np.inf
 
 
-def _skew(s: _State) -> float:
+def _skew(s: _SampledState) -> float:
     skew = 0.5 * s.slope(s.model.mass_matrix, s.dq) - s.coriolis
     return s.matrix_error(skew + skew.T, s.speed)
 
 
-def _lagrange(s: _State) -> float:
+def _lagrange(s: _SampledState) -> float:
     """Check C dq against dM/dt dq - ½ grad(dqᵀ M dq), which fixes C dq whatever C is."""
     gradient = [0.5 * s.dq @ s.slope(s.model.mass_matrix, x) @ s.dq for x in np.eye(s.model.n)]
     expected = s.slope(s.model.mass_matrix, s.dq) @ s.dq - np.array(gradient)
@@ -142,7 +142,7 @@ def _lagrange(s: _State) -> float:
     return float(np.abs(error).max() / (s.size.max() * s.speed ** 2))
 
 
-def _gradient(s: _State) -> float:
+def _gradient(s: _SampledState) -> float:
     slope = np.array([s.slope(s.model.potential_energy, x) for x in np.eye(s.model.n)])
     scale = float(np.abs([s.weight, slope]).max())
     # The difference of two potentials is known no better than they are.
@@ -151,19 +151,19 @@ def _gradient(s: _State) -> float:
         scale + noise + 1e-6 * float(s.size.max()) ** 2)
 
 
-def _inverse(s: _State) -> float:
+def _inverse(s: _SampledState) -> float:
     made = np.reshape(s.model.inverse_dynamics(*s.at, s.x.tolist()), s.x.shape)
     return s.torque_error(made - s.mass @ s.x - s.coriolis @ s.dq - s.weight, _load(s, s.x))
 
 
-def _load(s: _State, a: Array) -> Array:
+def _load(s: _SampledState, a: Array) -> Array:
     """Return the size of the terms of equation (1)."""
     load: Array = (np.abs(s.mass) @ np.abs(a) + np.abs(s.coriolis) @ np.abs(s.dq)
                    + np.abs(s.weight).max() + s.size * s.size.max() * s.speed ** 2)
     return load
 
 
-def _forward(s: _State, mask: int = 0) -> float:
+def _forward(s: _SampledState, mask: int = 0) -> float:
     """Check M ddq + C dq + G = u on the free joints, and that the locked ones stand still."""
     u = s.weight + s.size * s.x
     ddq = np.reshape(s.model.forward_dynamics(*s.at, u.tolist(), mask), s.x.shape)
@@ -174,14 +174,14 @@ def _forward(s: _State, mask: int = 0) -> float:
     return s.torque_error(np.where(free, error, 0.0), _load(s, ddq) + np.abs(u))
 
 
-def _evaluate(s: _State) -> float:
+def _evaluate(s: _SampledState) -> float:
     mass, coriolis, weight = s.model.evaluate(s.q.copy(), s.dq.copy())
     scale = np.abs(s.weight).max() + s.size
     return max(s.matrix_error(mass - s.mass), s.matrix_error(coriolis - s.coriolis, s.speed),
                s.torque_error(weight - s.weight, scale))
 
 
-_CHECKS: tuple[tuple[str, float, Callable[[_State], float]], ...] = (
+_CHECKS: tuple[tuple[str, float, Callable[[_SampledState], float]], ...] = (
     ('M is symmetric', _EXACT, _symmetric),
     ('M is positive definite (condition number)', _CONDITION, _condition),
     ('½ dM/dt - C is skew-symmetric', _DIFFERENCES, _skew),

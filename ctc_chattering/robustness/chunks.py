@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 import ctc_chattering
-from ctc_chattering.analysis.compilation import can_be_compiled, compile_setups
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness import columns
@@ -22,9 +22,9 @@ from ctc_chattering.robustness.runs import Runs
 from ctc_chattering.robustness.spec import MapSpec
 import pyarrow
 
-#: Control steps of a chunk, with the step of the file, times the square of the number of joints,
-#: about a second of work; and how many compiled steps cost what a plain one does.
-_STEPS, _PLAIN = 4e6, 30
+#: Control steps of a chunk, with the step of the file, times the square of the number of joints:
+#: a second of work, half a minute where it is plain Python.
+_STEPS = 4e6
 #: Number of chunks, where there are as many runs, so that as many workers have work.
 _FEWEST = 64
 #: Packages whose versions are noted with the results.
@@ -103,15 +103,14 @@ def _key(value: Any) -> str:
 
 def chunks(runs: Runs) -> list[range]:
     """
-    Return the runs of a map in chunks of about a second of work each, or less where runs are few.
+    Return the runs of a map in chunks of so many steps each, or fewer where runs are few.
 
     Their size depends on nothing but the spec.
     """
     spec = runs.spec
-    cost = 1 if can_be_compiled(runs.example(0)) else _PLAIN
     n, plant = len(spec.setup.controller.joint_names), spec.setup.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
-    size = max(1, min(int(_STEPS / (n ** 2 * cost * steps)), -(-len(runs) // _FEWEST)))
+    size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(runs) // _FEWEST)))
     return [range(k, min(k + size, len(runs))) for k in range(0, len(runs), size)]
 
 

@@ -8,7 +8,7 @@ import sys
 _CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2
 
 
-class _Event(ctypes.Structure):
+class _SignalEvent(ctypes.Structure):
     """The C library's sigevent, 64 bytes."""
 
     _fields_ = (('value', ctypes.c_long), ('signo', ctypes.c_int), ('notify', ctypes.c_int),
@@ -29,7 +29,7 @@ def end_after(delay: float, status: int) -> None:
         return
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
-    event = _Event(value=status, notify=_SIGEV_THREAD,
+    event = _SignalEvent(value=status, notify=_SIGEV_THREAD,
                    function=ctypes.cast(libc._exit, ctypes.c_void_p))
     timer = ctypes.c_void_p()
     if libc.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) == 0:

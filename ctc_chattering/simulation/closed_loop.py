@@ -93,7 +93,7 @@ class Run:
     ddq_d: Array
     tau: Array
     v: Array
-    compiled: bool = False
+    compiled: bool = dataclasses.field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the shapes."""

@@ -140,7 +140,7 @@ def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
     jobs : int
         Processes; 1 for this one alone.
     run : callable
-        A `Simulation`, or `over_ros`.
+        `over_simulation` or `over_ros`.
 
     Raises
     ------

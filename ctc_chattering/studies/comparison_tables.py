@@ -30,7 +30,7 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
         joints = group[0].joints
         title = bold(heading(group[0]))
         engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
-        engine, scored = f'; engine {engines}' if engines else '', group[0].cost is not None
+        engine, scored = f'; {engines}' if engines else '', group[0].cost is not None
         yield Table(
             title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
             [*_HEAD, *joints, 'least', 'peak torque [N·m]', *(['cost'] if scored else [])],

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-import dataclasses
 from math import inf, isfinite
 from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.compilation import COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration.parameter_file import Setup
@@ -37,7 +37,7 @@ class Score(NamedTuple):
     step [N·m] and rate [N·m/s] of the torque sent, largest Σ |e_i| [rad], number of missing
     samples, and the part of the samples with a torque at its limit. In the whole run: largest
     torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
-    none of these, and `engine` how it was computed, compiled or plain; empty for none.
+    none of these, and `engine` how it was simulated, `COMPILED` or `PLAIN`; empty for neither.
     """
 
     rms: Joints = ()
@@ -65,18 +65,9 @@ class Score(NamedTuple):
         return max(self.variation, default=inf)
 
 
-@dataclasses.dataclass(frozen=True)
-class Simulation:
-    """Simulates without ROS; the states are the true ones, or those that the sensors show."""
-
-    truth: bool = True
-
-    def __call__(self, setup: Setup) -> Result:
-        """Return what happens."""
-        return simulated(setup, truth=self.truth)
-
-
-over_simulation = Simulation()
+def over_simulation(setup: Setup) -> Result:
+    """Simulate without ROS, and return what happens; the states are the true ones."""
+    return simulated(setup, truth=True)
 
 
 def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over_simulation,
@@ -91,7 +82,7 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over
     window : (float, float)
         Evaluated interval [s].
     run : callable
-        A `Simulation`, or another `Runner`.
+        `over_simulation`, or another `Runner`.
     across_gaps : bool
         Whether variation, steps and rates are those of neighbours with samples missing in
         between, too.
@@ -111,9 +102,9 @@ def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over
         raise
     except CtcError as error:
         return Score(failure=str(error))
-    if not isinstance(run, Simulation):
+    if run is not over_simulation:
         return found
-    return found._replace(engine='compiled' if made.compiled else 'plain')
+    return found._replace(engine=COMPILED if made.compiled else PLAIN)
 
 
 def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:

@@ -8,7 +8,7 @@ from math import inf
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, shortest
-from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition
+from ctc_chattering.trajectory.smooth_start import smooth_start, TimedMotion, Transition
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 #: Without a start duration: time over which waypoints that begin in the past are joined, and over
@@ -33,7 +33,7 @@ class MotionPlan:
         In force; may be replaced.
     limits : DescribedLimits or None
         Of the robot, where they are known.
-    motion : Motion or None
+    motion : TimedMotion or None
         None before it has begun.
     in_force : int
         Instant from which on the parameters of the sinusoid are in force [ns].
@@ -43,7 +43,7 @@ class MotionPlan:
     def __init__(self, config: ReferenceConfig, route: Route | None) -> None:
         self.config, self._route = config, route
         self.limits: DescribedLimits | None = None
-        self.motion: Motion | None = None
+        self.motion: TimedMotion | None = None
         self.in_force = 0
         #: Parameters of the sinusoid that the motion has, or passes into.
         self._shape = _shape(config)
@@ -154,7 +154,7 @@ class MotionPlan:
 class _Then:
     """One motion until an instant, and another one from there on."""
 
-    def __init__(self, before: Motion, end: int, after: Motion) -> None:
+    def __init__(self, before: TimedMotion, end: int, after: TimedMotion) -> None:
         self.before, self.end, self.after = before, end, after
 
     def at(self, t: int) -> Point:

@@ -17,7 +17,7 @@ from ctc_chattering.numerics.time_grid import NANOSECONDS, period_ns, seconds
 from ctc_chattering.parameters import Config, parameter
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
-from ctc_chattering.trajectory.smooth_start import Motion, smooth_start, Transition
+from ctc_chattering.trajectory.smooth_start import smooth_start, TimedMotion, Transition
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 
 
@@ -107,7 +107,7 @@ class Sinusoid:
 
 def make_motion(config: ReferenceConfig, route: Route | None = None,
                 start: Mapping[str, tuple[float, float]] | None = None, t0: int = 0,
-                limits: DescribedLimits | None = None) -> Motion:
+                limits: DescribedLimits | None = None) -> TimedMotion:
     """
     Return the desired motion that a configuration describes.
 
@@ -128,7 +128,7 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
 
     Returns
     -------
-    Motion
+    TimedMotion
         Its joints are in the order of `config.joint_names`.
 
     Raises

@@ -8,7 +8,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.polynomials import quintic
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
-from ctc_chattering.trajectory.smooth_start import mean, Motion, Transition
+from ctc_chattering.trajectory.smooth_start import mean, TimedMotion, Transition
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 
@@ -61,7 +61,7 @@ def reference_table(config: ReferenceConfig, route: Route | None,
     return table
 
 
-def _sampled(motion: Motion, order: list[int], period: int, count: int) -> Array:
+def _sampled(motion: TimedMotion, order: list[int], period: int, count: int) -> Array:
     """Return the samples of a motion, of its joints in an order."""
     points = (motion.at(k * period) for k in range(count))
     flat = np.fromiter((x for point in points for row in point for x in row), float,

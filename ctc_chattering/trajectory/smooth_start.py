@@ -17,7 +17,7 @@ T = TypeVar('T', bound=Any)
 BRAKING_TIME = 0.5
 
 
-class Motion(Protocol):
+class TimedMotion(Protocol):
     """A motion as a function of time."""
 
     def at(self, t: int) -> Point:
@@ -66,7 +66,7 @@ class Transition:
 
     Parameters
     ----------
-    before, after : Motion
+    before, after : TimedMotion
         The two motions, of as many joints.
     t0 : int
         Instant until which it is `before` [ns].
@@ -80,7 +80,7 @@ class Transition:
 
     """
 
-    def __init__(self, before: Motion, after: Motion, t0: int, duration: float) -> None:
+    def __init__(self, before: TimedMotion, after: TimedMotion, t0: int, duration: float) -> None:
         span = round(duration * NANOSECONDS) if isfinite(duration) else 0
         if span < 1:
             raise ParameterError('duration', duration, 'a finite number of seconds >= 1e-9')
@@ -119,7 +119,7 @@ def mean(weight: tuple[T, T, T], before: tuple[T, ...], after: tuple[T, ...]) ->
             ddq + w * (ddx - ddq) + 2.0 * dw * difference + ddw * distance)
 
 
-def smooth_start(motion: Motion, t0: int, start: Point, duration: float) -> Transition:
+def smooth_start(motion: TimedMotion, t0: int, start: Point, duration: float) -> Transition:
     """
     Return a motion that begins at a state and passes into a given one.
 
@@ -130,7 +130,7 @@ def smooth_start(motion: Motion, t0: int, start: Point, duration: float) -> Tran
 
     Parameters
     ----------
-    motion : Motion
+    motion : TimedMotion
         What to pass into.
     t0 : int
         Instant of the start [ns].

@@ -12,7 +12,6 @@ import re
 from xml.etree import ElementTree
 
 from ctc_chattering.analysis.drawing import FigureFile, save
-from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.analysis.figures import tracking
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.output import file_stem
@@ -111,7 +110,7 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return tune(Evaluation(short_spec(duration=0.1), 100.0, REFERENCE, map), 1, 1)
+    return tune(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:

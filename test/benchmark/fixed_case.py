@@ -3,7 +3,7 @@ The two-link arm of the file `friction` under law (2), and nothing else, in scal
 
 What a compiled loop needs at least: no array, no other law, no imperfection, and friction that is
 as simple as it can be; a joint whose velocity changes its sign within a step rests at the end of
-it, where the engine finds the instant. The same source text is compiled by numba, for one run
+it, where the package finds the instant. The same source text is compiled by numba, for one run
 after the other, and by JAX, for many runs in step.
 """
 

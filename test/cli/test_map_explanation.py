@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.runs import Runs
@@ -22,17 +21,17 @@ RUN = 15
 def shard(spec: Path, out: Path) -> None:
     """Compute the chunk of a small map that holds the run."""
     runs = Runs(read_spec(spec))
-    (chunk,) = (x for x in chunks.chunks(runs, REFERENCE) if RUN in x)
-    about = chunks.about(runs, REFERENCE)
+    (chunk,) = (x for x in chunks.chunks(runs) if RUN in x)
+    about = chunks.about(runs)
     Directory(out, about).write(chunks.chunk_key(about['key'], chunk), chunks.compute(
-        runs, REFERENCE, chunks.version(), chunk))
+        runs, chunks.version(), chunk))
 
 
 def test_a_run_is_written_drawn_and_named(tmp_path: Path) -> None:
     """Check that its parameter file is its setup, and `ctc simulate` gives the same samples."""
     spec, out = written(tmp_path / 'small.yaml', failure={'error_above': 1e-9}), tmp_path / 'out'
     shard(spec, out)
-    words = ('map', spec, '--out', out, '--engine', 'reference', '--explain')
+    words = ('map', spec, '--out', out, '--explain')
     result = ctc(*words, POINT)
     assert result.returncode == 0, result.stderr
     assert f'run {RUN}, point 3, repeat 1, seed 8, variant chattering implicit' in result.stdout
@@ -62,7 +61,7 @@ def test_a_run_that_diverges_is_drawn_up_to_there(tmp_path: Path) -> None:
         **SMALL, 'axes': {'limit': limit}, 'laws': ['compensation'], 'uncertain': {},
         'overrides': {'plant': SMALL['overrides']['plant'] | {'velocity_noise': [0.0, 0.0]}}})
     out = tmp_path / 'out'
-    words = ('map', spec, '--out', out, '--engine', 'reference', '--explain')
+    words = ('map', spec, '--out', out, '--explain')
     result = ctc(*words, 'limit=2e-4,repeat=0')
     assert result.returncode == 0, result.stderr
     assert 'this run ends: the position error of joint' in result.stdout

@@ -6,7 +6,6 @@ import csv
 import itertools
 from pathlib import Path
 
-from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.configuration import parameter_file
@@ -28,7 +27,7 @@ STUDY = (DOCS / 'study' / 'study.csv').read_text(encoding='utf-8')
 LAW_STUDY = (DOCS / 'study' / 'laws.csv').read_text(encoding='utf-8')
 TOLERANCE = 0.05
 #: Groups of chaotic cases: a start that differs by 1e-13 rad changes some of their rows by up to
-#: 21 %; so do the other engine, and the sine of another processor.
+#: 21 %; so do compiled code, and the sine of another processor.
 CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Like a real arm',
                    'Torque rate limit', 'Velocity of encoders'), 0.25
 
@@ -63,9 +62,9 @@ def name_of(row: CaseOutcome) -> str:
     return f'{row.case.group}: {row.case.name}, {row.variant}'
 
 
-def check(row: CaseOutcome, engine: str | None = None) -> None:
+def check(row: CaseOutcome) -> None:
     """Compare a row with a run of today."""
-    again, expected = evaluate((row.case, row.variant), engine).score, row.score
+    again, expected = evaluate((row.case, row.variant)).score, row.score
     if expected.failure:
         assert again.failure
         return
@@ -94,8 +93,7 @@ def test_the_study_of_laws_has_every_case_and_both_files_have_the_same_numbers()
 
 @pytest.mark.parametrize('row', [*SAMPLE[::8], *LAW_SAMPLE[::3]], ids=name_of)
 def test_a_row_of_the_study(row: CaseOutcome) -> None:
-    """Check it with the loop that `ctc study` did not use for most rows."""
-    check(row, REFERENCE)
+    check(row)
 
 
 @pytest.mark.slow

@@ -12,12 +12,6 @@ import ctc_chattering
 import pytest
 
 ROOT = Path(ctc_chattering.__file__).parent
-#: Classes of one name, of which one is yet to be renamed.
-NOT_YET_RENAMED = {
-    'Answer', 'Controller', 'Event', 'ObserverFeedback', 'Plant',
-    'PlantSettings', 'State'}
-#: Folders whose equations are yet to be numbered anew.
-NOT_YET_NUMBERED = ('batch', 'control', 'dynamics', 'robustness', 'simulation')
 #: The number of a displayed equation: the last of its line, after two spaces or more.
 NUMBER = re.compile(r'\S {2,}\(([A-Z]{0,3}\d*)\)$', re.MULTILINE)
 
@@ -52,12 +46,12 @@ def repeated(found: Iterable[tuple[str, str]]) -> Mapping[str, list[str]]:
 
 def test_no_two_classes_have_one_name() -> None:
     clashes = repeated((name, place) for place, tree in trees() for name in classes(tree))
-    assert not {name: x for name, x in clashes.items() if name not in NOT_YET_RENAMED}
+    assert not clashes
 
 
 def test_no_two_equations_have_one_number() -> None:
-    assert not repeated((number, place) for place, tree in trees() for number in equations(tree)
-                        if not place.startswith(NOT_YET_NUMBERED))
+    assert not repeated(
+        (number, place) for place, tree in trees() for number in equations(tree))
 
 
 @pytest.mark.parametrize('text', ['"""\nOne.\n\n    x = 1    (SL1)\n    y = (2)\n"""',

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.engine import BATCH, REFERENCE
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.evaluation import evaluate
@@ -14,19 +13,17 @@ from map_specs import runs, SMALL
 import pytest
 
 
-def sizes(made: Runs, engine: str) -> list[int]:
-    found = chunks.chunks(made, engine)
+def sizes(made: Runs) -> list[int]:
+    found = chunks.chunks(made)
     assert [run for chunk in found for run in chunk] == list(range(len(made)))
     return [len(chunk) for chunk in found]
 
 
 def test_a_chunk_has_so_many_control_steps() -> None:
-    """Check 4e6 / n² steps of the compiled loop, a thirtieth of them of the reference."""
+    """Check 4e6 / n² steps of two laws, and that one run is the least."""
     long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 1000}
-    assert sizes(runs(**long), BATCH) == [10] * 200
-    assert sizes(runs(**long, laws=['compensation']), REFERENCE) == [1] * 1000
-    short = {**long, 'duration': 1.0, 'repeats': 3301}
-    assert sizes(runs(**short, laws=['compensation']), REFERENCE) == [33] * 100 + [1]
+    assert sizes(runs(**long)) == [10] * 200
+    assert sizes(runs(**{**long, 'duration': 1000.0}, laws=['compensation'])) == [1] * 1000
 
 
 @pytest.mark.parametrize(('count', 'expected'), [
@@ -34,40 +31,31 @@ def test_a_chunk_has_so_many_control_steps() -> None:
 def test_few_runs_give_work_to_many_workers(count: int, expected: list[int]) -> None:
     """Check 64 chunks at most, and no less than half as many where there are as many runs."""
     few = {'axes': None, 'uncertain': None, 'repeats': count, 'laws': ['compensation']}
-    assert sizes(runs(**few), BATCH) == expected
-
-
-def test_laws_that_take_the_reference_make_chunks_smaller() -> None:
-    elastic = {'plant': {'joint_stiffness': [1e4, 1e4], 'motor_inertia': [0.1, 0.1]}}
-    made = runs(overrides=elastic, duration=1.0, axes=None, laws=['compensation'],
-                repeats=3301)
-    assert sizes(made, BATCH) == [33] * 100 + [1]
-    assert chunks.engines(made, BATCH) == {'compensation': (REFERENCE, 'elastic joints')}
+    assert sizes(runs(**few)) == expected
 
 
 def test_rows_are_those_of_their_runs() -> None:
     made = runs()
-    table = chunks.compute(made, REFERENCE, chunks.version(), range(5, 9))
+    table = chunks.compute(made, chunks.version(), range(5, 9))
     assert table.schema == chunks.schema(made.spec)
     for run, row in zip(range(5, 9), table.to_pylist()):
         assert row == {**made.columns(run), **evaluate(
-            made.setup(run), made.spec.window, made.spec.failure, REFERENCE)}
+            made.setup(run), made.spec.window, made.spec.failure)}
 
 
 def test_a_refused_run_is_a_row() -> None:
     far = {'far': {'parameter': 'plant.viscous_friction', 'normal': [0.0, 1.0]}}
     made = runs(axes=None, laws=['compensation'], uncertain=far, repeats=4)
-    rows = chunks.compute(made, REFERENCE, chunks.version(), range(4)).to_pylist()
+    rows = chunks.compute(made, chunks.version(), range(4)).to_pylist()
     assert [row['failure'] for row in rows] == [
         'refused' if x < 0.0 else '' for x in made.draws[:, 0]]
-    assert chunks.engines(made, REFERENCE) == {'compensation': (REFERENCE, '')}
     reason = next(row['reason'] for row in rows if row['failure'])
     assert reason.startswith('plant: viscous_friction: ')
 
 
 def test_another_version_does_not_compute() -> None:
     with pytest.raises(CtcError, match=r'a worker has version .* not 0\.0\.0; install'):
-        chunks.compute(runs(), REFERENCE, '0.0.0', range(1))
+        chunks.compute(runs(), '0.0.0', range(1))
 
 
 CHANGES: list[dict[str, Any]] = [
@@ -82,11 +70,10 @@ CHANGES: list[dict[str, Any]] = [
 
 
 def test_keys_change_with_everything_that_matters() -> None:
-    keys = [chunks.map_key(runs(**change), BATCH) for change in [{}, *CHANGES]]
-    keys.append(chunks.map_key(runs(), REFERENCE))
+    keys = [chunks.map_key(runs(**change)) for change in [{}, *CHANGES]]
     keys += [chunks.chunk_key(keys[0], chunk) for chunk in (range(2), range(3), range(1, 3))]
     assert len(set(keys)) == len(keys)
-    assert chunks.map_key(runs(), BATCH) == keys[0]
+    assert chunks.map_key(runs()) == keys[0]
 
 
 def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
@@ -97,7 +84,7 @@ def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
         path.write_text(f'joint_names: [joint1, joint2]\npoints:\n'
                         f'- {{positions: [{end}, 1.5], time_from_start: 1.0}}\n')
         made = runs(overrides={'reference': {'trajectory_file': str(path)}})
-        keys.add(chunks.map_key(made, BATCH))
+        keys.add(chunks.map_key(made))
     assert len(keys) == 2
     panda = runs(params_file='panda', overrides={}, axes=None, laws=['compensation'])
     assert set(chunks.contents(panda)['descriptions']) == {'plant', 'controller', 'reference'}

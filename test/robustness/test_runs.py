@@ -47,7 +47,7 @@ def test_a_setup_is_that_of_a_file_with_these_values(run: int) -> None:
         'law': 'chattering', 'switching': 'implicit'}
     assert found.setup(run) == parameter_file.load(FRICTION, {
         '/**': {'control_period': row['rate']},
-        'plant': {**ON_TRACK, 'velocity_noise': [1e-3, 1e-3], 'duration': 0.1,
+        'plant': {**ON_TRACK, 'velocity_noise': [1e-3, 1e-3], 'duration': 0.1, 'compiled': False,
                   'coulomb_friction': [row['friction']] * 2, 'noise_seed': row['seed']},
         'controller': {**law, 'inertia_scale': model, 'gravity_scale': model}})
 

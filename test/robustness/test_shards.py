@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness import chunks, shards
 from ctc_chattering.robustness.shards import (
@@ -174,7 +173,7 @@ def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
     Directory(tmp_path, ABOUT).write('a', rows(0))
     parts = [('a', range(1))]
     assert Directory(tmp_path, ABOUT).missing(parts, SCHEMA, print) == []
-    for more, other in (({}, 'of another spec'), ({'engine': 'x'}, 'of another version'),
+    for more, other in (({}, 'of another spec'),
                         ({'versions': {'ctc_chattering': '0'}}, 'of another version')):
         with pytest.raises(CtcError, match=f'a map {other}.* another --out, or --overwrite'):
             Directory(tmp_path, {**ABOUT, **more, 'key': 'two'})
@@ -203,13 +202,12 @@ def test_a_damaged_list_of_contents_is_named(tmp_path: Path, content: bytes) -> 
 def test_metadata_say_what_it_is(tmp_path: Path) -> None:
     """Read spec, versions and units back by pyarrow; the draws are rows, not metadata."""
     made = runs()
-    about, schema = chunks.about(made, REFERENCE), chunks.schema(made.spec)
+    about, schema = chunks.about(made), chunks.schema(made.spec)
     directory = Directory(tmp_path, about)
-    directory.write('a', chunks.compute(made, REFERENCE, chunks.version(), range(2)))
+    directory.write('a', chunks.compute(made, chunks.version(), range(2)))
     directory.merge([('a', range(2))], schema)
     found = parquet.read_schema(tmp_path / 'map.parquet')
     said = {name.decode(): json.loads(x) for name, x in found.metadata.items()}
-    assert said['engine'] == REFERENCE
     assert said['versions'] == about['versions']
     assert {'ctc_chattering', 'python', 'numpy', 'numba', 'pyarrow'} <= set(said['versions'])
     (model,) = said['spec'].pop('uncertain')

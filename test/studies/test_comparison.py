@@ -7,7 +7,7 @@ import dataclasses
 from pathlib import Path
 import re
 
-from ctc_chattering.analysis.engine import ENGINES, simulated_by
+from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Overrides, Setup
@@ -21,6 +21,7 @@ from ctc_chattering.studies.comparison import (
     evaluate,
     Outcome,
     RECOMMENDED,
+    setups,
     Task,
     tasks,
     TUNED,
@@ -30,7 +31,7 @@ from ctc_chattering.studies.comparison import (
 from ctc_chattering.studies.comparison_files import write_parameters
 from ctc_chattering.studies.conditions import CONDITIONS
 from ctc_chattering.studies.recommended import recommended
-from ctc_chattering.studies.score import over_simulation, PER_JOINT, Score, Simulation
+from ctc_chattering.studies.score import over_simulation, PER_JOINT, Score
 from ctc_chattering.studies.tuning import Budget, cost, Weights
 from ctc_commands import ctc, ctc_process, refused
 import numpy as np
@@ -237,7 +238,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert 'control_period: 0.001' in text
     assert 'duration: 10.0' in text
     file.write_text(text.replace('control_period: 0.001', 'control_period: 0.01').replace(
-        'duration: 10.0', 'duration: 6.0'))
+        'duration: 10.0', 'duration: 6.0\n    compiled: false'))
     return file
 
 
@@ -257,7 +258,7 @@ def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
 def test_a_condition_is_measured_by_the_true_error(arm: Path) -> None:
     """Check it with encoders so coarse that the measured error would be another one."""
     over = {'plant': {'encoder_resolution': [0.01, 0.01]}}
-    true, seen = simulated_with(arm, over), simulated_by(parameter_file.load(arm, over))
+    true, seen = simulated_with(arm, over), simulated(parameter_file.load(arm, over))
     assert (true.run.tau == seen.run.tau).all()
     assert np.abs(true.run.q - seen.run.q).max() == pytest.approx(0.005, rel=0.05)
     assert seen.run.q == pytest.approx(0.01 * np.round(seen.run.q / 0.01), abs=1e-9)
@@ -280,50 +281,49 @@ def test_tuned_gains_are_the_best_of_their_trials_and_reproducible(arm: Path) ->
 
 
 @pytest.mark.slow
-def test_both_engines_measure_the_same(arm: Path) -> None:
+def test_compiled_and_plain_runs_measure_the_same(arm: Path) -> None:
     """Check regular motions, at 2 ms, within 0.5 %, and `sign` within 10 %."""
-    file = arm.with_name('fine.yaml')
-    file.write_text(arm.read_text().replace('control_period: 0.01', 'control_period: 0.002'))
-    todo = tasks([file], [None], ['clean'], ['chattering', 'integral', 'observer_feedback'])
-    found = [list(compare(todo, 1, Simulation(engine))) for engine in ENGINES]
+    file, found = arm.with_name('fine.yaml'), []
+    for word in ('true', 'false'):
+        file.write_text(arm.read_text().replace(
+            'control_period: 0.01', 'control_period: 0.002').replace(
+            'compiled: false', f'compiled: {word}'))
+        todo = tasks([file], [None], ['clean'], ['chattering', 'integral', 'observer_feedback'])
+        compile_setups(setups(todo), print)
+        found.append(list(compare(todo, 1)))
     for one, other in zip(*found, strict=True):
-        assert (one.score.engine, other.score.engine) == ENGINES
+        assert (one.score.engine, other.score.engine) == (COMPILED, PLAIN)
         rel = 0.1 if one.task.variant.switching == 'sign' else 5e-3
         for name in (*PER_JOINT, 'peak'):
             assert getattr(one.score, name) == pytest.approx(getattr(other.score, name), rel=rel)
 
 
 def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
-    """Check the reason where it is not the compiled loop, and that ROS is no engine."""
-    elastic = arm.with_name('elastic.yaml')
-    elastic.write_text(arm.read_text().replace(
-        'coulomb_friction:',
-        'joint_stiffness: [1.0e4, 1.0e4]\n    motor_inertia: [1.0, 0.1]\n    coulomb_friction:'))
-    outcomes = [evaluate(Task(x, None, None, BASE, None)) for x in (arm, elastic)]
+    """Check titles and lines, and that a run over ROS is neither compiled nor plain."""
+    outcomes = [evaluate(Task(arm, None, None, BASE, None))]
     titles = [x for x in comparison_tables.to_markdown(outcomes).splitlines() if x[:2] == '**']
-    engines = ['batch'] * 2 + ['reference (elastic joints)'] * 2
-    assert [x.rpartition('; engine ')[2] for x in titles] == engines
+    ways = [PLAIN] * 2
+    assert [x.rpartition('; ')[2] for x in titles] == ways
     lines = comparison_tables.to_csv(outcomes).splitlines()
     assert lines[0].endswith(',controller,engine')
-    assert [x.rpartition(',')[2] for x in lines[1:]] == engines
+    assert [x.rpartition(',')[2] for x in lines[1:]] == ways
     over_ros = dataclasses.replace(outcomes[0], score=outcomes[0].score._replace(engine=''))
-    assert 'engine' not in comparison_tables.to_markdown([over_ros])
+    assert '; ' not in comparison_tables.to_markdown([over_ros])
 
 
 @pytest.mark.slow
-def test_without_numba_the_reference_compares(arm: Path, tmp_path: Path) -> None:
-    """Check the command in processes, also those it starts, where there is no numba."""
-    (tmp_path / 'numba.py').write_text(
-        "raise ModuleNotFoundError('No module named numba', name='numba')\n")
-    arguments = ('compare', arm, '--laws', 'pd_gravity', '--jobs', '2')
+def test_without_numba_plain_python_compares(
+        arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check the command in processes, also those it starts, where nothing is compiled yet."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'sitecustomize.py').write_text("import sys\nsys.modules['numba'] = None\n")
+    file = tmp_path / 'arm.yaml'
+    file.write_text(arm.read_text().replace('compiled: false', 'compiled: true'))
+    arguments = ('compare', file, '--laws', 'pd_gravity', '--jobs', '2')
     result = ctc_process(*arguments, path=tmp_path)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.count('; engine reference (numba is not installed: pip install ') == 2
-    right = ctc(*arguments, '--engine', 'reference').stdout
-    assert [x for x in result.stdout.splitlines() if x.startswith('|')] == [
-        x for x in right.splitlines() if x.startswith('|')]
-    refused(ctc_process(*arguments, '--engine', 'batch', path=tmp_path),
-            '--engine batch: numba is not installed')
+    assert result.stdout.count('; plain\n') == 2
+    assert 'numba is not installed' in result.stderr
 
 
 def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
@@ -391,9 +391,8 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     assert page.count('<table>') == 4
     numbers = page[page.index('<h2>Numbers'):page.index('<h2>Figures')]
     assert re.findall(r'<b>(.*?)</b>', numbers) == re.findall(r'\*\*(.*?)\*\*', text)
-    assert text.count('; engine batch\n') == 4
+    assert text.count('; plain\n') == 4
     assert text in ctc(*arguments).stdout
-    assert '; engine reference\n' in ctc(*arguments, '--engine', 'reference').stdout
     refused(ctc(*arguments, '--out', out), 'compare.md', '--overwrite')
 
 
@@ -405,7 +404,6 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     (['friction', '--laws', 'integral,sliding'], ['no law is called sliding', 'slotine_li']),
     (['friction', '--weights', '1,2,3,4'], ['--weights', 'up to three numbers']),
     (['friction', '--trials', '0'], ['--trials', 'from 1 on']),
-    (['friction', '--engine', 'batch', '--ros'], ['--engine and --ros exclude each other']),
     (['friction', '--trials', '3', '--ros'], ['--trials and --ros exclude each other'])])
 def test_what_cannot_be_compared_is_refused_in_one_line(
         arguments: list[object], words: list[str]) -> None:

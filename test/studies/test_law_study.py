@@ -5,7 +5,6 @@ import io
 import math
 from pathlib import Path
 
-from ctc_chattering.analysis.engine import ENGINES
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.control.controller import LAWS
@@ -21,7 +20,8 @@ from ctc_chattering.studies.study_files import to_markdown
 import pytest
 
 LAG = Case('2 ms', 'Drive lag', {
-    'plant': {'duration': 1.0, 'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3]},
+    'plant': {'duration': 1.0, 'actuator_lag': [2e-3, 2e-3], 'torque_rate_limit': [5e3, 1e3],
+              'compiled': False},
     'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
 
 
@@ -96,7 +96,7 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert main(['study', '--laws', '--out', str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert f'{len(LAWS)} runs, 0 diverged' in said
-    assert f'Runs by engine: batch {len(LAWS)}.' in said
+    assert f'Runs: plain {len(LAWS)}.' in said
     assert said.endswith(f'\nopen {tmp_path / "laws.html"}\n')
     assert [x.name for x in (tmp_path / 'laws_figures').iterdir()] == ['imperfections.png']
     page = (tmp_path / 'laws.html').read_text(encoding='utf-8')
@@ -107,11 +107,3 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert [line['law'] for line in lines] == list(LAWS)
     heads = (tmp_path / 'laws.md').read_text(encoding='utf-8').splitlines()[4]
     assert heads == '| case | ' + ' | '.join(x for x in LAWS if x != 'compensation') + ' |'
-    assert main(['study', '--laws', '--out', str(tmp_path), '--overwrite', '--jobs', '1',
-                 '--engine', 'reference']) == 0
-    assert f'Runs by engine: reference {len(LAWS)}.' in capsys.readouterr().out
-    again = csv.DictReader(io.StringIO((tmp_path / 'laws.csv').read_text(encoding='utf-8')))
-    for one, other in zip(lines, again, strict=True):
-        assert (one['engine'], other['engine']) == ENGINES
-        assert float(one['rms_error_2_rad']) == pytest.approx(
-            float(other['rms_error_2_rad']), rel=5e-3)

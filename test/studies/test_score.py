@@ -5,13 +5,12 @@ from __future__ import annotations
 from math import inf
 from typing import Any
 
-from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.studies.score import over_simulation, Score, score, Simulation, worst
+from ctc_chattering.studies.score import over_simulation, Score, score, worst
 from map_specs import ON_TRACK
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ def setup(**plant: Any) -> Setup:
 def test_numbers_are_those_of_the_samples_with_none_missing_in_between() -> None:
     """Check a run that lacks samples, in the window and as a whole."""
     made = setup(sample_loss=0.2)
-    result = Simulation(REFERENCE)(made)
+    result = over_simulation(made)
     found, run = score(made, WINDOW, lambda _: result), result.run
     part, whole = (metrics(run, x, period=1e-3) for x in (WINDOW, (0.0, 0.1)))
     assert part['missing_samples'] == found.missing != 0
@@ -75,7 +74,7 @@ def test_the_worst_of_runs_is_the_first_that_fails_and_no_further_one_is_made() 
 
 def test_states_are_the_true_ones() -> None:
     coarse = setup(encoder_resolution=[0.01, 0.01])
-    seen = Simulation(truth=False)(coarse).run
+    seen = simulated(coarse).run
     true = over_simulation(coarse).run
     assert (true.tau == seen.tau).all()
     assert seen.q[1:] == pytest.approx(0.01 * np.round(seen.q[1:] / 0.01), abs=1e-9)

@@ -1,11 +1,12 @@
 """The study of the switchings: its numbers, its files, and the acceptance thresholds."""
 
 import csv
+import dataclasses
 import io
 import math
 from pathlib import Path
 
-from ctc_chattering.analysis.engine import BATCH, ENGINES
+from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.errors import CtcError
@@ -13,7 +14,7 @@ from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
 from ctc_chattering.studies.score import Score
-from ctc_chattering.studies.study import CaseOutcome, evaluate, run_cases, to_csv
+from ctc_chattering.studies.study import CaseOutcome, evaluate, run_cases, setup_of, to_csv
 from ctc_chattering.studies.study_files import SWITCHINGS as KIND
 from ctc_chattering.studies.study_files import to_markdown
 import pytest
@@ -21,11 +22,11 @@ import pytest
 SHORT = tuple(
     Case(name, cases.BASIC, {
         'plant': {'duration': 1.0, 'velocity_noise': [noise, noise],
-                  'position_noise': [0.02 * noise, 0.02 * noise]},
+                  'position_noise': [0.02 * noise, 0.02 * noise], 'compiled': False},
         'controller': {'law': 'chattering', 'ka': [12.0, 12.0]}})
     for name, noise in (('clean', 0.0), ('noise', 5e-3)))
 TWO = ('sign', 'implicit_observer')
-#: How far the engines may differ, relatively: rounding grows where the torque jumps.
+#: How far compiled and plain runs may differ, relatively: rounding grows where the torque jumps.
 BOTH = {'sign': 0.1, 'implicit_observer': 5e-3}
 #: Acceptance thresholds: case, what `sign` gives (RMS e2, torque variation of joint 2), and what
 #: `implicit_observer` must reach; inf for less than `sign`.
@@ -52,39 +53,35 @@ def measured(case: Case, switching: str) -> tuple[float, float]:
     return found.rms[1], found.variation[1]
 
 
-@pytest.mark.parametrize('engine', ENGINES)
-def test_numbers_are_those_of_the_simulation(engine: str) -> None:
-    """Check table and CSV against a simulation of their own, errors being the true ones."""
-    outcomes = list(run_cases(SHORT, TWO, 1, engine))
+@pytest.mark.parametrize('way', [PLAIN, pytest.param(COMPILED, marks=pytest.mark.slow)])
+def test_numbers_are_those_of_the_simulation(way: str) -> None:
+    """Check table and CSV against a plain simulation, errors being the true ones."""
+    chosen = SHORT if way == PLAIN else tuple(dataclasses.replace(case, overrides={
+        **case.overrides, 'plant': {**case.overrides['plant'], 'compiled': True}})
+        for case in SHORT)
+    compile_setups((setup_of(case, switching) for case in chosen for switching in TWO), print)
+    outcomes = list(run_cases(chosen, TWO, 1))
     assert [(o.case.name, o.variant) for o in outcomes] == [
         (case.name, switching) for case in SHORT for switching in TWO]
     lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
     text = to_markdown(KIND, outcomes).replace('**', '')
-    for outcome, line in zip(outcomes, lines, strict=True):
-        setup = outcome.case.setup()
+    plain = [case for case in SHORT for _ in TWO]
+    for outcome, line, case in zip(outcomes, lines, plain, strict=True):
+        setup = case.setup()
         run = simulate(setup.plant, setup.controller.changed({'switching': outcome.variant}),
                        setup.reference, truth=True)
         m = metrics(run, (0.5, 1.0))
         error = [float(line[f'rms_error_{i}_rad']) for i in (1, 2)]
         variation = [float(line[f'torque_variation_{i}_nm_per_s']) for i in (1, 2)]
-        rel = BOTH[outcome.variant] if engine == BATCH else 0.0
+        rel = BOTH[outcome.variant] if way == COMPILED else 0.0
         assert error == pytest.approx(m['rms_error_rad'], rel=rel, abs=0.0)
         assert variation == pytest.approx(m['torque_variation_nm_per_s'], rel=rel, abs=0.0)
-        assert line['engine'] == engine
+        assert line['engine'] == way
         assert (line['switching'], line['control_period_s'], line['ka_2_nm'], line['failure']) == (
             outcome.variant, '0.001', '12.0', '')
         assert ' / '.join(f'{x:.2e}' for x in error) in text
         assert ' / '.join(f'{x:.0f}' for x in variation) in text
-    assert f'Runs by engine: {engine} 4.' in text
-
-
-def test_what_the_compiled_loop_cannot_run_has_a_reason() -> None:
-    elastic = Case('elastic', 'Elastic joints', {'plant': {
-        'duration': 0.1, 'joint_stiffness': [1e4, 1e4], 'motor_inertia': [1.0, 0.1]}})
-    outcomes = list(run_cases((SHORT[0], elastic), TWO[:1]))
-    lines = list(csv.DictReader(io.StringIO(to_csv(outcomes))))
-    assert [line['engine'] for line in lines] == ['batch', 'reference (elastic joints)']
-    assert 'Runs by engine: batch 1, reference (elastic joints) 1.' in to_markdown(KIND, outcomes)
+    assert f'Runs: {way} 4.' in text
 
 
 @pytest.mark.slow
@@ -128,14 +125,15 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                  capsys: pytest.CaptureFixture[str]) -> None:
     """Check the files, that nothing is overwritten unasked, and nothing else removed."""
     sweep = tuple(Case(f'h = {x:g} ms', cases.PERIOD, {
-        '/**': {'control_period': 1e-3 * x}, 'plant': {'duration': 1.0}}, x=x) for x in (1.0, 2.0))
+        '/**': {'control_period': 1e-3 * x}, 'plant': {
+            'duration': 0.6, 'compiled': False}}, x=x) for x in (1.0, 2.0))
     monkeypatch.setattr(cases, 'CASES', (*SHORT, *sweep))
     monkeypatch.setattr('ctc_chattering.studies.study_figures.SLICE', (0.4, 0.5))
     out = tmp_path / 'study'
     arguments = ['study', '--out', str(out), '--jobs', '2']
     assert main(arguments) == 0
     said = capsys.readouterr().out
-    assert '16 runs, 0 diverged' in said and 'Runs by engine: batch 16.' in said
+    assert '16 runs, 0 diverged' in said and 'Runs: plain 16.' in said
     text = (out / 'study.md').read_text(encoding='utf-8')
     figures = sorted(path.name for path in (out / 'figures').iterdir())
     assert figures == ['basic.png', 'chattering.png', 'sample_period.png']

@@ -12,10 +12,10 @@ import yaml
 #: On the reference at the start, so that short runs have small errors.
 ON_TRACK = {'initial_position': [3.141592653589793, 1.5707963267948966],
             'initial_velocity': [3.141592653589793, 3.141592653589793]}
-#: Two axes, two laws, two draws: 24 runs of a tenth of a second.
+#: Two axes, two laws, two draws: 24 runs of a tenth of a second, not compiled.
 SMALL: dict[str, Any] = {
     'params_file': 'friction', 'duration': 0.1,
-    'overrides': {'plant': {**ON_TRACK, 'velocity_noise': [1e-3, 1e-3]}},
+    'overrides': {'plant': {**ON_TRACK, 'velocity_noise': [1e-3, 1e-3], 'compiled': False}},
     'laws': ['compensation', 'chattering implicit'],
     'axes': {'friction': {'parameter': 'plant.coulomb_friction', 'values': [2, 5, 10]},
              'rate': {'parameter': 'control_period', 'values': [1e-3, 2e-3]}},
@@ -41,8 +41,7 @@ def written(path: Path, **changes: Any) -> Path:
     return path
 
 
-#: 60 runs, each of which the error limit ends at once, and each a chunk of its own under the
-#: reference: 40 s are as many steps as a chunk may have.
+#: 60 runs, each of which the error limit ends at once, and each a chunk of its own.
 BRIEF: dict[str, Any] = {
     **SMALL, 'duration': 40.0, 'repeats': 10, 'laws': ['compensation', 'chattering'],
     'axes': {'limit': {'parameter': 'controller.error_limit', 'range': [1e-5, 1e-3], 'count': 3,

@@ -50,7 +50,7 @@ def table_of(variants: Sequence[str], axes: Mapping[str, Any],
         'switching': rows([law[1] for law in laws], 1),
         **{name: rows(np.ravel(x).astype(float), 0) for name, x in zip(axes, grid)},
         **{name: rows(np.asarray(x, float), 2) for name, x in (uncertain or {}).items()},
-        'engine': pa.array(['batch'] * int(np.prod(shape))),
+        'engine': pa.array(['compiled'] * int(np.prod(shape))),
         'failure': np.ravel(columns['failure']),
         'reason': pa.array([''] * int(np.prod(shape))),
         'error': pa.array(np.ravel(np.asarray(columns['error'], float)), from_pandas=True)})

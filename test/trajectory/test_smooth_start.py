@@ -13,8 +13,8 @@ from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, sh
 from ctc_chattering.trajectory.smooth_start import (
     braking,
     BRAKING_TIME,
-    Motion,
     smooth_start,
+    TimedMotion,
     Transition,
 )
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
@@ -44,7 +44,7 @@ class Wave:
         return ((np.sin(3 * x), x ** 2), (3 * np.cos(3 * x), 2 * x), (-9 * np.sin(3 * x), 2.0))
 
 
-def _path(motion: Motion, t0: int, t1: int, count: int = 400) -> npt.NDArray[np.float64]:
+def _path(motion: TimedMotion, t0: int, t1: int, count: int = 400) -> npt.NDArray[np.float64]:
     """Return what a motion does: shape (count, 3, n)."""
     return np.array([motion.at(t0 + (t1 - t0) * k // (count - 1)) for k in range(count)])
 
@@ -152,7 +152,7 @@ def test_both_ends(q0: tuple[float, float], dq0: tuple[float, float], ddq0: tupl
 @pytest.mark.parametrize('motion', [
     smooth_start(Wave(), 0, ((1.0, 2.0), (-1.0, 0.3), (2.0, 0.0)), 1.5),
     Transition(Wave(), braking(0, ((1.0, 2.0), (0.5, 0.0), (0.0, 1.0)), 1.0), 0, 1.5)])
-def test_velocity_and_acceleration_are_derivatives_and_nothing_jumps(motion: Motion) -> None:
+def test_velocity_and_acceleration_are_derivatives_and_nothing_jumps(motion: TimedMotion) -> None:
     """Check both against finite differences, over the seams too."""
     step = 100_000
     for t in (1, *range(step, 2 * S, S // 17), S // 2, S, 3 * S // 2):
@@ -209,7 +209,7 @@ def test_what_is_not_refused_keeps_the_limits_and_what_is_named_would_do(
     c, a, speed, push = _ranges(config)
     state = {'a': (q0, dq0)}
 
-    def started(duration: float) -> Motion:
+    def started(duration: float) -> TimedMotion:
         return make_motion(config.changed({'start_duration': duration}), None, state, t0, limits)
 
     try:

@@ -59,9 +59,9 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.studies import comparison
     from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
     from ctc_chattering.studies.comparison_tables import to_markdown
-    from ctc_chattering.studies.score import Runner, Simulation
+    from ctc_chattering.studies.score import over_simulation, Runner
 
-    runner: Runner = Simulation()
+    runner: Runner = over_simulation
     if options.ros:
         from ctc_chattering.studies.over_ros import over_ros as runner
     todo = comparison.tasks([find_file(file) for file in options.files], _backends(options),

@@ -77,7 +77,7 @@ class Place(NamedTuple):
 
 
 @record
-class Answer(NamedTuple):
+class WantedTorque(NamedTuple):
     """A torque that is wanted at arrival, and what goes with it; arrays of shape (n,)."""
 
     #: τ* and z of (OF2) and (OF3) [N·m].
@@ -169,14 +169,14 @@ class ObserverFeedback(NamedTuple):
         """Return the state a period later, under a command to the drives."""
         return self.observer.predict(place.at, place.M, place.bias, memory.learned.level, command)
 
-    def wanted(self, memory: Memory, place: Place, point: Desired, by: Deviation) -> Answer:
+    def wanted(self, memory: Memory, place: Place, point: Desired, by: Deviation) -> WantedTorque:
         """Return what (OF2) and (OF3) want."""
         at, M, level = place.at, place.M, memory.learned.level
         back = self.reference.returning(by, diagonal(M), level)
         r = self.reference.shifted(point, by, back)
         z = -nearest(M, at.perturbation + self.reference.feedforward(point, level, 0.0), self.ka)
         u = dot(self.kv, r.dq - at.dq) + dot(self.kp, r.q - at.q)
-        return Answer(dot(M, r.ddq + u) + place.bias - z, z, back)
+        return WantedTorque(dot(M, r.ddq + u) + place.bias - z, z, back)
 
     def half_way(self, memory: Memory, place: Place, tau: Array) -> Observed:
         """Return the state a period after the arrival, with the drives half way to τ*."""

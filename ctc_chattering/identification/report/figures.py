@@ -7,7 +7,7 @@ from pathlib import Path
 from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import stribeck_velocity, TermKind
-from ctc_chattering.identification.report.perturbation import Perturbation
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.validation import Validation
 from ctc_chattering.numerics.linear_algebra import Array
@@ -21,7 +21,7 @@ _POINTS = 200
 _Named = tuple[str, Figure, str]
 
 
-def save_identification_figures(found: Identification, run: Perturbation,
+def save_identification_figures(found: Identification, run: MeasuredPerturbation,
                                 recommended: Recommendation, validation: Validation | None,
                                 directory: Path) -> list[FigureFile]:
     """Write all figures as SVG into `directory`, and return them."""
@@ -83,7 +83,7 @@ def _curve(found: Identification, i: int, v: Array) -> tuple[Array, Array]:
     return columns @ fit.value, half
 
 
-def _perturbation(found: Identification, run: Perturbation, ka: Array) -> _Named:
+def _perturbation(found: Identification, run: MeasuredPerturbation, ka: Array) -> _Named:
     """Return P over time with ±ka."""
     figure, panels = _panels(found, 'Perturbation P and the recommended ka', 'P [N·m]')
     for i, axes in enumerate(panels):
@@ -95,7 +95,7 @@ def _perturbation(found: Identification, run: Perturbation, ka: Array) -> _Named
                                     'identified allows at each time. Dashed: ±ka.')
 
 
-def _residual(found: Identification, run: Perturbation) -> _Named:
+def _residual(found: Identification, run: MeasuredPerturbation) -> _Named:
     """Return what is not explained over time."""
     figure, panels = _panels(found, 'What is not explained', 'torque [N·m]')
     for i, axes in enumerate(panels):
@@ -104,7 +104,7 @@ def _residual(found: Identification, run: Perturbation) -> _Named:
                                 'where the joint slides.')
 
 
-def _spectrum(found: Identification, run: Perturbation) -> _Named:
+def _spectrum(found: Identification, run: MeasuredPerturbation) -> _Named:
     """Return the spectrum of what is not explained."""
     figure, panels = _panels(found, 'Spectrum of what is not explained', 'N·m / √Hz')
     for i, axes in enumerate(panels):

@@ -20,7 +20,7 @@ _GOOD = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
-class Perturbation:
+class MeasuredPerturbation:
     """
     P over the windows of a run; J windows, n joints.
 
@@ -64,7 +64,7 @@ class Perturbation:
         return found
 
 
-def perturbation(found: Identification, data: Data | None = None) -> Perturbation:
+def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
     """
     Return P of the identified run, or of another one.
 
@@ -79,7 +79,7 @@ def perturbation(found: Identification, data: Data | None = None) -> Perturbatio
     fit, data = found.selected.fit, data or found.data
     # The slopes of Stribeck columns are 0, and in the fit for the sake of intervals.
     predicted = np.where(data.used(), data.columns(fit.terms) @ fit.value, np.nan)
-    return Perturbation(data.t, data.residual, predicted, _envelope(fit, data))
+    return MeasuredPerturbation(data.t, data.residual, predicted, _envelope(fit, data))
 
 
 def _envelope(fit: Fit, data: Data) -> Array:

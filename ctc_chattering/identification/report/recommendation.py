@@ -22,7 +22,7 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.weak_form import position_noise
-from ctc_chattering.identification.report.perturbation import Perturbation
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -76,7 +76,7 @@ class Recommendation:
     period: float
 
 
-def recommend(found: Identification, run: Perturbation, model: Model, positions: Array
+def recommend(found: Identification, run: MeasuredPerturbation, model: Model, positions: Array
               ) -> Recommendation:
     """
     Return gains.
@@ -85,7 +85,7 @@ def recommend(found: Identification, run: Perturbation, model: Model, positions:
     ----------
     found : Identification
         What was identified.
-    run : Perturbation
+    run : MeasuredPerturbation
         P of the run.
     model : Model
         The controller's.

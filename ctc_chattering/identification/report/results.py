@@ -15,7 +15,7 @@ from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.report.perturbation import Perturbation
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.validation import Validation
 from ctc_chattering.numerics.linear_algebra import Array
@@ -51,7 +51,7 @@ class IdentificationResults:
 
     source: str
     found: Identification
-    run: Perturbation
+    run: MeasuredPerturbation
     recommended: Recommendation
     validation: Validation | None
     rate: tuple[float, ...] = ()

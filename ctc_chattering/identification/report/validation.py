@@ -14,7 +14,7 @@ from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.rows import Rows
 from ctc_chattering.identification.regression.torque import has
 from ctc_chattering.identification.regression.weak_form import TestFunction
-from ctc_chattering.identification.report.perturbation import Perturbation, perturbation
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -28,7 +28,7 @@ class Validation:
     ----------
     name : str
         Of its bag.
-    run : Perturbation
+    run : MeasuredPerturbation
         P, measured and predicted.
     torque : ndarray, shape (J, n)
         Measured torque of each window [N·m].
@@ -38,7 +38,7 @@ class Validation:
     """
 
     name: str
-    run: Perturbation
+    run: MeasuredPerturbation
     torque: Array
     model: Array
 

@@ -138,7 +138,7 @@ def _boundaries(data: MapData) -> Iterator[Table]:
 
 
 def _summary(data: MapData, facts: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return axes, draws, seeds and engines, then the `facts` of nothing of these."""
+    """Return axes, draws, seeds, ways of computing, then the `facts` of nothing of these."""
     seeds, engines = data.rows['seed'], data.rows['engine'].value_counts(sort=False)
     lines = {axis.label: ': '.join(filter(None, (_values(axis), facts.get(axis.name))))
              for axis in (*data.axes, *data.fixed)}
@@ -146,7 +146,8 @@ def _summary(data: MapData, facts: Mapping[str, str]) -> list[tuple[str, str]]:
     lines['runs'] = (f'{counted(data.repeats, "run")} of each law'
                      + (' at each point' if data.axes else '')
                      + f'; seeds of the noise {seeds.min()} to {seeds.max()}')
-    lines['engines'] = ', '.join(f'{name}: {counted(n, "run")}' for name, n in engines.items())
+    lines['simulated'] = ', '.join(
+        f'{name or "not"}: {counted(n, "run")}' for name, n in engines.items())
     lines |= {name: text for name, text in facts.items() if name not in data.columns}
     return list(lines.items())
 

@@ -13,7 +13,6 @@ import subprocess
 import sys
 from typing import Any
 
-from ctc_chattering.analysis.engine import REFERENCE
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.lock import locked
 from ctc_chattering.robustness.runs import Runs
@@ -25,8 +24,6 @@ import psutil  # type: ignore[import-untyped]
 from pyarrow import parquet
 import pytest
 from stopwatch import PATIENCE
-
-REFERENCE_ONLY = ('--engine', 'reference')
 
 
 @contextmanager
@@ -47,7 +44,7 @@ def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
 
 
 def mapped(spec: Path, out: Path, *more: object) -> Any:
-    return started('ctc_chattering.cli.ctc', 'map', spec, '--out', out, *REFERENCE_ONLY, *more)
+    return started('ctc_chattering.cli.ctc', 'map', spec, '--out', out, *more)
 
 
 def until(done: Callable[[], Any], process: subprocess.Popen[str]) -> None:
@@ -64,11 +61,11 @@ def shards(out: Path) -> set[str]:
 def in_one_process(spec: Path, out: Path) -> dict[str, bytes]:
     """Compute a map run by run here; return the bytes of its tables."""
     runs = Runs(read_spec(spec))
-    about = chunks.about(runs, REFERENCE)
+    about = chunks.about(runs)
     directory = Directory(out, about)
-    parts = [(chunks.chunk_key(about['key'], x), x) for x in chunks.chunks(runs, REFERENCE)]
+    parts = [(chunks.chunk_key(about['key'], x), x) for x in chunks.chunks(runs)]
     for key, chunk in reversed(parts):
-        directory.write(key, chunks.compute(runs, REFERENCE, chunks.version(), chunk))
+        directory.write(key, chunks.compute(runs, chunks.version(), chunk))
     directory.merge(parts, chunks.schema(runs.spec))
     return tables(out)
 
@@ -124,10 +121,10 @@ def test_results(tmp_path: Path) -> None:
     Check that another map, and one while another process writes, is refused.
     """
     spec, out = written(tmp_path / 'small.yaml', failure={'error_above': 1e-9}), tmp_path / 'out'
-    words = ('map', spec, '--out', out, '--jobs', 1, *REFERENCE_ONLY)
+    words = ('map', spec, '--out', out, '--jobs', 1)
     result = ctc(*words)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[0] == '24 runs in 24 chunks, engine reference'
+    assert result.stdout.splitlines()[0] == '24 runs in 24 chunks'
     assert {x.name for x in out.iterdir()} == {
         'map.parquet', 'map.json', 'shards', 'figures', 'index.html', '.lock'}
     table = parquet.read_table(out / 'map.parquet')
@@ -135,7 +132,7 @@ def test_results(tmp_path: Path) -> None:
     assert set(table['failure'].to_pylist()) == {'error'}
     about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
     assert (about['runs'], about['failures'], about['engines']) == (
-        24, {'error': 24}, {'reference': 24})
+        24, {'error': 24}, {'plain': 24})
     assert about['spec']['window'] == [0.05, 0.1]
     assert about['versions']['ctc_chattering'] == chunks.version()
     before = tables(out)
@@ -214,13 +211,15 @@ def test_a_cluster_gives_the_same_bytes_and_its_end_is_a_line(tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_the_compiled_loop_gives_the_same_bytes_for_any_number_of_workers(tmp_path: Path) -> None:
-    spec = written(tmp_path / 'long.yaml', **{**SMALL, 'duration': 5.0, 'repeats': 60})
+    spec = written(tmp_path / 'long.yaml', **{
+        **SMALL, 'overrides': {}, 'duration': 5.0, 'repeats': 60})
     found = []
     for jobs in (1, 2):
         out = tmp_path / f'{jobs}'
         result = ctc('map', spec, '--out', out, '--jobs', jobs)
         assert result.returncode == 0, result.stderr
-        assert 'engine batch' in result.stdout
+        about = json.loads((out / 'map.json').read_text(encoding='utf-8'))
+        assert set(about['engines']) == {'compiled'}
         found.append(tables(out))
     assert len(found[0]) > 3
     assert found[0] == found[1]

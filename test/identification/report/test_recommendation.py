@@ -11,7 +11,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.identification.regression.identify import Identification, identify
 from ctc_chattering.identification.regression.model_errors import candidates
 from ctc_chattering.identification.report.parameter_values import parameter_values
-from ctc_chattering.identification.report.perturbation import Perturbation, perturbation
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.report.recommendation import recommend, Recommendation
 from ctc_chattering.identification.report.validation import validate
 from identified_robots import record
@@ -23,7 +23,7 @@ FOUND = identify([MADE.recording.checked()], MADE.model, candidates(MADE.model))
 RUN = perturbation(FOUND)
 
 
-def recommended(found: Identification = FOUND, run: Perturbation = RUN) -> Recommendation:
+def recommended(found: Identification = FOUND, run: MeasuredPerturbation = RUN) -> Recommendation:
     return recommend(found, run, MADE.model, MADE.recording.q)
 
 

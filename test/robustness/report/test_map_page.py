@@ -155,7 +155,7 @@ def test_values_that_pass_along_each_axis(page: Page) -> None:
 def test_what_was_run(page: Page) -> None:
     assert dict(page.tables[3]) == {
         'friction [N·m]': '3 values, 2 to 20', 'ka [N·m]': '4 values, 1 to 40: gain',
-        'model': 'uniform', 'noise': 'drawn', 'engines': 'batch: 360 runs',
+        'model': 'uniform', 'noise': 'drawn', 'simulated': 'compiled: 360 runs',
         'runs': '5 runs of each law at each point; seeds of the noise 7 to 11',
         'a run fails if': 'error > 0.005 rad & more'}
     assert page.texts['p'][0] == ('6 laws over friction × ka: 12 points, 5 draws each, 360 runs '

@@ -48,7 +48,7 @@ def test_a_parameter_file_run_on_a_draw_gives_the_numbers_of_its_point(
         loaded = parameter_file.load(out / 'front' / f'{point.name}.yaml', {'plant': {
             'coulomb_friction': [friction, friction], 'duration': 0.5,
             'noise_seed': setup.plant.noise_seed}})
-        assert scores_of(tuning.spec.window, 'reference', [loaded]) == [run]
+        assert scores_of(tuning.spec.window, [loaded]) == [run]
 
 
 def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from math import inf
 
-from ctc_chattering.analysis.engine import BATCH, REFERENCE
 from ctc_chattering.robustness.tuning.runs import (
     Candidate,
     Evaluation,
@@ -27,7 +26,7 @@ from tunings import short_spec, short_tuning
 
 def test_the_numbers_of_a_run_are_those_of_its_samples() -> None:
     setup = short_spec().setup
-    (found,) = scores_of((0.25, 0.5), REFERENCE, [setup])
+    (found,) = scores_of((0.25, 0.5), [setup])
     run = simulate(setup.plant, setup.controller, setup.reference, truth=True)
     inside = run.t >= 0.25 - 1e-9
     e, tau = (run.q_d - run.q)[inside], run.tau[inside]
@@ -39,17 +38,9 @@ def test_the_numbers_of_a_run_are_those_of_its_samples() -> None:
     assert not found.failure
 
 
-def test_both_engines_give_the_same_numbers() -> None:
-    setup = short_spec().setup
-    found, other = (scores_of((0.25, 0.5), engine, [setup])[0] for engine in (BATCH, REFERENCE))
-    assert found.error == pytest.approx(other.error, rel=1e-6)
-    assert found.variation == pytest.approx(other.variation, rel=1e-6)
-    assert found.peak == pytest.approx(other.peak, rel=1e-6)
-
-
 def test_a_run_that_diverges_says_why() -> None:
     setup = short_spec(overrides={'controller': {'error_limit': [1e-8, 1e-8]}}).setup
-    (found,) = scores_of((0.25, 0.5), REFERENCE, [setup])
+    (found,) = scores_of((0.25, 0.5), [setup])
     assert (found.error, found.peak) == (inf, ())
     assert 'exceeds error_limit' in found.failure
 
@@ -57,9 +48,9 @@ def test_a_run_that_diverges_says_why() -> None:
 def test_a_candidate_is_evaluated_on_every_draw() -> None:
     found = short_spec()
     draws, values = found.draws(), {'kp': [50.0, 60.0]}
-    (mine, other) = Evaluation(found, 100.0, REFERENCE, map).scores(
+    (mine, other) = Evaluation(found, 100.0, map).scores(
         [values, {}], draws)
-    assert list(mine.runs) == scores_of(found.window, REFERENCE, [dataclasses.replace(
+    assert list(mine.runs) == scores_of(found.window, [dataclasses.replace(
         setup, controller=setup.controller.changed(values)) for setup in draws.setups])
     assert mine.error == max(x.error for x in mine.runs)
     assert other.runs != mine.runs
@@ -73,7 +64,7 @@ def tuning() -> Tuning:
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -> None:
     with processes(2) as each:
-        again = tune(Evaluation(tuning.spec, 100.0, REFERENCE, each), 12, 1)
+        again = tune(Evaluation(tuning.spec, 100.0, each), 12, 1)
     assert (again.trials, again.points, again.others, again.knee) == (
         tuning.trials, tuning.points, tuning.others, tuning.knee)
 

@@ -1,5 +1,5 @@
 """
-How much time the compiled loop simulates in a second of a processor, beside what else there is.
+How much time a compiled run simulates in a second of a processor, beside what else there is.
 
 ``make map-benchmark`` prints a Markdown table. JAX and Drake are measured where they are
 installed (``pip install jax drake``). All are run in turns, on one processor, one thread each, so
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
+import dataclasses
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 import os
@@ -19,9 +20,9 @@ import sys
 import time
 from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.metrics import rms, within
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.batch.closed_loop import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.configuration.parameter_file import Setup
@@ -40,9 +41,9 @@ LEAST = 0.3
 BY_NUMBA, BY_JAX = 100, 1000
 #: Length over which the positions of a replayed run are compared [s]: what replays is not stable.
 REPLAYED = 1.0
-ENGINE = 'batch'
+COMPILED = 'compiled'
 COLUMNS = (
-    ENGINE, '`ctc simulate`', 'row of a map', 'scalars, numba', 'scalars, JAX', 'MuJoCo, replay',
+    COMPILED, 'plain Python', 'row of a map', 'scalars, numba', 'scalars, JAX', 'MuJoCo, replay',
     'MuJoCo, Python law', 'Drake')
 LAWS: Mapping[str, Mapping[str, Any]] = {
     'compensation': {'law': 'compensation'},
@@ -50,15 +51,15 @@ LAWS: Mapping[str, Mapping[str, Any]] = {
     'chattering implicit_observer': {'law': 'chattering', 'switching': 'implicit_observer'},
     'observer_feedback': {'law': 'observer_feedback'}}
 NOTES = """\
-Simulated seconds per second of computing time, and how many times the engine's (median of {rounds}
+Simulated seconds per second of computing time, and how many times the compiled (median of {rounds}
 rounds, smallest and largest in brackets); sample period and Runge-Kutta step of 1 ms.
 
-- *batch*: ctc_chattering.batch, a run with all its samples; *row of a map*: with its numbers.
+- *compiled*: a run with all its samples; *row of a map*: with its numbers.
 - *scalars*: one law, one arm, friction that stops at the end of a step, errors only; by numba one
   run after the other, by JAX {by_jax} runs in step (jit, scan, vmap; float64; one thread). No
   other law, sensor, drive, delay or seed. In step, each run takes the time of the slowest: events
   that are located, or laws that iterate, would cost all runs what they cost one.
-- *MuJoCo, replay*: `mujoco.rollout` of the engine's torques, no law. *Python law*: `ctc simulate`
+- *MuJoCo, replay*: `mujoco.rollout` of the recorded torques, no law. *Python law*: plain Python
   with plant_backend mujoco. Friction is a constraint, exact to the step in which a joint stops.
   With its steps of first order, whose position is half a step ahead, a replay is 3 times as fast.
 - *Drake*: its discrete plant, of first order, and InverseDynamicsController, joined in C++. It has
@@ -115,20 +116,20 @@ def cases() -> Iterator[Case]:
 def contestants(case: Case) -> dict[str, Contestant]:
     """Return what is measured for a row, by column."""
     setup = case.setup
-    run = simulate(setup, truth=True)
+    compile_setups([setup], partial(print, flush=True))
+    run = simulated(setup, truth=True).run
+    plain = dataclasses.replace(setup, plant=setup.plant.changed({'compiled': False}))
 
-    def batch() -> float:
-        return float(simulate(setup).t[-1])
-
-    def reference() -> float:
+    def by(setup: Setup) -> float:
         return float(simulated(setup).run.t[-1])
 
     def row() -> float:
-        evaluate(setup, WINDOW, Failure(), ENGINE)
+        evaluate(setup, WINDOW, Failure())
         return DURATION
 
-    found = {COLUMNS[0]: Contestant(batch), COLUMNS[1]: Contestant(reference, largest_difference(
-        simulated(setup).run.q, simulate(setup).q)), COLUMNS[2]: Contestant(row)}
+    found = {COLUMNS[0]: Contestant(partial(by, setup)),
+             COLUMNS[1]: Contestant(partial(by, plain), largest_difference(
+                 simulated(plain).run.q, simulated(setup).run.q)), COLUMNS[2]: Contestant(row)}
     for column, make in case.others.items():
         try:
             found[column] = make(setup, run)
@@ -218,10 +219,10 @@ def rate(contestant: Contestant) -> float:
     return total / used
 
 
-def cell(rates: Sequence[float], engine: Sequence[float]) -> str:
-    """Return a cell: median rate, and the ratios to the engine's, round by round."""
-    ratios = [a / b for a, b in zip(rates, engine)]
-    shown = ((statistics.median(ratios), min(ratios), max(ratios)) if rates is not engine else
+def cell(rates: Sequence[float], compiled: Sequence[float]) -> str:
+    """Return a cell: median rate, and the ratios to the compiled, round by round."""
+    ratios = [a / b for a, b in zip(rates, compiled)]
+    shown = ((statistics.median(ratios), min(ratios), max(ratios)) if rates is not compiled else
              (1.0, min(rates) / statistics.median(rates), max(rates) / statistics.median(rates)))
     rate = statistics.median(rates)
     return f'{rate:.{0 if rate >= 10.0 else 1}f}: ' + '{:.2g} [{:.2g}, {:.2g}]'.format(*shown)
@@ -256,10 +257,10 @@ def main() -> None:
     print('| | ' + ' | '.join(COLUMNS) + ' |')
     print('|---|' + '--:|' * len(COLUMNS))
     for title in measured:
-        engine = rates[title, ENGINE]
+        compiled = rates[title, COMPILED]
         print(f'| {title} | ' + ' | '.join(
-            cell(rates[title, x], engine) if (title, x) in rates else '' for x in COLUMNS) + ' |')
-    print('\n' + NOTES.format(rounds=rounds, by_jax=BY_JAX) + '\n\nChecked against the engine:\n')
+            cell(rates[title, x], compiled) if (title, x) in rates else '' for x in COLUMNS) + ' |')
+    print('\n' + NOTES.format(rounds=rounds, by_jax=BY_JAX) + '\n\nChecked against compiled runs:\n')
     for title, found in measured.items():
         for column, contestant in found.items():
             if contestant.check:
