@@ -13,6 +13,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.compilable import RECORDS
 from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.motion import Acting, advanced, Mechanism, Motion
@@ -100,6 +101,11 @@ class Plant(Robot):
             step, self._prepared = self.compiled_step(), True
             self._compiled = step if step is not None and step.compiled else None
         return self._compiled is not None
+
+    @property
+    def computed_by(self) -> str:
+        """What computes the next step."""
+        return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     @property
     def motion(self) -> Motion:

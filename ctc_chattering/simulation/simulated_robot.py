@@ -96,6 +96,11 @@ class Robot(ABC):
         return self.driven.torque
 
     @property
+    @abstractmethod
+    def computed_by(self) -> str:
+        """What computes the next step, such as plain Python."""
+
+    @property
     def lost(self) -> bool:
         """Whether the measurement is not sent: `step` then takes the last torque again."""
         return self.lost_in_a_row > 0
