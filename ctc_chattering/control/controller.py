@@ -21,6 +21,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.linear_algebra import Array, Vector
+from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.numerics.time_grid import period_ns, seconds
 from ctc_chattering.trajectory.buffer import Point
 import numpy as np
@@ -152,7 +153,15 @@ class Controller:
     @property
     def compiled(self) -> bool:
         """Whether the next step is machine code."""
-        return self._compiled is not None
+        if self._prepared:
+            return self._compiled is not None
+        step = self.compiled_step()
+        return step is not None and step.compiled
+
+    @property
+    def computed_by(self) -> str:
+        """What computes the next step, machine code or plain Python."""
+        return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""

@@ -13,6 +13,7 @@ from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
+from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.joint_order import select
 from ctc_chattering.ros.loop_node import LoopNode
@@ -56,6 +57,8 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
         self._matched = self._clock_published = False
+        #: Names of what could be machine code.
+        self._not_compiled: set[str] = set()
         self.create_service(SetBool, '~/enable', self._on_enable)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.find_description()
@@ -63,6 +66,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     def begin(self, description: str) -> None:
         """Make the law for a robot, and begin to listen."""
         self._loop.law = Controller(self.config, model_of(self.config, description))
+        self._tell_if_plain(self._loop.law)
         if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set what the drives can give')
         if description:
@@ -172,6 +176,15 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._loop.restart_duration = self.settings.restart_duration
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
+            self._tell_if_plain(self._loop.law)
+
+    def _tell_if_plain(self, law: Controller) -> None:
+        """Say once for a law that plain Python computes it, if it could be machine code."""
+        step, before = law.compiled_step(), self._not_compiled
+        self._not_compiled = set() if step is None else {
+            code.name for code in step.codes if not code.compiled}
+        if self._not_compiled - before:
+            self.get_logger().info(f'law {self.config.law}: {HOW_TO_COMPILE}')
 
     def status(self) -> Status:
         """Return what the controller does and why."""
@@ -185,6 +198,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             'period of the stamps, mean [ms]': 1e3 * loop.health.sample_rate.mean,
             'law': config.law, **({'switching': config.switching}
                                   if config.takes('switching') else {}),
+            'computed by': loop.law.computed_by if loop.law else '',
             'robust term [N·m]': ', '.join(f'{x:.4g}' for x in loop.health.robust),
             'points of the reference': len(loop.motion),
             'saturated samples': loop.health.saturated, 'restarts': loop.health.restarts,

@@ -132,7 +132,8 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
             return Status(ERROR, self.problem, {})
         plant = self._robot
         values: dict[str, object] = {
-            'pacing': plant.config.pacing, 'time of the run [s]': plant.t}
+            'pacing': plant.config.pacing, 'time of the run [s]': plant.t,
+            'computed by': plant.computed_by}
         level, message = (self._real_time_status(values) if self.in_real_time
                           else self._lockstep_status())
         if self._limits and (beyond := self._limits.excess([(plant.q, plant.dq, ())])):

@@ -31,6 +31,8 @@ _PROTOTYPE: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 #: What a user reads who runs plain Python in its place.
 HOW_TO_COMPILE = ('computed by plain Python; `ctc compile` with the same file makes it some 20 '
                   'times as fast: about 30 s, once')
+#: How steps are computed, without and with machine code.
+PLAIN_PYTHON, MACHINE_CODE = 'plain Python', 'machine code'
 #: Loaded code, which must not be freed.
 _LOADED: list[Any] = []
 
@@ -170,11 +172,12 @@ def source_key() -> str:
 @lru_cache(1)
 def cache_directory() -> Path:
     """Return where machine code is kept: with the user, or where that is not allowed, in /tmp."""
-    for parent in (Path.home() / '.cache', Path(tempfile.gettempdir()) / f'cache-{os.getuid()}'):
-        directory = parent / 'ctc_chattering' / 'machine_code'
-        with suppress(OSError):
+    for parent in ('~/.cache', f'{tempfile.gettempdir()}/cache-{os.getuid()}'):
+        with suppress(OSError, RuntimeError):  # A user may have no home.
+            directory = Path(parent).expanduser() / 'ctc_chattering' / 'machine_code'
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if os.access(directory, os.W_OK) and all(map(_of_the_user, (parent, directory))):
+            if os.access(directory, os.W_OK) and all(
+                    map(_of_the_user, (directory.parents[1], directory))):
                 return directory
     raise CtcError('no directory for compiled code: neither ~/.cache nor a directory of the user '
                    f'in {tempfile.gettempdir()} can be written')

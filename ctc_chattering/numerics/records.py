@@ -34,6 +34,13 @@ def load(fields: Any) -> Any:
     return made('')
 
 
+def in_lists(record: Any) -> Any:
+    """Return a record with lists of numbers in place of arrays."""
+    return type(record)(*(
+        in_lists(x) if isinstance(x, tuple) else x.tolist() if isinstance(x, np.ndarray) else x
+        for x in record))
+
+
 def store(fields: Any, value: Any) -> None:
     """Write a record back into the fields that it was loaded from."""
     for name, x in _flat(value, ''):
@@ -42,7 +49,7 @@ def store(fields: Any, value: Any) -> None:
 
 def value(field: Any) -> Any:
     """Return the number, vector or matrix of a field of a NumPy record."""
-    return field.copy() if field.ndim else float(field)
+    return field.copy() if field.ndim else field.item()
 
 
 def write(field: Any, x: Any) -> None:

@@ -13,11 +13,8 @@ from typing import Any
 from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.error_limit import joint_beyond
-from ctc_chattering.dynamics.arm import arm_of
-from ctc_chattering.dynamics.compiled_model import CompiledArm
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.numerics.compilable import RECORDS
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
 from ctc_chattering.simulation.compiled_loop import BEYOND, CompiledLoop, DIVERGED, FINISHED
@@ -205,12 +202,12 @@ def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> Comp
 
     It may have to be compiled first.
     """
-    if type(robot) is not Plant or not robot.config.compiled or robot.config.elastic:
+    if not isinstance(robot, Plant):
         return None
-    step, arm = law.compiled_step(), arm_of(robot.model)
-    if step is None or arm is None or type(robot.own) not in RECORDS:
+    step, plant_step = law.compiled_step(), robot.compiled_step()
+    if step is None or plant_step is None:
         return None
-    return CompiledLoop(robot, CompiledArm(arm, robot.n), step, truth)
+    return CompiledLoop(robot, plant_step, step, truth)
 
 
 def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller) -> Run:

@@ -6,17 +6,11 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.compiled_step import CompiledStep, E, TAU, V
-from ctc_chattering.dynamics.compiled_model import CompiledArm
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.machine_code import Call, Code, invoke
 from ctc_chattering.numerics.records import numpy_record
-from ctc_chattering.simulation.compiled_plant import (
-    advance,
-    compiled_plant,
-    CompiledPlant,
-    inputs,
-)
+from ctc_chattering.simulation.compiled_plant import CompiledPlant, CompiledPlantStep, inputs
 from ctc_chattering.simulation.plant import Plant
 import numpy as np
 
@@ -26,12 +20,14 @@ FINISHED, NO_TORQUE, BEYOND, DIVERGED = range(4)
 
 
 class Control(NamedTuple):
-    """The control step, which machine code calls by its address."""
+    """The control step and that of the plant, which machine code calls by their addresses."""
 
-    #: Address of the function and of its arguments' places, of the reference and its rows.
+    #: Addresses of the functions and of their arguments' places, of the reference and its rows.
     step: Any
-    #: Places of its arguments, the last but one that of the reference.
+    #: Places of their arguments: the last but one that of the reference, the last that of the
+    #: plant's input.
     places: Array
+    plant_places: Array
     #: As of `CompiledStep`.
     measured: Array
     made: Array
@@ -47,8 +43,8 @@ class CompiledLoop:
     ----------
     plant : Plant
         Which has not moved yet.
-    arm : CompiledArm
-        Model of the plant.
+    plant_step : CompiledPlantStep
+        Of the plant, at its start.
     step : CompiledStep
         Of the controller, at its start.
     truth : bool
@@ -57,7 +53,7 @@ class CompiledLoop:
     Attributes
     ----------
     code : Code
-        Of plant and loop, the same for all laws.
+        Of the loop, the same for all laws.
     codes : tuple of Code
         All that must be compiled.
     measured, error : array, shape (2, n) and (n,)
@@ -65,23 +61,26 @@ class CompiledLoop:
 
     """
 
-    def __init__(self, plant: Plant, arm: CompiledArm, step: CompiledStep, truth: bool) -> None:
+    def __init__(self, plant: Plant, plant_step: CompiledPlantStep, step: CompiledStep,
+                 truth: bool) -> None:
         given = inputs(plant, plant.last + 1)
         self.measured, self.error, self._step = step.measured, step.made[E], step
         n = len(self.error)
         zero = np.array(0)
-        self._called = numpy_record(
-            dict.fromkeys(('function', 'places', 'points', 'stride'), zero))
+        addresses = 'function', 'places', 'points', 'stride', 'plant', 'plant_places', 'given'
+        self._called = numpy_record(dict.fromkeys(addresses, zero))
         self._result = numpy_record(
             {'rows': zero, 'last': zero, 'joint': zero, 'truth': np.array(int(truth))})
         self._rows = np.empty((len(given), 5, n))
-        self._given, self._plant, self._arm = given, compiled_plant(plant, arm), arm
-        self.code = Code(run, self._arguments(np.zeros(n), np.zeros(1, np.int64)), f'loop-{n}')
-        self.codes = *step.codes, *arm.codes, self.code
+        self._given, self._plant = given, plant_step
+        places = np.zeros(1, np.int64)
+        self.code = Code(run, self._arguments(np.zeros(n), places, places), f'loop-{n}')
+        self.codes = *step.codes, *plant_step.codes, self.code
 
-    def _arguments(self, error_limit: Array, places: Any) -> tuple[Any, ...]:
-        step = Control(self._called, places, self._step.measured, self._step.made, error_limit)
-        return self._plant, step, self._given, self._rows, self._result
+    def _arguments(self, error_limit: Array, *places: Any) -> tuple[Any, ...]:
+        step = Control(self._called, places[0], places[1], self._step.measured, self._step.made,
+                       error_limit)
+        return self._plant.records, step, self._given, self._rows, self._result
 
     @property
     def compiled(self) -> bool:
@@ -107,10 +106,12 @@ class CompiledLoop:
             k, q, dq, tau, v of each sample that is not lost.
 
         """
-        call, called = self._step.step, self._called
+        call, plant, called = self._step.step, self._plant.call, self._called
         called.function, called.places = call.function, call.places.ctypes.data
+        called.plant, called.plant_places = plant.function, plant.places.ctypes.data
+        called.given = self._given.ctypes.data
         called.points, called.stride = table.ctypes.data, table.strides[0]
-        end = Call(self.code, self._arguments(error_limit, call.places))()
+        end = Call(self.code, self._arguments(error_limit, call.places, plant.places))()
         return end, int(self._result.last), int(self._result.joint), (
             self._rows[:self._result.rows])
 
@@ -161,7 +162,8 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
                     return BEYOND
             result.rows += 1
         if k < last:
-            advance(p, given[k])
+            c.plant_places[len(c.plant_places) - 1] = c.step.given + k * given.itemsize
+            invoke(c.step.plant, c.step.plant_places)
             total = 0.0
             for i in range(n):
                 total += s.motion__q[i] + s.motion__dq[i]

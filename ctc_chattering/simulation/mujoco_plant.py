@@ -103,6 +103,11 @@ class MujocoPlant(Robot):
         super().configure(config)
         self.mjmodel.dof_damping[self._order] = self.mechanics.friction.viscous
 
+    @property
+    def computed_by(self) -> str:
+        """What computes the next step."""
+        return 'MuJoCo'
+
     def _move(self, now: Acting) -> None:
         """Go on by one control period in as many steps as `integration_step` asks for."""
         order, h, data, p = self._order, self._h, self.mjdata, self.mechanics

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
+from math import inf, isfinite
 
 from ctc_chattering.arguments import checked
+from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.elastic_model import Elastic
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.compilable import RECORDS
 from ctc_chattering.numerics.linear_algebra import Vector
+from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
+from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.motion import Acting, advanced, Mechanism, Motion
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -37,6 +41,8 @@ class Plant(Robot):
         For each coordinate +1 or -1 if it slides, 0 if it sticks or has no friction.
     motion : Motion
         State of the coordinates.
+    compiled : bool
+        Whether the next step is machine code.
 
     """
 
@@ -60,16 +66,56 @@ class Plant(Robot):
                               else range(self.model.n))
         self.own = own_friction(config.friction_model, config.joint_names)
         rest = [0.0] * self._coupled.n
-        self.motion = Motion(*start, rest, 0, rest, 0.0)
+        self._motion = Motion(*start, rest, 0, rest, 0.0)
+        self._arm: Arm | None = None
+        if config.compiled and not config.elastic and type(self.own) in RECORDS and (
+                type(self) is Plant):
+            self._arm = arm_of(self.model)
+        #: The machine code of the steps until the next change; None for plain Python.
+        self._compiled: CompiledPlantStep | None = None
+        self._prepared = False
         super().__init__(config, *maps, longest)
         self.configure(config)
 
     @checked(config=PlantConfig)
     def configure(self, config: PlantConfig) -> None:
         """Use another friction or disturbance from the next step on."""
+        if self._compiled is not None:
+            state = self._compiled.state()
+            self.driven, self._motion = state.driven, state.motion
+            self.transit = self._compiled.records.transit.tolist()[:config.input_delay]
+            self.sensor.shown = state.shown
+        self._compiled, self._prepared = None, False
         super().configure(config)
         self.mechanism = Mechanism(self._coupled, self.own, self.mechanics)
-        self.motion = self.motion._replace(decided=0.0)
+        self._motion = self._motion._replace(decided=0.0)
+
+    def compiled_step(self) -> CompiledPlantStep | None:
+        """Return the step from now on as machine code takes it; None where it cannot."""
+        return None if self._arm is None else CompiledPlantStep(self, self._arm)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the next step is machine code."""
+        if not self._prepared:
+            step, self._prepared = self.compiled_step(), True
+            self._compiled = step if step is not None and step.compiled else None
+        return self._compiled is not None
+
+    @property
+    def computed_by(self) -> str:
+        """What computes the next step."""
+        return MACHINE_CODE if self.compiled else PLAIN_PYTHON
+
+    @property
+    def motion(self) -> Motion:
+        """Return the state of the coordinates."""
+        return self._motion if self._compiled is None else self._compiled.state().motion
+
+    @property
+    def applied(self) -> Vector:
+        """Return the torque of the drives at the end of the last period, shape (n,) [N·m]."""
+        return self.driven.torque if self._compiled is None else self._compiled.torque.tolist()
 
     @property
     def modes(self) -> tuple[int, ...]:
@@ -80,12 +126,27 @@ class Plant(Robot):
         """Return what the encoders see: motors or links."""
         if not self._encoders:
             return self.q, self.dq
-        q, dq = self.motion.q, self.motion.dq
+        q, dq = self._motion.q, self._motion.dq
         return [q[i] for i in self._encoders], [dq[i] for i in self._encoders]
+
+    def _go_on(self, tau: Vector) -> None:
+        """Bring all but `k` to the next sample."""
+        if not self.compiled:
+            super()._go_on(tau)
+            return
+        made, config, sensor = self._compiled, self.config, self.sensor
+        assert made is not None
+        late = self.lateness.random() if config.late_samples else 1.0
+        loss = self.loss.random() if config.sample_loss else 1.0
+        noise = sensor.encoders.position_noise, sensor.encoders.velocity_noise
+        made.go_on(tau, late, loss, () if sensor.perfect else map(sensor.noise, noise))
+        self.q, self.dq, self.measured, self.lost_in_a_row = made.shown()
+        if not isfinite(sum(self.q) + sum(self.dq)):
+            self.driven = made.state().driven
 
     def _move(self, now: Acting) -> None:
         """Go on by one control period in as many steps as `integration_step` asks for."""
-        self.motion = advanced(self.mechanism, now, self.motion)
-        self.q, self.dq = self.motion.q, self.motion.dq
+        self._motion = advanced(self.mechanism, now, self._motion)
+        self.q, self.dq = self._motion.q, self._motion.dq
         if self._encoders:
             self.q, self.dq = self.q[:self.n], self.dq[:self.n]

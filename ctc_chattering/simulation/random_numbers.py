@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import cos, log, sin
 from random import Random
 
 from ctc_chattering.numerics.linear_algebra import Array
@@ -17,6 +18,10 @@ def normal_numbers(random: Random, count: int) -> Array:
     bits.state = {'bit_generator': 'MT19937',
                   'state': {'key': np.array(key, np.uint32), 'pos': position}}
     x = np.random.Generator(bits).random((count + 1) // 2 * 2).reshape(-1, 2)
-    angle, radius = 2.0 * np.pi * x[:, 0], np.sqrt(-2.0 * np.log1p(-x[:, 1]))  # Box and Muller
-    made = np.stack((np.cos(angle) * radius, np.sin(angle) * radius), 1).ravel()
+    # Box and Muller, with functions of `math`: those of NumPy differ in the last bit.
+    angle, rest = (2.0 * np.pi * x[:, 0]).tolist(), (1.0 - x[:, 1]).tolist()
+    cosine, sine, logarithm = (np.fromiter(map(function, values), float) for function, values in (
+        (cos, angle), (sin, angle), (log, rest)))
+    radius = np.sqrt(-2.0 * logarithm)
+    made = np.stack((cosine * radius, sine * radius), 1).ravel()
     return made[:count] if kept is None else np.concatenate(([kept], made))[:count]

@@ -133,24 +133,24 @@ class Sensor:
             -expm1(-cutoff * period) if velocity == 'filtered' else 1.0, period, float(exact),
             float(self.perfect))
         self.random = Random(seed)
-        self._shown: Measured | None = None
+        self.shown: Measured | None = None
 
     def measure(self, q: Vector, dq: Vector) -> tuple[Vector, Vector]:
         """Return position [rad] and velocity [rad/s] as measured, each of shape (n,)."""
         if self.perfect:
             return q, dq
-        sensor, before = self.encoders, self._shown
+        sensor, before = self.encoders, self.shown
         if before is None:
             before = Measured(q, dq)
             if not sensor.exact:
                 last = [x - sensor.period * v for x, v in zip(q, dq)]
                 before = Measured(each(encoder, last, sensor.resolution, sensor.position_noise,
-                                       self._noise(sensor.position_noise)), dq)
+                                       self.noise(sensor.position_noise)), dq)
             sensor = sensor._replace(gain=1.0)
-        self._shown = measured(sensor, before, q, dq, self._noise(sensor.position_noise),
-                               self._noise(sensor.velocity_noise))
-        return self._shown
+        self.shown = measured(sensor, before, q, dq, self.noise(sensor.position_noise),
+                              self.noise(sensor.velocity_noise))
+        return self.shown
 
-    def _noise(self, deviation: Vector) -> Vector:
+    def noise(self, deviation: Vector) -> Vector:
         """Return noise of the deviation 1 where there is any; nothing else is drawn."""
         return [self.random.gauss(0.0, 1.0) if s else 0.0 for s in deviation]

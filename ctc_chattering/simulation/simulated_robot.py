@@ -68,7 +68,7 @@ class Robot(ABC):
         self.k = 0
         rest = [0.0] * self.n
         self.driven = Driven(rest, rest, rest, rest)
-        self._transit: list[Vector] = [rest] * config.input_delay
+        self.transit: list[Vector] = [rest] * config.input_delay
         self._on_motors = on_motors or _joints
         self._on_links = on_links or _joints
         self._braking = False
@@ -82,7 +82,8 @@ class Robot(ABC):
             config.encoder_resolution, config.position_noise, config.velocity_noise,
             config.noise_seed, config.velocity_sensor, config.velocity_cutoff, self._period)
         self.measured = self.sensor.measure(*self._seen())
-        self._lost_in_a_row = 0
+        #: As of `plant_step.lost_in_a_row`.
+        self.lost_in_a_row = 0
         self.loss, self.lateness = (
             Random(f'{config.noise_seed} {of}') for of in ('loss', 'lateness'))
         self._substeps = max(1, math.ceil(
@@ -95,9 +96,14 @@ class Robot(ABC):
         return self.driven.torque
 
     @property
+    @abstractmethod
+    def computed_by(self) -> str:
+        """What computes the next step, such as plain Python."""
+
+    @property
     def lost(self) -> bool:
         """Whether the measurement is not sent: `step` then takes the last torque again."""
-        return self._lost_in_a_row > 0
+        return self.lost_in_a_row > 0
 
     @property
     def steps(self) -> int:
@@ -181,13 +187,8 @@ class Robot(ABC):
         tau = command
         if not isfinite(sum(tau)):
             raise CtcError(f'the torque {tau} at t = {self.t:g} s is not finite')
-        late = self.lateness.random() if self.config.late_samples else 1.0
-        self.driven = driven(self.drives, self.driven, self._transit, self.k, tau, late)
-        drives = self.driven
-        if self._on_motors is not _joints:
-            drives = Driven(*map(self._on_motors, drives))
         try:
-            self._move(acting(self.mechanics, drives, self.k))
+            self._go_on(tau)
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError
         except (ArithmeticError, ValueError):  # sin(inf)
@@ -195,12 +196,21 @@ class Robot(ABC):
             raise CtcError(f'the motion of the plant diverged at t = {self.t:g} s, '
                            f'under a torque of [{shown}] N*m') from None
         self.k += 1
+
+    def _go_on(self, tau: Vector) -> None:
+        """Bring all but `k` to the next sample."""
+        late = self.lateness.random() if self.config.late_samples else 1.0
+        self.driven = driven(self.drives, self.driven, self.transit, self.k, tau, late)
+        drives = self.driven
+        if self._on_motors is not _joints:
+            drives = Driven(*map(self._on_motors, drives))
+        self._move(acting(self.mechanics, drives, self.k))
         seen = self._seen()
         self.measured = seen if self.sensor.perfect else self.sensor.measure(*seen)
-        if self._lost_in_a_row or self.config.sample_loss:
+        if self.lost_in_a_row or self.config.sample_loss:
             loss = self.loss.random() if self.config.sample_loss else 1.0
-            self._lost_in_a_row = lost_in_a_row(
-                self.config.sample_loss, loss, self._lost_in_a_row, self.k, self.last)
+            self.lost_in_a_row = lost_in_a_row(
+                self.config.sample_loss, loss, self.lost_in_a_row, self.k + 1, self.last)
 
     @abstractmethod
     def _move(self, now: Acting) -> None:

@@ -53,7 +53,7 @@ def reference_table(config: ReferenceConfig, route: Route | None,
     moving = min(-(-braking.end // period) + 1, inside)
     before = _sampled(braking, order, period, moving)
     before = np.concatenate((before, np.repeat(before[-1:], inside - moving, axis=0)))
-    s: Array = np.arange(inside)[:, np.newaxis] * period / motion.end
+    s: Array = np.array([[seconds(k * period)] for k in range(inside)]) / seconds(motion.end)
     weight = quintic(s, seconds(motion.end), 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
     rows = mean(weight, tuple(before.transpose(1, 0, 2)),
                 tuple(table[:inside].transpose(1, 0, 2)))

@@ -183,8 +183,6 @@ def test_without_commands_the_plant_brakes(graph: Graph) -> None:
     assert 'torque 0, brakes on' in report.message
     assert report.count('timeouts, command') > before.count('timeouts, command')
     graph.probe.until(lambda: said() == lines + 1, 'the line')
-    robot = Plant(PlantConfig(control_period=PERIOD))
-    robot.braking = True
     graph.probe.until(  # What is reported may be heard before the states are.
         lambda: len(graph.states) > 50 and not any(
             any(m.effort) for m in itertools.islice(reversed(graph.states), 50)), 'brakes')
@@ -192,7 +190,9 @@ def test_without_commands_the_plant_brakes(graph: Graph) -> None:
     idle = graph.states[driven + 1:]
     begin = idle[0]
     # Of the brakes' first samples some may be made good in one tick and published as one.
-    robot.q, robot.dq = list(begin.position), list(begin.velocity)
+    robot = Plant(PlantConfig(control_period=PERIOD, initial_position=tuple(begin.position),
+                              initial_velocity=tuple(begin.velocity)))
+    robot.braking = True
     for message in idle[1:50]:
         passed = 1e-9 * (ns(message.header.stamp) - ns(begin.header.stamp))
         for _ in range(round(passed / PERIOD) - robot.k):

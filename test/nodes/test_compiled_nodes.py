@@ -1,0 +1,73 @@
+"""Nodes compute by machine code where there is some, and say whether they do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.launch.child_process import Child
+from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
+from faults import Diagnostics
+import numpy as np
+from processes import interrupt, probe
+import pytest
+from recorded_runs import assert_equal, record
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.mark.parametrize('compiled', [True, False])
+def test_a_recorded_run_is_that_of_the_simulation(tmp_path: Path, compiled: bool) -> None:
+    """To the last bit, whatever computes both; with noise and loss, and a change on the way."""
+    file = tmp_path / 'params.yaml'
+    file.write_text(f"""
+/**:
+  ros__parameters: {{compiled: {str(compiled).lower()}}}
+plant:
+  ros__parameters: {{pacing: lockstep, duration: 0.5, velocity_noise: [0.001, 0.002],
+                    encoder_resolution: [1.0e-4, 1.0e-4], sample_loss: 0.05, input_delay: 1}}
+reference:
+  ros__parameters: {{start_duration: 0.2}}
+bringup:
+  ros__parameters:
+    events: ['0.3 plant coulomb_friction [3.0, 1.0]']
+""")
+    setup = parameter_file.load(file)
+    compile_setups([setup], print)
+    expected = simulated(setup)
+    assert_equal(record(tmp_path / 'bag', '--params-file', str(file)), expected)
+    rounding = simulated(parameter_file.load(file, {'/**': {'compiled': not compiled}})).run
+    assert (rounding.tau != expected.run.tau).any()
+    np.testing.assert_allclose(rounding.tau, expected.run.tau, rtol=1e-9, atol=1e-9)
+
+
+def test_nodes_say_what_computes_them(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The controller says how its law is compiled, for another one again, and goes on plain."""
+    compile_setups([parameter_file.load(None)], print)
+    with probe() as it:
+        reports = Diagnostics(it)
+
+        def said() -> int:
+            return len([x for x in it.lines if HOW_TO_COMPILE in x and '[INFO]' in x])
+
+        def check(computed_by: str, *ros_args: str) -> list[Child]:
+            children = [it.start(name, *ros_args) for name in ('plant', 'controller')]
+            for child in children:
+                assert reports.next(child.name).values['computed by'] == computed_by
+            return children
+
+        for how, *ros_args in (('machine code',), ('plain Python', '-p', 'compiled:=false')):
+            for child in check(how, *ros_args):
+                interrupt(child)
+            assert said() == 0
+        monkeypatch.setenv('HOME', str(tmp_path))
+        check('plain Python')
+        it.until(lambda: said() == 1, 'the line')
+        for name, value in (('ka', [3.0, 3.0]), ('law', 'compensation'), ('ka', [4.0, 4.0])):
+            assert it.set('controller', name, value).successful
+        it.until(lambda: said() == 2, 'the line of another law')
+        assert reports.next('controller').values['computed by'] == 'plain Python'
+        assert [x for x in it.lines if HOW_TO_COMPILE in x][-1].count('law compensation: ') == 1
