@@ -10,8 +10,9 @@ from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.machine_code import Call, Code, invoke
 from ctc_chattering.numerics.records import numpy_record
-from ctc_chattering.simulation.compiled_plant import CompiledPlant, CompiledPlantStep, inputs
+from ctc_chattering.simulation.compiled_plant import CompiledPlant, CompiledPlantStep, no_inputs
 from ctc_chattering.simulation.plant import Plant
+from ctc_chattering.simulation.random_numbers import normal_numbers
 import numpy as np
 
 #: How a run ends, and the sample: at its end, without a finite torque, with a position error
@@ -114,6 +115,21 @@ class CompiledLoop:
         end = Call(self.code, self._arguments(error_limit, call.places, plant.places))()
         return end, int(self._result.last), int(self._result.joint), (
             self._rows[:self._result.rows])
+
+
+def inputs(plant: Plant, count: int) -> Any:
+    """Return `count` records of `PlantInput` with the random numbers that `plant` would draw."""
+    n, config = plant.n, plant.config
+    made = no_inputs(n, count)
+    for name, random, asked in (('late', plant.lateness, config.late_samples),
+                                ('loss', plant.loss, config.sample_loss)):
+        made[name] = [random.random() for _ in range(count)] if asked else 1.0
+    noisy = np.array([*config.position_noise, *config.velocity_noise]) > 0.0
+    noise = np.zeros((count, 2 * n))
+    noise[:, noisy] = normal_numbers(
+        plant.sensor.random, count * noisy.sum()).reshape(count, -1)
+    made['position_noise'], made['velocity_noise'] = noise[:, :n], noise[:, n:]
+    return made
 
 
 @function

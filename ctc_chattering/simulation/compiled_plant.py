@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, NamedTuple, TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 from ctc_chattering.dynamics.arm import Arm
 from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel
@@ -14,12 +14,7 @@ from ctc_chattering.numerics.records import in_lists, load, packed, store
 from ctc_chattering.simulation.motion import Mechanism
 from ctc_chattering.simulation.plant_step import PlantInput, PlantParameters, PlantState
 from ctc_chattering.simulation.plant_step import stepped as plant_step
-from ctc_chattering.simulation.random_numbers import normal_numbers
-from ctc_chattering.simulation.sensor import Measured
 import numpy as np
-
-if TYPE_CHECKING:
-    from ctc_chattering.simulation.plant import Plant
 
 
 class CompiledPlant(NamedTuple):
@@ -35,34 +30,8 @@ class CompiledPlant(NamedTuple):
     transit: Array
 
 
-def compiled_plant(plant: Plant, arm: CompiledArm) -> CompiledPlant:
-    """Return a plant as it is now, with its model."""
-    config = plant.config
-    return CompiledPlant(
-        *arm.model, packed(plant.own), packed(PlantParameters(
-            plant.mechanics, plant.drives, plant.sensor.encoders, config.sample_loss,
-            plant.last)),
-        packed(PlantState(plant.k, plant.driven, plant.motion, Measured(*plant.measured),
-                          plant.lost_in_a_row)),
-        np.array(plant.transit) if plant.transit else np.zeros((1, plant.n)))
-
-
-def inputs(plant: Plant, count: int) -> Any:
-    """Return `count` records of `PlantInput` with the random numbers that `plant` would draw."""
-    n, config = plant.n, plant.config
-    made = _no_inputs(n, count)
-    for name, random, asked in (('late', plant.lateness, config.late_samples),
-                                ('loss', plant.loss, config.sample_loss)):
-        made[name] = [random.random() for _ in range(count)] if asked else 1.0
-    noisy = np.array([*config.position_noise, *config.velocity_noise]) > 0.0
-    noise = np.zeros((count, 2 * n))
-    noise[:, noisy] = normal_numbers(
-        plant.sensor.random, count * noisy.sum()).reshape(count, -1)
-    made['position_noise'], made['velocity_noise'] = noise[:, :n], noise[:, n:]
-    return made
-
-
-def _no_inputs(n: int, count: int) -> Any:
+def no_inputs(n: int, count: int) -> Any:
+    """Return `count` records of `PlantInput` with zeros."""
     zero = [0.0] * n
     return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, zero, zero)).dtype)
 
@@ -73,10 +42,14 @@ class CompiledPlantStep:
 
     Parameters
     ----------
-    plant : Plant
-        As it is now.
     arm : Arm
-        Its model.
+        Model.
+    own
+        Own friction.
+    parameters, state : PlantParameters, PlantState
+        As they are now.
+    transit : sequence of (n,)
+        Torques in transit [N·m].
 
     Attributes
     ----------
@@ -95,20 +68,23 @@ class CompiledPlantStep:
 
     call: Call
 
-    def __init__(self, plant: Plant, arm: Arm) -> None:
-        self._arm = CompiledArm(arm, plant.n)
-        self.records = compiled_plant(plant, self._arm)
-        self.given = _no_inputs(plant.n, 1)[0]
+    def __init__(self, arm: Arm, own: Any, parameters: PlantParameters, state: PlantState,
+                 transit: Sequence[Vector]) -> None:
+        n = len(state.motion.q)
+        self._arm, self.given = CompiledArm(arm, n), no_inputs(n, 1)[0]
+        self.records = CompiledPlant(
+            *self._arm.model, packed(own), packed(parameters), packed(state),
+            np.array(transit) if transit else np.zeros((1, n)))
         arguments = (self.records, self.given)
-        code = Code(stepped, arguments, f'plant-{plant.n}')
+        code = Code(stepped, arguments, f'plant-{n}')
         self.codes = *self._arm.codes, code
         if self.compiled:
             self.call = Call(code, arguments)
-        state, given = self.records.state, self.given
+        seen, given = self.records.state, self.given
         self._tau, self._noise = given['tau'], (given['position_noise'], given['velocity_noise'])
-        self._shown = tuple(state[name] for name in (
+        self._shown = tuple(seen[name] for name in (
             'motion__q', 'motion__dq', 'shown__q', 'shown__dq'))
-        self.torque = state['driven__torque']
+        self.torque = seen['driven__torque']
 
     @property
     def compiled(self) -> bool:

@@ -18,6 +18,8 @@ from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.friction import own_friction
 from ctc_chattering.simulation.motion import Acting, advanced, Mechanism, Motion
 from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.plant_step import PlantParameters, PlantState
+from ctc_chattering.simulation.sensor import Measured
 from ctc_chattering.simulation.simulated_robot import Robot, ToCoordinates
 
 #: Largest step of the integrator times the fastest eigenvalue of an elastic joint.
@@ -92,7 +94,14 @@ class Plant(Robot):
 
     def compiled_step(self) -> CompiledPlantStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
-        return None if self._arm is None else CompiledPlantStep(self, self._arm)
+        if self._arm is None:
+            return None
+        return CompiledPlantStep(
+            self._arm, self.own, PlantParameters(
+                self.mechanics, self.drives, self.sensor.encoders, self.config.sample_loss,
+                self.last),
+            PlantState(self.k, self.driven, self._motion, Measured(*self.measured),
+                       self.lost_in_a_row), self.transit)
 
     @property
     def compiled(self) -> bool:
