@@ -25,7 +25,7 @@ import numpy as np
 
 _PACKAGE = Path(__file__).parents[1]
 #: Folders with functions that are compiled.
-_FOLDERS = ('numerics', 'dynamics', 'control', 'simulation', 'batch')
+_FOLDERS = ('numerics', 'dynamics', 'control', 'simulation')
 #: How numba calls: where the result goes, where an error goes, and one argument.
 _PROTOTYPE: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 #: What a user reads who runs plain Python in its place.

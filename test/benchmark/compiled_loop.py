@@ -259,8 +259,10 @@ def main() -> None:
     for title in measured:
         compiled = rates[title, COMPILED]
         print(f'| {title} | ' + ' | '.join(
-            cell(rates[title, x], compiled) if (title, x) in rates else '' for x in COLUMNS) + ' |')
-    print('\n' + NOTES.format(rounds=rounds, by_jax=BY_JAX) + '\n\nChecked against compiled runs:\n')
+            cell(rates[title, x], compiled) if (title, x) in rates else ''
+            for x in COLUMNS) + ' |')
+    print('\n' + NOTES.format(rounds=rounds, by_jax=BY_JAX))
+    print('\nChecked against compiled runs:\n')
     for title, found in measured.items():
         for column, contestant in found.items():
             if contestant.check:
