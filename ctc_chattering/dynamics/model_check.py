@@ -96,7 +96,7 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Findi
     rng = np.random.default_rng(seed)
     n = model.n
     states = [_SampledState(model, rng.uniform(-np.pi, np.pi, n), rng.uniform(-2.0, 2.0, n),
-                     rng.uniform(-3.0, 3.0, n)) for _ in range(samples)]
+                            rng.uniform(-3.0, 3.0, n)) for _ in range(samples)]
     shaped = _worst('values are finite and have their shapes', 0.0, _SampledState.ask, states)
     if not shaped.passed:
         return [shaped]

@@ -30,7 +30,7 @@ def end_after(delay: float, status: int) -> None:
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
     event = _SignalEvent(value=status, notify=_SIGEV_THREAD,
-                   function=ctypes.cast(libc._exit, ctypes.c_void_p))
+                         function=ctypes.cast(libc._exit, ctypes.c_void_p))
     timer = ctypes.c_void_p()
     if libc.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)) == 0:
         times = (ctypes.c_long * 4)(0, 0, int(delay), round(delay % 1.0 * 1e9))

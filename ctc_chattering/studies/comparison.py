@@ -167,10 +167,9 @@ def runs_of(task: Task) -> tuple[Overrides, ...]:
 
 
 def setups(todo: Sequence[Task]) -> Iterator[Setup]:
-    """Yield what runs first on every robot and plant under every condition."""
+    """Yield what runs first of every task."""
     for task in todo:
-        if task.variant == BASE:
-            yield parameter_file.load(task.path, runs_of(task)[0])
+        yield parameter_file.load(task.path, runs_of(task)[0])
 
 
 def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:

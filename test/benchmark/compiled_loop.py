@@ -261,7 +261,8 @@ def main() -> None:
         print(f'| {title} | ' + ' | '.join(
             cell(rates[title, x], compiled) if (title, x) in rates else ''
             for x in COLUMNS) + ' |')
-    print(f'\n{NOTES.format(rounds=rounds, by_jax=BY_JAX)}\n\nChecked against compiled runs:\n')
+    print('\n' + NOTES.format(rounds=rounds, by_jax=BY_JAX))
+    print('\nChecked against compiled runs:\n')
     for title, found in measured.items():
         for column, contestant in found.items():
             if contestant.check:

@@ -205,6 +205,16 @@ def test_every_variant_is_run_and_a_backend_left_out_is_the_file_s() -> None:
     assert not any(x.runs[0]['plant'] for x in outcomes)
 
 
+def test_every_law_that_runs_is_compiled_first() -> None:
+    """Check all laws and switchings, under every condition."""
+    todo = tasks([CONFIG / 'friction.yaml'], [None], ['clean', 'lag'])
+    found = list(setups(todo))
+    assert len(found) == len(todo) == 2 * len(variants())
+    for task, setup in zip(todo, found):
+        assert setup.controller.law == task.variant.law
+        assert task.variant.switching in ('', setup.controller.switching)
+
+
 def made_up(variant: Variant, rms: float, variation: float, failure: str = '') -> Outcome:
     """Return the outcome of a made-up run of the two-link arm."""
     found = Score((rms, 2.0 * rms), (), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0))

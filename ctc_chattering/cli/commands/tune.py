@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.analysis.compilation import compile_setups
     from ctc_chattering.robustness.tuning import report
     from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
-    from ctc_chattering.robustness.tuning.runs import Evaluation, tune
+    from ctc_chattering.robustness.tuning.runs import Evaluation, setups, tune
     from ctc_chattering.studies.search import require_optuna
 
     require_optuna('ctc tune')
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
                        if getattr(options, name) is not None):
         spec = _spec(options)
     out = prepare(options.out, NAMES, options.overwrite)
-    compile_setups([spec.setup], partial(print, flush=True))
+    compile_setups(setups(spec), partial(print, flush=True))
     with _map(jobs, options.trials * spec.repeats.repeats) as each:
         tuning = tune(Evaluation(spec, options.percentile, each), options.trials,
                       spec.repeats.seed)

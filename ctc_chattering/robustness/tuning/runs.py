@@ -186,6 +186,12 @@ def references(spec: TuneSpec) -> dict[str, dict[str, Any]]:
     return found
 
 
+def setups(spec: TuneSpec) -> list[Setup]:
+    """Return the laws that run: the one that is tuned, and those of `references`."""
+    return [dataclasses.replace(spec.setup, controller=spec.setup.controller.changed(values))
+            for values in ({}, *references(spec).values())]
+
+
 def _differences(old: ControllerConfig, new: ControllerConfig) -> dict[str, Any]:
     """Return the parameters of `new` that `old` has otherwise."""
     before = old.as_mapping()

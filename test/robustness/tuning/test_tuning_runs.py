@@ -11,6 +11,7 @@ from ctc_chattering.robustness.tuning.runs import (
     recommended_point,
     references,
     scores_of,
+    setups,
     tune,
     Tuning,
 )
@@ -96,6 +97,14 @@ def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> Non
             recommended_setup(tuning.spec.file, law)
             for law in ('chattering', 'observer_feedback')))):
         assert tuning.spec.setup.controller.changed(found[name]) == file.controller
+
+
+def test_all_laws_that_run_are_compiled_first() -> None:
+    """Check the law that is tuned, and those that it is compared with."""
+    assert [(x.controller.law, x.controller.switching_in_force)
+            for x in setups(short_spec())] == [
+        ('chattering', 'implicit_observer'), ('chattering', 'sign'),
+        ('chattering', 'implicit_observer'), ('observer_feedback', '')]
 
 
 def candidate(error: float, variation: float, torque: float) -> Candidate:
