@@ -29,13 +29,26 @@ def has_compiler() -> bool:
     return find_spec('numba') is not None and find_spec('llvmlite') is not None
 
 
-def codes(setup: Setup) -> tuple[Code, ...]:
-    """Return the functions that a setup needs as machine code; none where it cannot have them."""
+def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
+    """
+    Return the functions that a setup needs as machine code; none where it cannot have them.
+
+    Parameters
+    ----------
+    setup : Setup
+        Without a run if law or plant cannot be machine code: MuJoCo, elastic joints.
+    parts : bool
+        Then return those of the other one, which a node has use for.
+
+    """
     robot = make_plant(setup.plant, setup.descriptions.get('plant', ''))
     law = Controller(setup.controller, model_of(
         setup.controller, setup.descriptions.get('controller', '')))
     loop = compiled_loop_of(robot, law)
-    return () if loop is None else loop.codes
+    if loop is not None or not parts:
+        return () if loop is None else loop.codes
+    steps = law.compiled_step(), robot.compiled_step()
+    return tuple(code for step in steps if step is not None for code in step.codes)
 
 
 def way(setup: Setup) -> str:
@@ -49,13 +62,15 @@ def can_be_compiled(setup: Setup) -> bool:
     return not setup.events and bool(codes(setup))
 
 
-def missing(setups: Iterable[Setup]) -> list[Code]:
-    """Return the functions that setups need and that are not compiled yet, each once."""
-    found = {(code.function, code.layouts): code for setup in setups for code in codes(setup)}
+def missing(setups: Iterable[Setup], parts: bool = False) -> list[Code]:
+    """Return the `codes` of setups that are not compiled yet, each once."""
+    found = {(code.function, code.layouts): code for setup in setups
+             for code in codes(setup, parts)}
     return [code for code in found.values() if not code.compiled]
 
 
-def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
+def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], parts: bool = False
+                   ) -> int:
     """
     Compile what setups need and is not compiled yet, several at once; return how many functions.
 
@@ -67,11 +82,13 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None]) -> int:
         What will run.
     show : callable
         Takes a line that says so, before and after each of them.
+    parts : bool
+        As of `codes`.
 
     """
     todo: dict[Any, tuple[Setup, Code]] = {}
     for setup in setups:
-        todo |= {(code.function, code.layouts): (setup, code) for code in missing([setup])}
+        todo |= {(code.function, code.layouts): (setup, code) for code in missing([setup], parts)}
     if not todo:
         return 0
     try:
@@ -106,7 +123,7 @@ def _build(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
 def _built(setup: Setup, name: str) -> str:
     """Compile the function of a name that a setup needs; return the name."""
     from ctc_chattering.numerics.simd.build import build
-    for code in codes(setup):
+    for code in codes(setup, parts=True):
         if code.name == name:
             build(code)
     return name

@@ -13,6 +13,7 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.numerics.compilable import each
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.time_grid import period_ns, samples, seconds
+from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.drive import Driven, driven, Drives
 from ctc_chattering.simulation.friction import Friction
 from ctc_chattering.simulation.motion import Acting, acting, Mechanics
@@ -94,6 +95,10 @@ class Robot(ABC):
     def applied(self) -> Vector:
         """Return the torque of the drives at the end of the last period, shape (n,) [N·m]."""
         return self.driven.torque
+
+    def compiled_step(self) -> CompiledPlantStep | None:
+        """Return the step from now on as machine code takes it; None where it cannot."""
+        return None
 
     @property
     @abstractmethod

@@ -24,21 +24,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compile`."""
-    from ctc_chattering.analysis.compilation import can_be_compiled, compile_setups, has_compiler
+    from ctc_chattering.analysis.compilation import codes, compile_setups, has_compiler
     from ctc_chattering.numerics.machine_code import cache_directory
 
     if not has_compiler():
         raise ModuleNotFoundError(name='numba')
     start, (_, _, setup) = time.monotonic(), load_setup(options)
     setup = dataclasses.replace(setup, events=())
-    if not can_be_compiled(setup):
-        raise CtcError('compiled code has no elastic joints, MuJoCo, models of your own, and no '
-                       'laws or frictions that are not made of marked records')
+    if not codes(setup, parts=True):
+        raise CtcError('nothing can be compiled: compiled is false, or neither plant (no elastic '
+                       'joints, MuJoCo, own models) nor law (no own models) can be, own frictions '
+                       'and laws only if made of marked records')
     changes = [{'law': law} for law in LAWS if law != 'chattering'] + [
         {'law': 'chattering', 'switching': switching} for switching in SWITCHINGS]
     setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
               for values in (changes if options.all else [{}])]
-    made = compile_setups(setups, say)
+    made = compile_setups(setups, say, parts=True)
     print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were there: '
           f'{cache_directory()}')
     return 0
