@@ -21,7 +21,7 @@ from ctc_chattering.simulation.compiled_loop import BEYOND, CompiledLoop, DIVERG
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
-from ctc_chattering.simulation.simulated_robot import Robot
+from ctc_chattering.simulation.simulated_robot import diverged, Robot
 from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
 from ctc_chattering.trajectory.reference_table import reference_table
@@ -217,7 +217,7 @@ def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller) -> 
     end, last, joint, rows = loop.run(table, np.array(config.error_limit))
     t = seconds(last * period)
     if end == DIVERGED:
-        raise CtcError(f'the motion of the plant diverged at t = {t:g} s')
+        raise diverged(t, loop.commanded)
     if end == BEYOND:
         raise CtcError(_beyond(config, joint, t, loop.error[joint]))
     if end != FINISHED:

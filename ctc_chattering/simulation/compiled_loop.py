@@ -59,6 +59,8 @@ class CompiledLoop:
         All that must be compiled.
     measured, error : array, shape (2, n) and (n,)
         q and dq [rad, rad/s], and the position error [rad], of the last sample.
+    commanded : array, shape (n,)
+        What the drives were asked for last [N·m].
 
     """
 
@@ -113,6 +115,7 @@ class CompiledLoop:
         called.given = self._given.ctypes.data
         called.points, called.stride = table.ctypes.data, table.strides[0]
         end = Call(self.code, self._arguments(error_limit, call.places, plant.places))()
+        self.commanded = self._plant.records.state.driven__commanded
         return end, int(self._result.last), int(self._result.joint), (
             self._rows[:self._result.rows])
 

@@ -197,9 +197,7 @@ class Robot(ABC):
             if not isfinite(sum(self.q) + sum(self.dq)):
                 raise OverflowError
         except (ArithmeticError, ValueError):  # sin(inf)
-            shown = ', '.join(f'{x:.4g}' for x in self.driven.commanded)
-            raise CtcError(f'the motion of the plant diverged at t = {self.t:g} s, '
-                           f'under a torque of [{shown}] N*m') from None
+            raise diverged(self.t, self.driven.commanded) from None
         self.k += 1
 
     def _go_on(self, tau: Vector) -> None:
@@ -225,3 +223,10 @@ class Robot(ABC):
 def _joints(values: Vector, _of_links: float = 0.0) -> Vector:
     """Return values of the joints, which are the coordinates."""
     return values
+
+
+def diverged(t: float, torque: Vector) -> CtcError:
+    """Return the error of a motion that leaves the range of numbers at `t` [s]."""
+    shown = ', '.join(f'{x:.4g}' for x in torque)
+    return CtcError(f'the motion of the plant diverged at t = {t:g} s, '
+                    f'under a torque of [{shown}] N*m')

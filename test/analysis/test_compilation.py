@@ -1,26 +1,26 @@
-"""What simulates a run, why, and that both engines give the same."""
+"""Machine code for parameter files: what can be compiled, what is missing, and without numba."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.engine import (
-    available,
-    BATCH,
-    compile_loop,
-    engine_of,
-    engine_text,
-    ENGINES,
-    REFERENCE,
-    simulated_by,
+from ctc_chattering.analysis.compilation import (
+    can_be_compiled,
+    compile_setups,
+    COMPILED,
+    missing,
+    PLAIN,
+    way,
 )
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.batch import compiler
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.numerics import machine_code
+from ctc_chattering.numerics.simd import build
 from ctc_commands import python
+from machine_code import compile_runs
 import numpy as np
 import pytest
 
@@ -28,84 +28,76 @@ ELASTIC = {'joint_stiffness': [1e4, 1e4], 'joint_damping': [10.0, 10.0],
            'motor_inertia': [1.0, 0.1]}
 
 
-def setup(plant: dict[str, Any] | None = None) -> Setup:
+def setup(plant: dict[str, Any] | None = None, **controller: Any) -> Setup:
     return parameter_file.load(None, {
         'plant': {'duration': 0.2, 'experiment': 'trial', **(plant or {})},
-        'controller': {'switching': 'implicit'}})
+        'controller': {'switching': 'implicit', **controller}})
 
 
-def test_the_compiled_loop_runs_what_it_can() -> None:
-    assert available() == available(BATCH) == (BATCH, '')
-    for engine in (None, BATCH):
-        assert engine_of(setup(), engine) == (BATCH, '')
-        assert engine_of(setup(ELASTIC), engine) == (REFERENCE, 'elastic joints')
-    assert engine_text(setup()) == 'batch'
-    assert engine_text(setup(ELASTIC)) == 'reference (elastic joints)'
-    panda = parameter_file.load(find_config('panda'), {'plant': {'plant_backend': 'mujoco'}})
-    assert engine_text(panda) == 'reference (plant_backend mujoco)'
-    assert engine_text(parameter_file.load(find_config('switch'))) == 'reference (events)'
-
-
-def test_the_reference_runs_what_it_is_asked_for() -> None:
-    assert available(REFERENCE) == (REFERENCE, '')
-    for made in (setup(), setup(ELASTIC)):
-        assert engine_text(made, REFERENCE) == 'reference'
+def test_what_can_be_compiled() -> None:
+    compile_runs(setup())
+    assert can_be_compiled(setup())
+    assert way(setup()) == COMPILED
+    for other in (
+            setup(ELASTIC), setup({'compiled': False}), setup(compiled=False),
+            parameter_file.load(find_config('panda'), {'plant': {'plant_backend': 'mujoco'}}),
+            parameter_file.load(find_config('switch'))):
+        assert not can_be_compiled(other)
+        assert way(other) == PLAIN
 
 
 @pytest.mark.parametrize('truth', [True, False])
-def test_both_engines_give_the_same_result(truth: bool) -> None:
+def test_the_same_result(truth: bool) -> None:
     """Check states, metrics and terms; encoders make the measured states others."""
-    made = setup({'encoder_resolution': [0.01, 0.01]})
-    one, other = (simulated_by(made, engine, truth) for engine in ENGINES)
-    assert one.run.q is not other.run.q
+    sensor: dict[str, Any] = {'encoder_resolution': [0.01, 0.01]}
+    compile_runs(setup(sensor))
+    one, other = (simulated(made, truth=truth) for made in (
+        setup({**sensor, 'compiled': False}, compiled=False), setup(sensor)))
+    assert (one.run.compiled, other.run.compiled) == (False, True)
     for name, x in vars(one.run).items():
-        np.testing.assert_allclose(x, vars(other.run)[name], rtol=1e-6, atol=1e-9)
+        if name != 'compiled':
+            np.testing.assert_allclose(x, vars(other.run)[name], rtol=1e-6, atol=1e-9)
     on_grid = np.abs(one.run.q / 0.01 - np.round(one.run.q / 0.01)).max() < 1e-9
     assert on_grid == (not truth)
     assert {**one.metrics(), 'notes': []} == {**other.metrics(), 'notes': []}
-    assert (one.experiment, one.configs, one.description) == (
-        other.experiment, other.configs, other.description)
+    assert (one.experiment, one.description) == (other.experiment, other.description)
     if not truth:
-        np.testing.assert_allclose(one.terms.tau, one.run.tau, rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(other.terms.tau, other.run.tau, rtol=1e-9, atol=1e-6)
 
 
-def test_the_reference_is_that_of_ctc_simulate() -> None:
-    for made, engine in ((setup(), REFERENCE), (setup(ELASTIC), BATCH)):
-        assert (simulated_by(made, engine).run.tau == simulated(made).run.tau).all()
-
-
-def test_it_is_compiled_once_and_only_if_it_is_used(
-        monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Check the line, with a directory in which it seems that nothing was compiled."""
-    monkeypatch.setattr(compiler, 'cache_directory', lambda: tmp_path)
+def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Check what is said and made, with a compiler that only notes what it is asked for."""
+    monkeypatch.setattr(machine_code, 'cache_directory', lambda: tmp_path)
     said: list[str] = []
-    compile_loop([setup(), setup()], REFERENCE, said.append)
-    compile_loop([setup(ELASTIC)], None, said.append)
-    assert said == [] and not compiler.is_compiled(2)
-    compile_loop([setup(), setup(ELASTIC), setup()], None, said.append)
-    assert len(said) == 1 and 'compiled for 2 joints first' in said[0]
-    assert compiler.is_compiled(2)
-    compile_loop([setup()], None, said.append)
-    assert len(said) == 1
+    made: list[str] = []
+    monkeypatch.setattr(build, 'build', lambda code: made.append(code.name))
+    assert compile_setups([setup(ELASTIC), setup(compiled=False)], said.append) == 0
+    assert said == [] == [*tmp_path.iterdir()]
+    assert way(setup()) == PLAIN
+    names = ['dynamics-2', 'mass-2', 'control-chattering-2', 'loop-2']
+    assert [code.name for code in missing([setup(), setup()]).values()] == names
+    assert compile_setups([setup(), setup(ELASTIC), setup(kp=[1.0, 2.0])], said.append) == 4
+    assert said == [f'compiling {name} ({i + 1} of 4), once for this version ...'
+                    for i, name in enumerate(names)]
+    assert made == names
 
 
-@pytest.mark.parametrize(('error', 'reason'), [
-    ("ModuleNotFoundError('no', name='numba')", 'numba is not installed: pip install numba'),
-    ("ModuleNotFoundError('no', name='llvmlite')",
-     'llvmlite is not installed: pip install llvmlite'),
-    ("ImportError('Numba needs NumPy 2.4 or less')", 'numba: Numba needs NumPy 2.4 or less')])
-def test_without_numba_the_reference_runs(tmp_path: Path, error: str, reason: str) -> None:
-    """Check it in a process where the import of numba fails."""
-    (tmp_path / 'numba.py').write_text(f'raise {error}\n')
+@pytest.mark.parametrize(('module', 'error', 'reason'), [
+    ('numba', "ModuleNotFoundError('no numba')", 'no numba'),
+    ('llvmlite', "ModuleNotFoundError('no llvmlite')", 'no llvmlite'),
+    ('numba', "ImportError('Numba needs NumPy 2.4 or less')", 'Numba needs NumPy 2.4 or less')])
+def test_without_numba_plain_python_runs(tmp_path: Path, module: str, error: str, reason: str
+                                         ) -> None:
+    """Check it in a process where an import fails, and whose user has nothing compiled."""
+    (tmp_path / f'{module}.py').write_text(f'raise {error}\n')
     found = python('-c', (
-        'from ctc_chattering.analysis.engine import available, engine_text, simulated_by\n'
-        'from ctc_chattering.errors import UsageError\n'
+        f'import os; os.environ["HOME"] = {str(tmp_path)!r}\n'
+        'from ctc_chattering.analysis.compilation import compile_setups, way\n'
+        'from ctc_chattering.analysis.result import simulated\n'
         'from ctc_chattering.configuration import parameter_file\n'
         'setup = parameter_file.load(None, {"plant": {"duration": 0.01}})\n'
-        'print(engine_text(setup), len(simulated_by(setup).run.t), available("reference"))\n'
-        'try:\n'
-        '    available("batch")\n'
-        'except UsageError as error:\n'
-        '    print(error)\n'), path=tmp_path)
+        'made = compile_setups([setup], print)\n'
+        'run = simulated(setup).run\n'
+        'print(made, way(setup), len(run.t), run.compiled)\n'), path=tmp_path)
     assert found.stdout.splitlines() == [
-        f"reference ({reason}) 11 ('reference', '')", f'--engine batch: {reason}'], found.stderr
+        f'plain Python computes, 20 times slower: {reason}', '0 plain 11 False'], found.stderr

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.batch.closed_loop import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.closed_loop import Run
+from machine_code import compile_runs
 import numpy as np
 from oracles import paper_c, paper_g, paper_m
 import pytest
@@ -26,12 +27,16 @@ def _found(monkeypatch: pytest.MonkeyPatch) -> None:
     {'law': 'own_law:LeakyIntegral', 'ki': [400.0, 400.0]},
     {'law': 'chattering', 'switching': 'own_switching:Smooth'}])
 def test_the_same_run_compiled(values: dict[str, object]) -> None:
-    setup = parameter_file.load(config_directory() / 'friction.yaml', {
-        'plant': {'duration': 0.5}, 'controller': values})
-    plain, found = simulated(setup).run, simulate(setup)
+    def run(values: dict[str, object], plain: bool = False) -> Run:
+        setup = parameter_file.load(config_directory() / 'friction.yaml', {
+            'plant': {'duration': 0.5, 'compiled': not plain},
+            'controller': {**values, 'compiled': not plain}})
+        compile_runs(setup)
+        found = simulated(setup).run
+        assert found.compiled != plain
+        return found
+    plain, found, without = run(values, True), run(values), run({'law': 'compensation'})
     np.testing.assert_allclose(found.tau, plain.tau, rtol=1e-9, atol=1e-9)
-    without = simulate(parameter_file.load(config_directory() / 'friction.yaml', {
-        'plant': {'duration': 0.5}, 'controller': {'law': 'compensation'}}))
     assert np.abs(without.tau - found.tau).max() > 1.0
 
 

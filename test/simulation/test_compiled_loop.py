@@ -1,4 +1,4 @@
-"""The compiled closed loop against the reference: random parameters, every law, every end."""
+"""The closed loop as machine code against plain Python: random parameters, laws, every end."""
 
 from __future__ import annotations
 
@@ -8,19 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.batch.closed_loop import simulate, unsupported
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.closed_loop import Event, Run
+from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.waypoints import Route
+from machine_code import compile_runs
 import numpy as np
 import pytest
 
 #: Largest relative difference of RMS errors: where the motion is regular, and where it rattles.
 REGULAR, RATTLING = 5e-3, 0.1
+
+
+class OwnTwoLink(TwoLink):
+    """Somebody's model."""
 
 
 def file(name: str) -> Path:
@@ -72,9 +78,28 @@ def rms(run: Run) -> Array:
     return error
 
 
+def by_python(setup: Setup, truth: bool = False) -> Run:
+    """Return the run of plain Python."""
+    run = simulated(dataclasses.replace(
+        setup, plant=setup.plant.changed({'compiled': False})), truth=truth).run
+    assert not run.compiled
+    return run
+
+
+def by_machine_code(setup: Setup, truth: bool = False) -> Run:
+    """Return the run of machine code."""
+    compile_runs(setup)
+    run = simulated(setup, truth=truth).run
+    assert run.compiled
+    return run
+
+
 def compared(setup: Setup, truth: bool) -> float:
     """Return the largest relative difference of the RMS errors; all else agrees."""
-    right, found = simulated(setup, truth=truth).run, simulate(setup, truth)
+    # The controller too, whose steps are machine code even in a loop that is not.
+    right = by_python(dataclasses.replace(
+        setup, controller=setup.controller.changed({'compiled': False})), truth)
+    found = by_machine_code(setup, truth)
     np.testing.assert_array_equal(found.t, right.t)
     for name in ('q_d', 'dq_d', 'ddq_d'):
         np.testing.assert_allclose(
@@ -118,7 +143,7 @@ def test_the_payload_moves_the_plant_only() -> None:
     for payload in (0.0, 1.5):
         setup = parameter_file.load(file('panda'), {
             'plant': {'duration': 0.3, 'payload': payload}, 'controller': {'law': 'pd_gravity'}})
-        errors.append(rms(simulate(setup)))
+        errors.append(rms(by_machine_code(setup)))
     assert (np.abs(errors[1] / errors[0] - 1.0) > 0.05).any()
 
 
@@ -136,44 +161,85 @@ def test_waypoints() -> None:
 
 def test_the_same_seed_is_the_same_run_and_another_is_another() -> None:
     def noisy(seed: int) -> Run:
-        return simulate(parameter_file.load(file('friction'), {'plant': {
+        return by_machine_code(parameter_file.load(file('friction'), {'plant': {
             'duration': 0.2, 'velocity_noise': [1e-3, 1e-3], 'noise_seed': seed}}))
     np.testing.assert_array_equal(noisy(4).tau, noisy(4).tau)
     assert (noisy(4).tau != noisy(5).tau).any()
 
 
-@pytest.mark.parametrize('controller', [
-    {'law': 'compensation', 'kv': [3000.0, 3000.0], 'effort_limit': [inf, inf]},
-    {'error_limit': [3.0, 3.0]}])
-def test_a_run_that_does_not_end(controller: dict[str, Any]) -> None:
-    """Both say when; a motion that squares itself at every sample ends by its rounding."""
-    setup = parameter_file.load(file('friction'), {
-        'plant': {'duration': 2.0, 'torque_saturation': [inf, inf]}, 'controller': controller})
-    ends = []
-    for run in (simulated, simulate):
+def ends_of(setup: Setup, speed: float) -> list[str]:
+    """Return how plain Python and machine code say that a run ended, from this speed [rad/s]."""
+    compile_runs(setup)
+    said = []
+    for compiled in (False, True):
+        config = setup.plant.changed({'compiled': compiled})
+        robot = Plant(config, TwoLink())
+        robot.q, robot.dq = [0.1, 0.2], [speed, speed]
+        robot.measured = robot.q, robot.dq
+        robot.motion = robot.motion._replace(q=robot.q, dq=robot.dq)
         with pytest.raises(CtcError) as error:
-            run(setup)
-        ends.append(float(str(error.value).split('t = ')[1].split(' s')[0]))
-    assert ends[0] == pytest.approx(ends[1], abs=2e-3 if controller.get('law') else 0.0)
+            simulate(config, setup.controller, setup.reference, robot=robot)
+        said.append(str(error.value))
+    return said
 
 
-def test_what_it_does_not_have() -> None:
-    setup = parameter_file.load(file('friction'))
-    assert unsupported(setup) == ''
-    plant = setup.plant
-    for other, reason in (
-            ({'plant': plant.changed({'plant_backend': 'mujoco'})}, 'plant_backend mujoco'),
-            ({'plant': plant.changed({'joint_stiffness': [1e4] * 2, 'motor_inertia': [1.0] * 2})},
-             'elastic joints'),
-            ({'events': (Event(1.0, 'plant', {}),)}, 'events'),
-            ({'controller': setup.controller.changed({'model': 'mine:Arm'})}, 'model mine:Arm')):
-        with_it = dataclasses.replace(setup, **other)
-        assert unsupported(with_it) == reason
-        with pytest.raises(CtcError, match=f'the compiled loop does not have {reason}'):
-            simulate(with_it)
+@pytest.mark.parametrize(('speed', 'controller', 'words'), [
+    (0.0, {'error_limit': [2.5, 3.0]}, 'exceeds error_limit, 2.5 rad'),
+    (1e200, {}, 'no torque can be computed at t = 0 s for [0.1, 0.2], [1e+200, 1e+200]'),
+    (1e120, {}, 'diverged at t = 0 s, under a torque of [')])
+def test_a_run_that_does_not_end(speed: float, controller: dict[str, Any], words: str) -> None:
+    """Both say why and when; the torque of a motion that diverges is rounded otherwise."""
+    plain, compiled = ends_of(parameter_file.load(file('friction'), {
+        'plant': {'duration': 2.0, 'torque_saturation': [inf, inf]},
+        'controller': controller}), speed)
+    assert words in plain
+    if 'diverged' in words:
+        plain, compiled = (text.partition('[')[0] for text in (plain, compiled))
+    assert compiled == plain
+
+
+@pytest.mark.parametrize('changes', [
+    {'plant': {'joint_stiffness': [1e4] * 2, 'motor_inertia': [1.0] * 2}},
+    {'plant': {'compiled': False}}, {'controller': {'compiled': False}}])
+def test_parameters_that_are_plain_python(changes: dict[str, Any]) -> None:
+    """The run itself says so; without the change it is machine code."""
+    for values in ({}, changes):
+        setup = parameter_file.load(file('friction'), {
+            **values, 'plant': {'duration': 0.02, **values.get('plant', {})}})
+        compile_runs(setup)
+        assert simulated(setup).run.compiled == (not values)
+
+
+def test_models_and_changes_that_are_plain_python() -> None:
+    setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.02}})
+    compile_runs(setup)
+    parts = setup.plant, setup.controller, setup.reference
+    assert simulate(*parts, model=TwoLink()).compiled
+    assert not simulate(*parts, model=OwnTwoLink()).compiled
+    assert not simulate(*parts, robot=Plant(setup.plant, OwnTwoLink())).compiled
+    assert not simulate(*parts, [Event(0.01, 'controller', {'kp': [120.0, 120.0]})]).compiled
+
+
+def test_the_gravity_is_that_of_the_model() -> None:
+    """Not that of the configuration."""
+    setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.1}})
+    compile_runs(setup)
+    runs = [simulate(setup.plant.changed({'compiled': compiled}), setup.controller,
+                     setup.reference, robot=Plant(setup.plant.changed({'compiled': compiled}),
+                                                  TwoLink(3.0)), model=TwoLink(9.81))
+            for compiled in (False, True)]
+    assert [run.compiled for run in runs] == [False, True]
+    np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
+
+
+def test_mujoco_is_no_machine_code() -> None:
+    setup = parameter_file.load(file('panda'), {
+        'plant': {'duration': 0.01, 'plant_backend': 'mujoco'}})
+    compile_runs(setup)
+    assert not simulated(setup).run.compiled
 
 
 def test_a_run_must_end() -> None:
     setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.0}})
     with pytest.raises(CtcError, match='a simulation must end'):
-        simulate(setup)
+        simulated(setup)
