@@ -11,7 +11,7 @@ from ctc_chattering.arguments import checked, vector
 from ctc_chattering.control.compiled_step import CompiledStep
 from ctc_chattering.control.control_step import control_memory, in_transit, step
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import Context, control_settings, Models
+from ctc_chattering.control.evaluation import Context, control_settings, ControlMemory, Models
 from ctc_chattering.control.handover import taken_over
 from ctc_chattering.control.laws.base import Law
 from ctc_chattering.control.laws.registry import law_class
@@ -99,7 +99,7 @@ class Controller:
         self.transit = in_transit(n, config.input_delay)
         #: Laws that are not in force, with what they remember.
         self._others: dict[str, tuple[Law, Any]] = {}
-        self.config, self.law, self.law_memory = config, self._made(config), None
+        self.config, self.law, self._law_memory = config, self._made(config), None
         self.reset()
         self.configure(config)
 
@@ -117,9 +117,9 @@ class Controller:
         """
         self._take_back()
         law = self._made(config)
-        self._others[self.config.law] = self.law, self.law_memory
+        self._others[self.config.law] = self.law, self._law_memory
         before, known = self._others.pop(config.law, (law, law.initial()))
-        self.law, self.law_memory = law, law.reconfigured(known, before)
+        self.law, self._law_memory = law, law.reconfigured(known, before)
         self.config = config
         self.settings = control_settings(config, self.model.effort_limits)
         self._context = Context(
@@ -141,10 +141,10 @@ class Controller:
         #: The machine code of the steps until the next change; None for plain Python.
         self._compiled: CompiledStep | None = None
         self._prepared = False
-        self.memory = control_memory(
+        self._memory = control_memory(
             np.zeros(n) if held is None else vector('held', held, n), self.config.input_delay)
         self.transit[:] = 0.0
-        self.law_memory = self.law.initial()
+        self._law_memory = self.law.initial()
         self._others.clear()
         #: Law of the last step; empty before the first.
         self._before = ''
@@ -167,13 +167,23 @@ class Controller:
         """Return the step from now on as machine code takes it; None where it cannot."""
         if self._arm is None:
             return None
-        return CompiledStep(self.settings, self.law, self.memory, self.law_memory, self.transit,
+        return CompiledStep(self.settings, self.law, self._memory, self._law_memory, self.transit,
                             self._arm)
+
+    @property
+    def memory(self) -> ControlMemory:
+        """What the control step remembers."""
+        return self._memory if self._compiled is None else self._compiled.memories()[0]
+
+    @property
+    def law_memory(self) -> Any:
+        """What the law in force remembers."""
+        return self._law_memory if self._compiled is None else self._compiled.memories()[1]
 
     def _take_back(self) -> None:
         """Go on with what machine code remembers, as plain Python."""
         if self._compiled is not None:
-            self.memory, self.law_memory = self._compiled.memories()
+            self._memory, self._law_memory = self._compiled.memories()
         self._compiled, self._prepared = None, False
 
     def prepare(self, rows: Array) -> None:
@@ -187,11 +197,11 @@ class Controller:
 
         """
         if self._bumpless:
-            self.memory = self.memory._replace(xi=self.settings.filter.b * (rows[3] - rows[1]))
+            self._memory = self._memory._replace(xi=self.settings.filter.b * (rows[3] - rows[1]))
             self._bumpless = False
         if self._before in self._others:
-            self.memory, self.law_memory = taken_over(
-                self.settings, self._others[self._before], self.law, self.law_memory, self.memory,
+            self._memory, self._law_memory = taken_over(
+                self.settings, self._others[self._before], self.law, self._law_memory, self._memory,
                 self.model, rows)
         self._before = self.config.law
         compiled = self.compiled_step()
@@ -229,8 +239,8 @@ class Controller:
             self._compiled.step()
             made: list[list[float]] = self._compiled.made.tolist()
             return Sample(*made[:7], made[7] if any(made[7]) else None)  # type: ignore[call-arg]
-        now, terms, sent, self.memory, self.law_memory = step(
-            self._context, self.law, self.memory, self.law_memory, rows[0], rows[1], rows[2:])
+        now, terms, sent, self._memory, self._law_memory = step(
+            self._context, self.law, self._memory, self._law_memory, rows[0], rows[1], rows[2:])
         lost = sent.saturation_error
         saturated = lost is not self.settings.zero and lost.any()
         return Sample(
