@@ -62,7 +62,8 @@ class Event:
             raise ParameterError('node', self.node, 'plant | controller')
 
 
-@checked(**dict.fromkeys(('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v'), np.ndarray))
+@checked(**dict.fromkeys(('t', 'q', 'dq', 'q_d', 'dq_d', 'ddq_d', 'tau', 'v'), np.ndarray),
+         compiled=bool)
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
