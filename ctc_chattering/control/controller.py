@@ -175,6 +175,11 @@ class Controller:
         """What the control step remembers."""
         return self._memory if self._compiled is None else self._compiled.memories()[0]
 
+    @memory.setter
+    def memory(self, memory: ControlMemory) -> None:
+        self._take_back()
+        self._memory = memory
+
     @property
     def law_memory(self) -> Any:
         """What the law in force remembers."""

@@ -315,7 +315,7 @@ def test_gaps_break_the_lines_and_are_hatched() -> None:
     whole = made_up(1)
     kept = np.ones(300, bool)
     kept[100:150] = kept[200] = False
-    run = Run(*(x[kept] for x in vars(whole.run).values()))
+    run = Run(*(x[kept] for x in list(vars(whole.run).values())[:-1]))
     terms = RunTerms(*(x[kept] for x in vars(whole.terms).values()))
     result = Result('friction', whole.configs, run, terms)
     assert result.missing.sum() == 51

@@ -79,7 +79,7 @@ def test_dropped_samples_hardly_change_the_numbers() -> None:
     """Check a simulated run of which a recorder has lost a part, in bursts, against all of it."""
     full = simulate(PlantConfig(duration=3.0), ControllerConfig(), ReferenceConfig())
     kept = np.random.default_rng(5).random(len(full.t) // 20 + 1).repeat(20)[:len(full.t)] > 0.5
-    part = Run(*(x[kept] for x in vars(full).values()))
+    part = Run(*(x[kept] for x in list(vars(full).values())[:-1]))
     whole, found = (metrics(run, (1.0, 3.0), period=1e-3) for run in (full, part))
     assert found['missing_samples'] > 500
     for key in ('rms_error_rad', 'rms_torque_nm', 'torque_variation_nm_per_s'):

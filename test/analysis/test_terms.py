@@ -74,7 +74,7 @@ def test_samples_that_are_missing(few: int) -> None:
     run = simulate(PLANT, config, ReferenceConfig())
     kept = np.arange(len(run.t)) % (2 * few + 5) >= few
     kept[:100] = True
-    found = terms(Run(*(x[kept] for x in vars(run).values())), [(0.0, config)])
+    found = terms(Run(*(x[kept] for x in list(vars(run).values())[:-1])), [(0.0, config)])
     assert np.abs(found.v - run.v[kept]).max() < 0.01 * np.abs(run.v).max()
     whole = terms(run, [(0.0, config)])
     late = run.t[kept] > 0.5
@@ -86,7 +86,7 @@ def test_many_missing_samples() -> None:
     """Check that v begins again at 0, and goes on from where it is known."""
     run = _run()
     kept = (run.t < 0.3) | (run.t > 0.4)
-    part = Run(*(x[kept] for x in vars(run).values()))
+    part = Run(*(x[kept] for x in list(vars(run).values())[:-1]))
     k = int(np.flatnonzero(np.diff(part.t) > 0.05)[0]) + 1
     found = terms(part, [(0.0, CONTROLLER)])
     assert (found.v[:k] == run.v[kept][:k]).all()

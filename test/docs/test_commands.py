@@ -132,7 +132,7 @@ def folder(tmp_path: Path) -> Path:
     """Return a directory with the files that the pages have the reader write."""
     page = (ROOT / 'docs' / 'robots.md').read_text(encoding='utf-8')
     for kind, name in (('python', 'pendulum.py'), ('yaml', 'pendulum.yaml')):
-        found = re.search(f'`{name}`:\n\n```{kind}\n(.*?)```', page, re.DOTALL)
+        found = re.search(f'`{name}`[^`]*:\n\n```{kind}\n(.*?)```', page, re.DOTALL)
         assert found
         (tmp_path / name).write_text(found[1])
     return tmp_path
