@@ -19,9 +19,9 @@ import sys
 import time
 from typing import Any, NamedTuple
 
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.metrics import rms, within
 from ctc_chattering.analysis.result import simulated
-from ctc_chattering.batch.closed_loop import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.configuration.parameter_file import Setup
@@ -40,25 +40,25 @@ LEAST = 0.3
 BY_NUMBA, BY_JAX = 100, 1000
 #: Length over which the positions of a replayed run are compared [s]: what replays is not stable.
 REPLAYED = 1.0
-ENGINE = 'batch'
 COLUMNS = (
-    ENGINE, '`ctc simulate`', 'row of a map', 'scalars, numba', 'scalars, JAX', 'MuJoCo, replay',
-    'MuJoCo, Python law', 'Drake')
+    'machine code', 'plain Python', 'row of a map', 'scalars, numba', 'scalars, JAX',
+    'MuJoCo, replay', 'MuJoCo, Python law', 'Drake')
 LAWS: Mapping[str, Mapping[str, Any]] = {
     'compensation': {'law': 'compensation'},
     'chattering sign': {'law': 'chattering', 'switching': 'sign'},
     'chattering implicit_observer': {'law': 'chattering', 'switching': 'implicit_observer'},
     'observer_feedback': {'law': 'observer_feedback'}}
 NOTES = """\
-Simulated seconds per second of computing time, and how many times the engine's (median of {rounds}
-rounds, smallest and largest in brackets); sample period and Runge-Kutta step of 1 ms.
+Simulated seconds per second of computing time, and how many times machine code's (median of
+{rounds} rounds, smallest and largest in brackets); sample period and Runge-Kutta step of 1 ms.
 
-- *batch*: ctc_chattering.batch, a run with all its samples; *row of a map*: with its numbers.
+- *machine code*, *plain Python*: `ctc simulate`, a run with all its samples; *row of a map*: by
+  machine code, with its numbers.
 - *scalars*: one law, one arm, friction that stops at the end of a step, errors only; by numba one
   run after the other, by JAX {by_jax} runs in step (jit, scan, vmap; float64; one thread). No
   other law, sensor, drive, delay or seed. In step, each run takes the time of the slowest: events
   that are located, or laws that iterate, would cost all runs what they cost one.
-- *MuJoCo, replay*: `mujoco.rollout` of the engine's torques, no law. *Python law*: `ctc simulate`
+- *MuJoCo, replay*: `mujoco.rollout` of the run's torques, no law. *Python law*: `ctc simulate`
   with plant_backend mujoco. Friction is a constraint, exact to the step in which a joint stops.
   With its steps of first order, whose position is half a step ahead, a replay is 3 times as fast.
 - *Drake*: its discrete plant, of first order, and InverseDynamicsController, joined in C++. It has
@@ -115,20 +115,20 @@ def cases() -> Iterator[Case]:
 def contestants(case: Case) -> dict[str, Contestant]:
     """Return what is measured for a row, by column."""
     setup = case.setup
-    run = simulate(setup, truth=True)
+    compile_setups([setup], print)
+    plain = parameter_file.changed(setup, {'/**': {'compiled': False}})
+    run = simulated(setup, truth=True).run
 
-    def batch() -> float:
-        return float(simulate(setup).t[-1])
-
-    def reference() -> float:
-        return float(simulated(setup).run.t[-1])
+    def seconds_of(made: Setup) -> float:
+        return float(simulated(made).run.t[-1])
 
     def row() -> float:
-        evaluate(setup, WINDOW, Failure(), ENGINE)
+        evaluate(setup, WINDOW, Failure())
         return DURATION
 
-    found = {COLUMNS[0]: Contestant(batch), COLUMNS[1]: Contestant(reference, largest_difference(
-        simulated(setup).run.q, simulate(setup).q)), COLUMNS[2]: Contestant(row)}
+    found = {COLUMNS[0]: Contestant(partial(seconds_of, setup)),
+             COLUMNS[1]: Contestant(partial(seconds_of, plain), largest_difference(
+                 simulated(plain).run.q, simulated(setup).run.q)), COLUMNS[2]: Contestant(row)}
     for column, make in case.others.items():
         try:
             found[column] = make(setup, run)
@@ -256,7 +256,7 @@ def main() -> None:
     print('| | ' + ' | '.join(COLUMNS) + ' |')
     print('|---|' + '--:|' * len(COLUMNS))
     for title in measured:
-        engine = rates[title, ENGINE]
+        engine = rates[title, COLUMNS[0]]
         print(f'| {title} | ' + ' | '.join(
             cell(rates[title, x], engine) if (title, x) in rates else '' for x in COLUMNS) + ' |')
     print('\n' + NOTES.format(rounds=rounds, by_jax=BY_JAX) + '\n\nChecked against the engine:\n')
