@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from math import isfinite
 from typing import Any, NamedTuple
 
@@ -126,7 +127,8 @@ def inputs(plant: Plant, count: int) -> Any:
     made = no_inputs(n, count)
     for name, random, asked in (('late', plant.lateness, config.late_samples),
                                 ('loss', plant.loss, config.sample_loss)):
-        made[name] = [random.random() for _ in range(count)] if asked else 1.0
+        draw = copy(random).random  # The run may turn out to be plain Python.
+        made[name] = [draw() for _ in range(count)] if asked else 1.0
     noisy = np.array([*config.position_noise, *config.velocity_noise]) > 0.0
     noise = np.zeros((count, 2 * n))
     noise[:, noisy] = normal_numbers(

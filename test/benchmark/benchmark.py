@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.configuration.paper import EXPERIMENTS
@@ -67,13 +68,13 @@ def lockstep_rate(bag: Path | None) -> float:
     return (t1 - t0) / period / (wall1 - wall0)
 
 
-def step_time(path: Path) -> float:
+def step_time(path: Path, compiled: bool) -> float:
     """
     Return the time of one control step [s] over the states of a simulated run.
 
     It is that of the fastest of many batches: what else the machine does makes them slower.
     """
-    setup = parameter_file.load(path)
+    setup = parameter_file.load(path, {'/**': {'compiled': compiled}})
     model = model_of(setup.controller, setup.descriptions.get('controller', ''))
     robot = Plant(setup.plant.changed({'duration': 0.0}),
                   model_of(setup.plant, setup.descriptions.get('plant', '')))
@@ -94,9 +95,9 @@ def step_time(path: Path) -> float:
     return min(times) / BATCH
 
 
-def simulation_time() -> float:
+def simulation_time(compiled: bool) -> float:
     """Return the computing time of an experiment of 10 s without ROS [s]."""
-    setup = parameter_file.load(EXPERIMENTS[1].path)
+    setup = parameter_file.load(EXPERIMENTS[1].path, {'/**': {'compiled': compiled}})
     times = []
     for _ in range(5):
         begin = time.process_time()
@@ -112,6 +113,8 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     rates: dict[str, list[float]] = {title: [] for title in (
         'bare ping-pong', 'the same on one processor', 'lockstep with recording', 'lockstep')}
+    compile_setups([parameter_file.load(config_directory() / f'{name}.yaml')
+                    for name in ('friction', 'panda')], print)
     with own_domain(), tempfile.TemporaryDirectory() as scratch:
         for i in range(rounds):
             measured = (ping_pong_rate(None), ping_pong_rate(one_processor()),
@@ -124,10 +127,12 @@ def main() -> None:
     for title, series in rates.items():
         rate = statistics.median(series)
         print(f'{title:30} {rate:7.0f}/s  {rate / base:4.0%}')
-    print(f'simulation of 10 s at 1 kHz    {simulation_time():7.3f} s')
+    print(f'simulation of 10 s at 1 kHz    {simulation_time(True):7.3f} s, plain '
+          f'{simulation_time(False):.3f} s')
     for joints, name in ((2, 'friction'), (7, 'panda')):
-        duration = step_time(config_directory() / f'{name}.yaml')
-        print(f'control step, {joints} joints         {1e6 * duration:7.2f} us')
+        code, plain = (1e6 * step_time(config_directory() / f'{name}.yaml', compiled)
+                       for compiled in (True, False))
+        print(f'control step, {joints} joints         {code:7.2f} us, plain {plain:.2f} us')
 
 
 if __name__ == '__main__':

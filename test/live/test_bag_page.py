@@ -144,7 +144,8 @@ def test_seeking_in_ten_minutes_takes_no_time() -> None:
     rows = np.random.default_rng(0).normal(size=(count, 2))
     short, _ = result('chattering')
     run = RecordedRun(replace(
-        short, run=Run(t, *[rows] * 7), computed=RunTerms(rows, rows, rows, rows, rows, t)))
+        short, run=Run(t, rows, rows, rows, rows, rows, rows, rows),
+        computed=RunTerms(rows, rows, rows, rows, rows, t)))
     worst = 0.0
     for at in np.random.default_rng(1).uniform(0.0, 600.0, 50).tolist():
         begin = time.thread_time()
