@@ -7,8 +7,8 @@ from typing import Any
 
 from ctc_chattering.analysis.compilation import (
     can_be_compiled,
-    COMPILED,
     compile_setups,
+    COMPILED,
     missing,
     PLAIN,
     way,

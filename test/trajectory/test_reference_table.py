@@ -1,7 +1,7 @@
 """The reference of compiled runs: one layout, for which the loop is compiled once."""
 
-from ctc_chattering.trajectory.reference_table import reference_table
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.reference_table import reference_table
 import numpy as np
 import pytest
 
