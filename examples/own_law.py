@@ -48,7 +48,7 @@ class LeakyIntegral(NamedTuple):
         """Return the law of a configuration."""
         return cls(period, period * np.array(config.ki))
 
-    def start(self) -> Leaky:
+    def initial(self) -> Leaky:
         """Return P̂ = 0."""
         return Leaky(0.0 * self.gain)
 

@@ -94,5 +94,6 @@ def test_other_models_have_none(model: Model) -> None:
     assert arm_of(model) is None
     law = Controller(ControllerConfig(), model)
     assert law.compiled_step() is None
-    law.step([0.1, 0.2], *[[0.1, 0.2]] * 4)
+    x = [0.1, 0.2]
+    law.step(x, x, x, x, x)
     assert not law.compiled

@@ -49,6 +49,7 @@ def test_the_fall_of_friction_against_scipy() -> None:
     assert (np.abs(plant.dq) < 0.5 * np.abs(exact.y[2:, -1])).all()
 
 
+@pytest.mark.slow  # The loop is compiled once more for it.
 def test_the_example_compiled() -> None:
     """A marked friction is machine code, and the same."""
     runs = []

@@ -17,17 +17,19 @@ ROOT = Path(__file__).resolve().parents[2]
 Finished = subprocess.CompletedProcess[str]
 
 
-def python(*arguments: object, cwd: Path = ROOT, path: Path = ROOT) -> Finished:
+def python(*arguments: object, cwd: Path = ROOT, path: Path = ROOT, timeout: float = 60.0
+           ) -> Finished:
     """Run Python, which imports from `path` before all else that is installed."""
     return subprocess.run(
         [sys.executable, *map(str, arguments)], cwd=cwd, text=True, capture_output=True,
-        timeout=60, check=False, env={
+        timeout=timeout, check=False, env={
             **os.environ, 'PYTHONPATH': os.pathsep.join(map(str, (path, ROOT))),
             'COLUMNS': '200'})
 
 
-def ctc_process(*arguments: object, cwd: Path = ROOT, path: Path = ROOT) -> Finished:
-    return python('-m', 'ctc_chattering.cli.ctc', *arguments, cwd=cwd, path=path)
+def ctc_process(*arguments: object, cwd: Path = ROOT, path: Path = ROOT, timeout: float = 60.0
+                ) -> Finished:
+    return python('-m', 'ctc_chattering.cli.ctc', *arguments, cwd=cwd, path=path, timeout=timeout)
 
 
 def ctc(*arguments: object, cwd: Path = ROOT) -> Finished:

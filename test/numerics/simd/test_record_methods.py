@@ -24,12 +24,12 @@ def test_no_method_has_the_name_of_a_field() -> None:
 
 def test_a_record_that_has_one_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     class Wrong(NamedTuple):
-        """A record with a method that is a field of `ErrorFilter`'s neighbours."""
+        """A record with a method that is a field of `ControlSettings`."""
 
         other: Any
 
         def kp(self) -> Any:
             """Return something."""
     monkeypatch.setattr(compilable, 'RECORDS', [*compilable.RECORDS, Wrong])
-    with pytest.raises(AssertionError, match='method kp of Wrong is a field of .*Settings'):
+    with pytest.raises(AssertionError, match=r'method kp of Wrong is a field of .*Settings'):
         _check_names()
