@@ -8,11 +8,13 @@ REQUIRE_BROWSER in the environment, as in CI, nothing is tested without it.
 Hypothesis tries the same examples every time, however slow the machine.
 """
 
+from collections.abc import Iterator
 import os
 import signal
 
 from browser import chromium
 from calibration import text
+from ctc_chattering.numerics.machine_code import Code
 from hypothesis import HealthCheck, settings
 import pytest
 from rights import drop_rights
@@ -51,3 +53,16 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     if chromium() is None:
         terminalreporter.write_line(
             'No Chromium: tests of the page were left out. apt-get install chromium')
+
+
+#: Tests of the folder `control` that say themselves what they compile. The others compare to the
+#: last bit, as plain Python, whatever is compiled on this computer.
+_COMPILING = ('test_compiled_step.py', 'test_control_steps.py', 'test_declared_parameters.py')
+
+
+@pytest.fixture(autouse=True, scope='module')
+def _plain_control(request: pytest.FixtureRequest) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as context:
+        if 'control' in request.path.parts and request.path.name not in _COMPILING:
+            context.setattr(Code, 'compiled', property(lambda _: False))
+        yield

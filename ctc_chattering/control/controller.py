@@ -206,8 +206,8 @@ class Controller:
             self._bumpless = False
         if self._before in self._others:
             self._memory, self._law_memory = taken_over(
-                self.settings, self._others[self._before], self.law, self._law_memory, self._memory,
-                self.model, rows)
+                self.settings, self._others[self._before], self.law, self._law_memory,
+                self._memory, self.model, rows)
         self._before = self.config.law
         compiled = self.compiled_step()
         self._compiled = compiled if compiled is not None and compiled.compiled else None

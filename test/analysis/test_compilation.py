@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis import compilation
 from ctc_chattering.analysis.compilation import (
     can_be_compiled,
     compile_setups,
@@ -18,7 +20,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.numerics import machine_code
-from ctc_chattering.numerics.simd import build
+from ctc_chattering.numerics.machine_code import Code
 from ctc_commands import python
 from machine_code import compile_runs
 import numpy as np
@@ -70,15 +72,21 @@ def test_each_function_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
     monkeypatch.setattr(machine_code, 'cache_directory', lambda: tmp_path)
     said: list[str] = []
     made: list[str] = []
-    monkeypatch.setattr(build, 'build', lambda code: made.append(code.name))
+
+    def noted(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
+        for _, code in todo:
+            made.append(code.name)
+            yield code.name
+
+    monkeypatch.setattr(compilation, '_build', noted)
     assert compile_setups([setup(ELASTIC), setup(compiled=False)], said.append) == 0
     assert said == [] == [*tmp_path.iterdir()]
     assert way(setup()) == PLAIN
-    names = ['dynamics-2', 'mass-2', 'control-chattering-2', 'loop-2']
-    assert [code.name for code in missing([setup(), setup()]).values()] == names
-    assert compile_setups([setup(), setup(ELASTIC), setup(kp=[1.0, 2.0])], said.append) == 4
-    assert said == [f'compiling {name} ({i + 1} of 4), once for this version ...'
-                    for i, name in enumerate(names)]
+    names = ['dynamics-2', 'mass-2', 'control-chattering-2', 'plant-2', 'loop-2']
+    assert [code.name for code in missing([setup(), setup()])] == names
+    assert compile_setups([setup(), setup(ELASTIC), setup(kp=[1.0, 2.0])], said.append) == 5
+    assert said == ['compiling 5 functions, once for this version ...', *(
+        f'compiled {name} ({i} of 5)' for i, name in enumerate(names, 1))]
     assert made == names
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.arm import arm_of, body_scratch
-from ctc_chattering.dynamics.compiled_model import Place, set_mass_and_bias, set_terms
+from ctc_chattering.dynamics.compiled_model import KeptTerms, set_mass_and_bias, set_terms
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -47,7 +47,7 @@ class OwnTwoLink(TwoLink):
 
 def place_of(n: int) -> Any:
     row, square = np.zeros(n), np.zeros((n, n))
-    return packed(Place(0, 0, row, row, square, square, row))
+    return packed(KeptTerms(0, 0, row, row, square, square, row))
 
 
 def robots() -> dict[str, Model]:

@@ -176,7 +176,7 @@ def ends_of(setup: Setup, speed: float) -> list[str]:
         robot = Plant(config, TwoLink())
         robot.q, robot.dq = [0.1, 0.2], [speed, speed]
         robot.measured = robot.q, robot.dq
-        robot.motion = robot.motion._replace(q=robot.q, dq=robot.dq)
+        robot._motion = robot.motion._replace(q=robot.q, dq=robot.dq)
         with pytest.raises(CtcError) as error:
             simulate(config, setup.controller, setup.reference, robot=robot)
         said.append(str(error.value))

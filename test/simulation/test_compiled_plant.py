@@ -7,19 +7,12 @@ from typing import Any
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.dynamics.arm import arm_of
-from ctc_chattering.dynamics.compiled_model import CompiledArm
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
-from ctc_chattering.numerics.machine_code import Call, Code
 from ctc_chattering.numerics.records import packed
 from ctc_chattering.numerics.simd.build import build
-from ctc_chattering.simulation.compiled_plant import (
-    advance,
-    compiled_plant,
-    CompiledPlant,
-    inputs,
-)
+from ctc_chattering.simulation.compiled_loop import inputs
+from ctc_chattering.simulation.compiled_plant import CompiledPlantStep
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.plant_step import PlantState
@@ -59,48 +52,43 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
         'noise_seed': int(rng.integers(1000))})
 
 
-def at(plant: Plant, k: int) -> Any:
+def at(plant: Plant) -> Any:
     """Return the numbers of the plain plant as compiled code has its own."""
-    return packed(PlantState(k, plant.driven, plant.motion._replace(decided=1.0),
-                             Measured(*plant.measured), plant._lost_in_a_row))
+    return packed(PlantState(plant.k, plant.driven, plant.motion._replace(decided=1.0),
+                             Measured(*plant.measured), plant.lost_in_a_row))
 
 
-def advanced(p: CompiledPlant, given: Any) -> int:
-    """Go on by one control period."""
-    advance(p, given)
-    return 0
-
-
-def compiled(plant: Plant, given: Any) -> tuple[CompiledPlant, Code, CompiledArm]:
-    """Return a plant and its machine code, and its dynamics, which must be kept."""
-    arm = arm_of(plant.model)
-    assert arm is not None
-    for code in CompiledArm(arm, plant.n).codes:
+def compiled(plant: Plant) -> CompiledPlantStep:
+    """Return the machine code of a plant."""
+    step = plant.compiled_step()
+    assert step is not None
+    for code in step.codes:
         build(code)
-    dynamics = CompiledArm(arm, plant.n)
-    taken = compiled_plant(plant, dynamics)
-    code = Code(advanced, (taken, given), f'plant-{plant.n}')
-    build(code)
-    return taken, code, dynamics
+    made = plant.compiled_step()
+    assert made is not None
+    return made
 
 
 def compared(config: PlantConfig, model: Model, rng: np.random.Generator) -> tuple[float, int]:
     """Return the largest difference after single steps, and how many modes were seen."""
-    plain = Plant(config, model)
-    given = inputs(Plant(config, model), STEPS)
-    made, code, _dynamics = compiled(plain, given[0])
+    plain = Plant(config.changed({'compiled': False}), model)
+    given, made = inputs(Plant(config, model), STEPS), compiled(Plant(config, model))
+    state = made.records.state
     weight = np.array(model.gravity_torque(plain.q))
     kf, largest, modes = np.array(config.coulomb_friction), 0.0, set()
     for k in range(STEPS):
-        given[k].tau[:] = weight + kf * rng.uniform(-1.6, 1.6, plain.n)
-        Call(code, (made, given[k]))()
-        plain.step(given[k].tau.tolist())
+        tau = weight + kf * rng.uniform(-1.6, 1.6, plain.n)
+        for name in given.dtype.names:
+            made.given[name] = given[k][name]
+        made.given['tau'] = tau
+        made.call()
+        plain.step(tau.tolist())
         modes.add(plain.modes)
-        for name in made.state.dtype.names:
-            right = at(plain, k + 1)[name]
-            error = np.abs(made.state[name] - right) / (1.0 + np.abs(right))
+        right = at(plain)
+        for name in state.dtype.names:
+            error = np.abs(state[name] - right[name]) / (1.0 + np.abs(right[name]))
             largest = max(largest, float(np.max(error)))
-        made = made._replace(state=at(plain, k + 1))
+            state[name] = right[name]
     return largest, len(modes)
 
 
