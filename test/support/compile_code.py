@@ -3,4 +3,7 @@
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
 
-compile_setups([parameter_file.load(None)], print)
+if __name__ == '__main__':  # Other processes compile, too, and import this.
+    compile_setups([parameter_file.load(None, {'controller': values}) for values in (
+        {}, {'law': 'compensation'}, {'law': 'observer_feedback'},
+        {'switching': 'implicit_observer'})], print)
