@@ -160,7 +160,7 @@ class Controller:
 
     @property
     def computed_by(self) -> str:
-        """What computes the next step, machine code or plain Python."""
+        """Return what computes the next step, machine code or plain Python."""
         return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     def compiled_step(self) -> CompiledStep | None:
@@ -172,7 +172,7 @@ class Controller:
 
     @property
     def memory(self) -> ControlMemory:
-        """What the control step remembers."""
+        """Return what the control step remembers."""
         return self._memory if self._compiled is None else self._compiled.memories()[0]
 
     @memory.setter
@@ -182,7 +182,7 @@ class Controller:
 
     @property
     def law_memory(self) -> Any:
-        """What the law in force remembers."""
+        """Return what the law in force remembers."""
         return self._law_memory if self._compiled is None else self._compiled.memories()[1]
 
     def _take_back(self) -> None:

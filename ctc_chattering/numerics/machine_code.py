@@ -93,7 +93,7 @@ class Code:
 
     @property
     def path(self) -> Path:
-        """The file of the machine code."""
+        """Return the file of the machine code."""
         return cache_directory() / f'{self.name}-{_key(self.function, self.layouts)}.o'
 
     @property

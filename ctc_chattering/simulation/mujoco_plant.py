@@ -105,7 +105,7 @@ class MujocoPlant(Robot):
 
     @property
     def computed_by(self) -> str:
-        """What computes the next step."""
+        """Return what computes the next step."""
         return 'MuJoCo'
 
     def _move(self, now: Acting) -> None:

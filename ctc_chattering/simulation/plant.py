@@ -113,7 +113,7 @@ class Plant(Robot):
 
     @property
     def computed_by(self) -> str:
-        """What computes the next step."""
+        """Return what computes the next step."""
         return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     @property

@@ -103,7 +103,7 @@ class Robot(ABC):
     @property
     @abstractmethod
     def computed_by(self) -> str:
-        """What computes the next step, such as plain Python."""
+        """Return what computes the next step, such as plain Python."""
 
     @property
     def lost(self) -> bool:
