@@ -234,7 +234,7 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
             assert type(value) is int
             assert 0 <= value <= (100 if name == 'input_delay' else 2 ** 62)
             continue
-        if name == 'anti_windup':
+        if name in ('anti_windup', 'compiled'):
             assert type(value) is bool
             continue
         assert all(type(x) is float for x in numbers)

@@ -176,17 +176,17 @@ def cache_directory() -> Path:
         with suppress(OSError, RuntimeError):  # A user may have no home.
             directory = Path(parent).expanduser() / 'ctc_chattering' / 'machine_code'
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if os.access(directory, os.W_OK) and all(
-                    map(_of_the_user, (directory.parents[1], directory))):
+            if os.access(directory, os.W_OK) and _of_the_user(directory, 0o022) and all(
+                    _of_the_user(parent, 0o002) for parent in directory.parents[:2]):
                 return directory
     raise CtcError('no directory for compiled code: neither ~/.cache nor a directory of the user '
                    f'in {tempfile.gettempdir()} can be written')
 
 
-def _of_the_user(directory: Path) -> bool:
-    """Return whether nobody else can put machine code there."""
+def _of_the_user(directory: Path, writers: int) -> bool:
+    """Return whether it is the user's, and none of these `writers` (mode bits) can write there."""
     status = directory.stat()
-    return status.st_uid == os.getuid() and not status.st_mode & 0o022
+    return status.st_uid == os.getuid() and not status.st_mode & writers
 
 
 @lru_cache(1024)

@@ -156,7 +156,10 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
             reference, route, start if reference.start_duration or route is not None else (),
             controller.joint_names, period_ns(plant.control_period),
             robot.last + 1 + controller.input_delay)
-        return _run_of(loop, table, robot, law)
+        run = _run_of(loop, table, robot, law)
+        for at in (0.0, plant.duration) if progress is not None else ():
+            progress(at)  # type: ignore[misc]
+        return run
     motion = make_motion(reference, route, dict(start))
     order = [reference.joint_names.index(name) for name in controller.joint_names]
     in_order = reference.joint_names == controller.joint_names

@@ -16,7 +16,6 @@ import numpy as np
 _KEPT = 16
 
 
-@lru_cache(_KEPT)
 def reference_table(config: ReferenceConfig, route: Route | None,
                     start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
                     period: int, count: int) -> Array:
@@ -37,9 +36,17 @@ def reference_table(config: ReferenceConfig, route: Route | None,
         Number of samples.
 
     """
+    if route is not None:
+        return _table(config, route, start, joints, period, count)
+    return _kept(config, None, start, joints, period, count)
+
+
+def _table(config: ReferenceConfig, route: Route | None,
+           start: tuple[tuple[str, tuple[float, float]], ...], joints: tuple[str, ...],
+           period: int, count: int) -> Array:
     motion = make_motion(config, route, dict(start))
     order = [config.joint_names.index(name) for name in joints]
-    if not isinstance(motion, Transition):
+    if not isinstance(motion, Transition) or len(start) != len(config.joint_names):
         return _sampled(motion, order, period, count)
     table: Array
     if route is None:  # What does not depend on the start.
@@ -59,6 +66,9 @@ def reference_table(config: ReferenceConfig, route: Route | None,
                 tuple(table[:inside].transpose(1, 0, 2)))
     table[:inside] = np.stack(rows, axis=1)
     return table
+
+
+_kept = lru_cache(_KEPT)(_table)
 
 
 def _sampled(motion: TimedMotion, order: list[int], period: int, count: int) -> Array:

@@ -207,7 +207,7 @@ def test_a_directory_that_others_may_write_is_not_taken(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Machine code of somebody else is never run."""
     monkeypatch.undo()
-    monkeypatch.setattr(Path, 'home', lambda: tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path))
     monkeypatch.setattr('tempfile.gettempdir', lambda: str(tmp_path / 'tmp'))
     find = machine_code.cache_directory.__wrapped__
     assert find() == tmp_path / '.cache' / 'ctc_chattering' / 'machine_code'

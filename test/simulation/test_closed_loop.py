@@ -119,9 +119,12 @@ def test_refuses_an_endless_run_and_tells_progress() -> None:
     with pytest.raises(CtcError, match='duration'):
         _run(duration=0.0)
     times: list[float] = []
-    simulate(PlantConfig(duration=0.5), ControllerConfig(), ReferenceConfig(), (), times.append)
-    assert times == sorted(times)
-    assert (times[0], times[-1]) == (0.0, 0.5)
+    for compiled in (True, False):
+        times.clear()
+        simulate(PlantConfig(duration=0.5, compiled=compiled), ControllerConfig(),
+                 ReferenceConfig(), (), times.append)
+        assert times == sorted(times)
+        assert (times[0], times[-1]) == (0.0, 0.5)
     assert 50 < len(times) < 200
 
 

@@ -26,7 +26,7 @@ SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit
 #: Parameters without an effect on single torques: what is not the law's, and the period, which
 #: laws without memory do not have.
 OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit',
-           'control_period')
+           'control_period', 'compiled')
 
 
 def torques(law: str, values: dict[str, Any]) -> Array:
