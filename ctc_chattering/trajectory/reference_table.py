@@ -46,7 +46,7 @@ def _table(config: ReferenceConfig, route: Route | None,
            period: int, count: int) -> Array:
     motion = make_motion(config, route, dict(start))
     order = [config.joint_names.index(name) for name in joints]
-    if not isinstance(motion, Transition) or len(start) != len(config.joint_names):
+    if not isinstance(motion, Transition):
         return _sampled(motion, order, period, count)
     table: Array
     if route is None:  # What does not depend on the start.
@@ -73,9 +73,7 @@ _kept = lru_cache(_KEPT)(_table)
 
 def _sampled(motion: TimedMotion, order: list[int], period: int, count: int) -> Array:
     """Return the samples of a motion, of its joints in an order."""
-    points = (motion.at(k * period) for k in range(count))
-    flat = np.fromiter((x for point in points for row in point for x in row), float,
-                       count * 3 * len(order) if count else 0)
+    rows = np.array([motion.at(k * period) for k in range(count)]).reshape(count, 3, -1)
     # In the order of rows, in which the loop is compiled: for another one it would be once more.
-    table: Array = np.ascontiguousarray(flat.reshape(count, 3, -1)[:, :, order])
+    table: Array = np.ascontiguousarray(rows[:, :, order])
     return table
