@@ -13,7 +13,7 @@ from typing import Any
 from ctc_chattering.analysis.number_format import counted
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.numerics.machine_code import Code
 from ctc_chattering.simulation.closed_loop import compiled_loop_of
 from ctc_chattering.simulation.registry import make_plant
@@ -41,8 +41,8 @@ def codes(setup: Setup, parts: bool = False) -> tuple[Code, ...]:
         Then return those of the other one, which a node has use for.
 
     """
-    robot = make_plant(setup.plant, setup.descriptions.get('plant', ''))
-    law = Controller(setup.controller, model_of(
+    robot = make_plant(setup.plant, setup.descriptions.get('plant', ''), kept=True)
+    law = Controller(setup.controller, kept_model_of(
         setup.controller, setup.descriptions.get('controller', '')))
     loop = compiled_loop_of(robot, law)
     if loop is not None or not parts:
@@ -106,8 +106,10 @@ def _build(todo: Sequence[tuple[Setup, Code]]) -> Iterator[str]:
     """Compile functions; yield the name of each that is there."""
     jobs = min(len(todo), len(os.sched_getaffinity(0)), _MOST)
     if jobs == 1 or current_process().daemon:  # A daemon has no processes of its own.
-        for setup, code in todo:
-            yield _built(setup, code.name)
+        from ctc_chattering.numerics.simd.build import build
+        for _, code in todo:
+            build(code)
+            yield code.name
         return
     with ProcessPoolExecutor(jobs, get_context('spawn'), signal.signal,
                              (signal.SIGINT, signal.SIG_IGN)) as pool:

@@ -16,7 +16,7 @@ from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
@@ -78,7 +78,7 @@ class Result:
     def terms(self) -> RunTerms:
         """Return the parts of the torque, v and V; a simulation lacks what was not sent."""
         return self.computed or terms(
-            self.run, self.configs, model_of(self.config, self.description), unsent=True)
+            self.run, self.configs, kept_model_of(self.config, self.description), unsent=True)
 
     @property
     def config(self) -> ControllerConfig:
@@ -215,8 +215,8 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None,
     """
     run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress, truth,
                    route=setup.route,
-                   robot=make_plant(setup.plant, setup.descriptions.get('plant', '')),
-                   model=model_of(setup.controller, setup.descriptions.get('controller', '')))
+                   robot=make_plant(setup.plant, setup.descriptions.get('plant', ''), kept=True),
+                   model=kept_model_of(setup.controller, setup.descriptions.get('controller', '')))
     configs = [(0.0, setup.controller)]
     for event in setup.events:
         if event.node == 'controller':

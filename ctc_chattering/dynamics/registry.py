@@ -14,6 +14,7 @@ from functools import lru_cache
 import importlib
 from math import isfinite
 import re
+from threading import get_ident
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.robot_config import RobotConfig
@@ -71,13 +72,20 @@ def model_of(config: RobotConfig, description: str = '') -> Model:
 
 
 def kept_model_of(config: RobotConfig, description: str = '') -> Model:
-    """Return what `model_of` does, the same model for the same robot: for one thread."""
-    return _kept(config.model, config.gravity, config.joint_names, description, config.locked)
+    """
+    Return what `model_of` does, the same model for the same robot.
+
+    Every thread has its own; a class of yours is made anew, for it may have changed.
+    """
+    if config.model not in MODELS:
+        return model_of(config, description)
+    return _kept(config.model, config.gravity, config.joint_names, description, config.locked,
+                 get_ident())
 
 
 @lru_cache(_KEPT)
 def _kept(name: str, gravity: float, joint_names: tuple[str, ...], description: str,
-          locked: tuple[str, ...]) -> Model:
+          locked: tuple[str, ...], _thread: int) -> Model:
     return make_model(name, gravity, joint_names, description, locked_positions(locked))
 
 

@@ -67,24 +67,23 @@ class CompiledLoop:
 
     def __init__(self, plant: Plant, plant_step: CompiledPlantStep, step: CompiledStep,
                  truth: bool) -> None:
-        given = inputs(plant, plant.last + 1)
         self.measured, self.error, self._step = step.measured, step.made[E], step
-        n = len(self.error)
+        self._plant, self._plant_step, n = plant, plant_step, plant.n
         zero = np.array(0)
         addresses = 'function', 'places', 'points', 'stride', 'plant', 'plant_places', 'given'
         self._called = numpy_record(dict.fromkeys(addresses, zero))
         self._result = numpy_record(
             {'rows': zero, 'last': zero, 'joint': zero, 'truth': np.array(int(truth))})
-        self._rows = np.empty((len(given), 5, n))
-        self._given, self._plant = given, plant_step
         places = np.zeros(1, np.int64)
-        self.code = Code(run, self._arguments(np.zeros(n), places, places), f'loop-{n}')
+        self.code = Code(run, self._arguments(
+            np.zeros(n), no_inputs(n, 1), np.zeros((1, 5, n)), places, places), f'loop-{n}')
         self.codes = *step.codes, *plant_step.codes, self.code
 
-    def _arguments(self, error_limit: Array, *places: Any) -> tuple[Any, ...]:
-        step = Control(self._called, places[0], places[1], self._step.measured, self._step.made,
+    def _arguments(self, error_limit: Array, given: Any, rows: Array, places: Any,
+                   plant_places: Any) -> tuple[Any, ...]:
+        step = Control(self._called, places, plant_places, self._step.measured, self._step.made,
                        error_limit)
-        return self._plant.records, step, self._given, self._rows, self._result
+        return self._plant_step.records, step, given, rows, self._result
 
     @property
     def compiled(self) -> bool:
@@ -110,15 +109,17 @@ class CompiledLoop:
             k, q, dq, tau, v of each sample that is not lost.
 
         """
-        call, plant, called = self._step.step, self._plant.call, self._called
+        call, plant, called = self._step.step, self._plant_step.call, self._called
+        given = inputs(self._plant, self._plant.last + 1)
+        out = np.empty((len(given), 5, self._plant.n))
         called.function, called.places = call.function, call.places.ctypes.data
         called.plant, called.plant_places = plant.function, plant.places.ctypes.data
-        called.given = self._given.ctypes.data
+        called.given = given.ctypes.data
         called.points, called.stride = table.ctypes.data, table.strides[0]
-        end = Call(self.code, self._arguments(error_limit, call.places, plant.places))()
-        self.commanded = self._plant.records.state.driven__commanded
-        return end, int(self._result.last), int(self._result.joint), (
-            self._rows[:self._result.rows])
+        end = Call(self.code, self._arguments(
+            error_limit, given, out, call.places, plant.places))()
+        self.commanded = self._plant_step.records.state.driven__commanded
+        return end, int(self._result.last), int(self._result.joint), out[:self._result.rows]
 
 
 def inputs(plant: Plant, count: int) -> Any:
@@ -127,7 +128,7 @@ def inputs(plant: Plant, count: int) -> Any:
     made = no_inputs(n, count)
     for name, random, asked in (('late', plant.lateness, config.late_samples),
                                 ('loss', plant.loss, config.sample_loss)):
-        draw = copy(random).random  # The run may turn out to be plain Python.
+        draw = copy(random).random  # The plant stays at its start.
         made[name] = [draw() for _ in range(count)] if asked else 1.0
     noisy = np.array([*config.position_noise, *config.velocity_noise]) > 0.0
     noise = np.zeros((count, 2 * n))

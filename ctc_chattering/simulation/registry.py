@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ctc_chattering.dynamics.payload import with_payload
-from ctc_chattering.dynamics.registry import locked_positions, model_of
+from ctc_chattering.dynamics.registry import kept_model_of, locked_positions, model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -26,7 +26,7 @@ def check_start(config: PlantConfig, description: str) -> None:
                      [(config.initial_position, config.initial_velocity, ())])
 
 
-def make_plant(config: PlantConfig, description: str = '') -> Robot:
+def make_plant(config: PlantConfig, description: str = '', kept: bool = False) -> Robot:
     """
     Return the robot that `config` describes, at its start.
 
@@ -36,6 +36,8 @@ def make_plant(config: PlantConfig, description: str = '') -> Robot:
         Its `plant_backend` chooses.
     description : str
         Text of the MJCF or URDF, where one is needed.
+    kept : bool
+        Take the model of the last such robot, for many runs: `kept_model_of`.
 
     Raises
     ------
@@ -48,7 +50,7 @@ def make_plant(config: PlantConfig, description: str = '') -> Robot:
     if config.payload:
         description = with_payload(description, config.joint_names, config.payload)
     if config.plant_backend == 'builtin':
-        return Plant(config, model_of(config, description))
+        return Plant(config, (kept_model_of if kept else model_of)(config, description))
     if not description:
         raise CtcError(f'plant_backend {config.plant_backend} needs the parameter description, '
                        'or the topic robot_description')

@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
         setup = parameter_file.load(file, over)
     if options.out is not None:
         prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
-    if way(setup) == PLAIN and can_be_compiled(setup) and setup.plant.compiled:
+    if way(setup) == PLAIN and can_be_compiled(setup):
         say(HOW_TO_COMPILE)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
         result = simulated(setup, progress)
