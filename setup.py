@@ -51,12 +51,14 @@ setup(
         'urdf': ['example-robot-data', 'pin'],
         # `ctc compile`.
         'compile': ['numba'],
+        # Masses and inertias of `ctc identify` that a body can have.
+        'identify': ['clarabel'],
         # `ctc map`, and several processes of the others; without numba it is slow.
         'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.
         'tune': ['optuna>=5', 'scipy>=1.15'],
-        'test': ['dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco', 'numba',
-                 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow', 'pytest',
+        'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco',
+                 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow', 'pytest',
                  'pytest-xdist', 'scipy>=1.15', 'viser>=1.1'],
         # The plugins that ament_flake8 of jazzy has.
         'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',

@@ -10,6 +10,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.least_squares import (
     Data,
@@ -98,6 +99,8 @@ class Identification:
         Torque of the model, and its weight [N·m].
     duration : float
         Of all stretches [s].
+    findings : tuple of Finding
+        What makes numbers doubtful.
 
     """
 
@@ -115,6 +118,7 @@ class Identification:
     base: Array
     weight: Array
     duration: float
+    findings: tuple[Finding, ...] = ()
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],

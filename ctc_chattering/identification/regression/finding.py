@@ -1,0 +1,40 @@
+"""What an identification has noticed: a reason for care with a joint, or to refuse it."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+#: In place of a joint: all of them.
+ALL_JOINTS = -1
+
+
+class Severity(IntEnum):
+    """What follows for a joint."""
+
+    NOTE = 0
+    CARE = 1
+    REFUSED = 2
+
+
+class Finding(NamedTuple):
+    """
+    Something that makes the numbers of a joint doubtful.
+
+    Attributes
+    ----------
+    severity : Severity
+        Worth knowing, usable with care, or not usable.
+    joint : int
+        Index of the joint; `ALL_JOINTS` for all.
+    reason : str
+        What was noticed, with its numbers, and the physical cause that it points to.
+    cure : str
+        What to record, or which option to give; empty for nothing.
+
+    """
+
+    severity: Severity
+    joint: int
+    reason: str
+    cure: str = ''
