@@ -20,6 +20,7 @@ from ctc_chattering.identification.regression.least_squares import (
     TermKind,
 )
 from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.residual_tests import tested, Unexplained
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
 from ctc_chattering.identification.regression.selection import select, Selected
 from ctc_chattering.identification.regression.sensor_noise import (
@@ -30,6 +31,7 @@ from ctc_chattering.identification.regression.sensor_noise import (
 )
 from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has
 from ctc_chattering.identification.regression.weak_form import TestFunction
+from ctc_chattering.identification.regression.window_states import WindowStates
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -114,6 +116,10 @@ class Identification:
         Rate limit of each drive [N·m/s].
     side : {'', 'motor', 'link', 'current'}
         What the effort is.
+    states : WindowStates or None
+        Motion in the windows.
+    unexplained : tuple of (Unexplained or None), length n
+        What the residuals depend on.
 
     """
 
@@ -138,6 +144,8 @@ class Identification:
     bodies: BodyEstimate | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
     side: str = ''
+    states: WindowStates | None = None
+    unexplained: tuple[Unexplained | None, ...] = ()
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
@@ -183,12 +191,12 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     noise, lag = velocity_noise(recordings[0], period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
-    return Identification(
+    return tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, [_friction(selected, i) for i in range(len(joints))],
         list(_errors(selected, candidates)), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration)
+        selected, base, weight, duration), WindowStates.of(parts, rows, phi))
 
 
 def _common_period(recordings: Sequence[Recording]) -> float:
