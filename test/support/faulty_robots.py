@@ -197,7 +197,8 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
          np.array([[kp] * n, [kv] * n]), wanted, noise, np.array(robot.encoder, float),
          robot.period, steps, out)
     q, dq, drive, link, command, velocity = out.transpose(1, 0, 2)
-    return Played(robot.period * np.arange(len(wanted)), q, dq, drive, link, command, velocity,
+    t: Array = robot.period * np.arange(len(wanted), dtype=float)
+    return Played(t, q, dq, drive, link, command, velocity,
                   wanted[:, 0])
 
 
