@@ -162,8 +162,10 @@ def _slow_loop(robot: Faulty, _rng: Rng, _duration: float) -> Case:
 
 
 def _rate(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
-    robot = dataclasses.replace(robot, velocity_noise=np.full(robot.n, 2e-4))
-    return robot.with_physics(rate=rng.uniform(100.0, 300.0, robot.n) * sizes(robot))
+    """Return drives that are too slow for the noise of the commands, but not for the motion."""
+    seen = played(robot, motion(arm(robot.name), 6.0, 0), 0)
+    fast = np.percentile(np.abs(np.diff(seen.command, axis=0)), 99.0, axis=0) / robot.period
+    return robot.with_physics(rate=rng.uniform(0.6, 1.0, robot.n) * fast)
 
 
 def _stribeck(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
