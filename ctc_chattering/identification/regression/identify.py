@@ -8,6 +8,7 @@ import dataclasses
 from ctc_chattering.analysis.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.regression.body_estimate import BodyEstimate
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.finding import Finding
@@ -101,6 +102,18 @@ class Identification:
         Of all stretches [s].
     findings : tuple of Finding
         What makes numbers doubtful.
+    scale : list of Estimate, length n
+        Torque at the joint per torque of the signal.
+    rotor : list of Estimate, length n
+        Inertia of the rotors at the joint that the model lacks [kg·m²].
+    tilt : tuple of Estimate, length 3
+        Gravity in the frame of the base [m/s²].
+    bodies : BodyEstimate or None
+        Inertial parameters of the moved bodies.
+    rate : list of Estimate, length n
+        Rate limit of each drive [N·m/s].
+    side : {'', 'motor', 'link', 'current'}
+        What the effort is.
 
     """
 
@@ -119,6 +132,12 @@ class Identification:
     weight: Array
     duration: float
     findings: tuple[Finding, ...] = ()
+    scale: list[Estimate] = dataclasses.field(default_factory=list)
+    rotor: list[Estimate] = dataclasses.field(default_factory=list)
+    tilt: tuple[Estimate, ...] = ()
+    bodies: BodyEstimate | None = None
+    rate: list[Estimate] = dataclasses.field(default_factory=list)
+    side: str = ''
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
