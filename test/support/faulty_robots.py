@@ -17,7 +17,7 @@ from ctc_chattering.trajectory.waypoints import Route
 from faulty_dynamics import advance, Physics, play, State
 from identified_robots import arm, motion
 import numpy as np
-from rigid_bodies import Array, Bodies, bodies_of
+from rigid_bodies import Array, Bodies, bodies_of, dynamics
 
 #: Longest step of the plant [s].
 _STEP = 2.5e-4
@@ -143,14 +143,19 @@ class Plant:
 
 
 def state_of(robot: Faulty, start: Sequence[float]) -> State:
-    """Return a robot at rest, held by the drives against its nominal weight."""
-    n = robot.n
-    x = np.array(start, float)
-    if robot.physics.elastic[0]:
-        x = np.concatenate((x, x))
-    zero = np.zeros(n)
-    return State(np.zeros(1), x, np.zeros_like(x), np.zeros_like(x), zero, zero.copy(),
-                 np.zeros((robot.delay + 1, n)))
+    """Return a robot at rest, held by the drives against its weight."""
+    n, physics = robot.n, robot.physics
+    x, still = np.array(start, float), np.zeros(n)
+    weight, inside, mass = np.zeros(n), np.zeros(n), np.zeros((n, n))
+    dynamics(physics.bodies, x, still, mass, weight)
+    dynamics(physics.helper, x, still, mass, inside)
+    torque = np.clip((weight - physics.helped * inside) / physics.scale, -physics.saturation,
+                     physics.saturation)
+    if physics.elastic[0]:
+        sag = np.where(weight > 0.0, 0.5, -0.5) * physics.gap + weight / physics.stiffness
+        x = np.concatenate((x, x - sag))
+    return State(np.zeros(1), x, np.zeros_like(x), np.zeros_like(x), torque, weight,
+                 np.tile(torque, (robot.delay + 1, 1)))
 
 
 class Played(NamedTuple):
@@ -197,7 +202,8 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
          np.array([[kp] * n, [kv] * n]), wanted, noise, np.array(robot.encoder, float),
          robot.period, steps, out)
     q, dq, drive, link, command, velocity = out.transpose(1, 0, 2)
-    return Played(robot.period * np.arange(len(wanted)), q, dq, drive, link, command, velocity,
+    t: Array = robot.period * np.arange(len(wanted), dtype=float)
+    return Played(t, q, dq, drive, link, command, velocity,
                   wanted[:, 0])
 
 
