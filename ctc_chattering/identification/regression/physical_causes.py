@@ -126,7 +126,7 @@ def periodic(found: Identification, states: WindowStates, i: int, residual: Arra
 
 def _left(order: float, speed: Array) -> Array:
     """Return the part of a wave's amplitude that a window leaves."""
-    return np.interp(order * speed * HALF, _PHASES, _AMPLITUDES)
+    return np.asarray(np.interp(order * speed * HALF, _PHASES, _AMPLITUDES), float)
 
 
 def _waves(order: float, q: Array, speed: Array, way: Array) -> Array:
