@@ -17,15 +17,15 @@ import dataclasses
 import importlib
 from typing import Any
 
-from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.identification.regression.body_estimate import BodyEstimate
-from ctc_chattering.identification.regression.pseudo_inertia import (
+from ctc_chattering.dynamics.pseudo_inertia import (
     parameters_of,
     pseudo_inertia,
     stacked,
     symmetric,
     unit,
 )
+from ctc_chattering.errors import CtcError, MachineError
+from ctc_chattering.identification.regression.body_estimate import BodyEstimate
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular  # type: ignore[import-untyped]
@@ -143,7 +143,7 @@ def _inside(S: Array, parameters: Array) -> Array:
     """Return S⁻¹ J S⁻ᵀ."""
     half = np.linalg.solve(S, pseudo_inertia(parameters))
     found: Array = np.linalg.solve(S, half.T)
-    return 0.5 * (found + found.T)
+    return found
 
 
 def _keeps(slack: Array, count: int) -> bool:

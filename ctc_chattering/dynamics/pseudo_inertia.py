@@ -57,9 +57,9 @@ def unit(prior: Array, heaviest: float) -> Array:
     """
     Return S, shape (4, 4), that makes changes of a body comparable: J = J of the model + S X S.
 
-    X of size 1 is a change as large as the body itself, in whatever coordinates: the metric of Lee,
-    Wensing and Park (2020) where the body is that of the model. Directions in which the model has
-    no extent, or what no body can have, get a little.
+    X of size 1 is a change as large as the body itself, in whatever coordinates: the metric of
+    Lee, Wensing and Park (2020) at the model's body. Directions in which the model has no extent,
+    or what no body can have, get a little.
 
     Parameters
     ----------
