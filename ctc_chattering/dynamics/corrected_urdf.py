@@ -231,7 +231,8 @@ def _turned(data: bytes, joint: ElementPlace, turn: Array, note: str, old: Origi
 def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None:
     """Raise `CtcError` unless the new text is read as it should be."""
     size = np.abs(parameters).max(axis=1, keepdims=True)
-    error = float((np.abs(model.parameters() - parameters) / size).max())
+    made = model.inertial_parameters().reshape(-1, 10)
+    error = float((np.abs(made - parameters) / size).max())
     if error > _EXACT or (len(rotor) and list(rotor) != list(model.rotor_inertias)):
         raise CtcError('the URDF cannot be corrected: with the parameters written into it, it is '
                        f'read with an error of {error:.2g}')

@@ -139,11 +139,15 @@ class UrdfModel(Model):
         return Bodies(parents, prismatic, self._order, rotation, offset, mass, center, inertia,
                       np.array(model.armature))
 
-    def parameters(self) -> Array:
-        """Return mass, first moments and inertia, shape (n, 10), of the body of each joint."""
-        found = [body.toDynamicParameters() for body in self._model.inertias.tolist()[1:]]
-        rows: Array = np.array(found)[self._back]
-        return rows
+    def inertial_parameters(self) -> Array:
+        """
+        Return ten parameters for each joint's body, shape (10 n,), bodies in our order.
+
+        They are mass, first moments, and xx, xy, yy, xz, yz, zz of the inertia about the origin of
+        Pinocchio's frame of the joint.
+        """
+        return np.concatenate([self._model.inertias[int(i) + 1].toDynamicParameters()
+                               for i in self._back])
 
     def places(self) -> dict[str, tuple[int, Array]]:
         """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""

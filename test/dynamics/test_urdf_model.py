@@ -125,7 +125,7 @@ def test_a_rotor_is_on_the_diagonal_of_the_mass_matrix(order: tuple[str, str]) -
     config = PlantConfig.from_mapping({'joint_names': list(order), 'plant_backend': 'mujoco'})
     plant = MujocoPlant(config, text)
     assert plant.mjmodel.dof_armature.tolist() == [0.0, 0.3]
-    with pytest.raises(CtcError, match=r'joint b: rotor_inertia is -0\.3; it must not be negative'):
+    with pytest.raises(CtcError, match='joint b: rotor_inertia is -0'):
         UrdfModel(text.replace('"0.3"', '"-0.3"'), order)
 
 
