@@ -22,9 +22,14 @@ from urdfs import grip, joint, link, PANDA, panda, TWO_LINKS, two_links, UR5, ur
 ROBOTS = {'panda': (panda(), PANDA), 'ur5': (ur5(), UR5), 'two links': (two_links(), ('b', 'a'))}
 
 
+def rows(model: UrdfModel) -> Array:
+    """Return the parameters of the bodies, shape (n, 10)."""
+    return model.inertial_parameters().reshape(-1, 10)
+
+
 def heavier(model: UrdfModel, seed: int = 1) -> Array:
     """Return the parameters with a mass somewhere on each body but the first."""
-    rng, found = np.random.default_rng(seed), model.inertial_parameters().reshape(-1, 10)
+    rng, found = np.random.default_rng(seed), rows(model)
     for i in range(1, model.n):
         at = np.append(rng.uniform(-0.2, 0.2, 3), 1.0)
         found[i] = parameters_of(
@@ -56,14 +61,14 @@ def test_pinocchio_reads_the_parameters(robot: str) -> None:
 def test_all_else_stays_byte_for_byte(robot: str) -> None:
     text, names = ROBOTS[robot]
     model = UrdfModel(text, names)
-    assert corrected_urdf(text, names, model.inertial_parameters().reshape(-1, 10), [0.0] * model.n, [0, 0, -9.81]) == text
+    assert corrected_urdf(text, names, rows(model), [0.0] * model.n, [0, 0, -9.81]) == text
     made = corrected_urdf(text, names, heavier(model), [0.2] * model.n)
     inertial = re.compile(r'<inertial>.*?</inertial>', re.DOTALL)
     rotor = re.compile(r'<dynamics damping="0" rotor_inertia="0.2"/>| rotor_inertia="0.2"')
     assert inertial.sub('', rotor.sub('', made)) == inertial.sub('', text)
     changed = [a for a, b in zip(inertial.findall(text), inertial.findall(made)) if a != b]
     assert len(changed) == model.n - 1
-    again = corrected_urdf(made, names, model.inertial_parameters().reshape(-1, 10), [0.3] * model.n)
+    again = corrected_urdf(made, names, rows(model), [0.3] * model.n)
     assert again.count('rotor_inertia="0.3"') == again.count('rotor_inertia') == model.n
 
 
@@ -73,7 +78,7 @@ def test_gravity_is_along_z_of_the_new_root(robot: str) -> None:
     text, names = ROBOTS[robot]
     gravity = [0.5, -0.8, -9.7]
     model = UrdfModel(text, names, float(np.linalg.norm(gravity)))
-    made = corrected_urdf(text, names, model.inertial_parameters().reshape(-1, 10), (), gravity)
+    made = corrected_urdf(text, names, rows(model), (), gravity)
     tilted = UrdfModel(made, names, float(np.linalg.norm(gravity)))
     model._model.gravity.linear = np.array(gravity)
     q = np.random.default_rng(2).uniform(-1, 1, model.n).tolist()
@@ -96,7 +101,7 @@ def test_a_wall_mount_is_tilted_too() -> None:
                  joint('turn', 'continuous', 'base', 'arm', '1 0 0')])
     for x, y in product((-0.7, 0.0, 0.4), repeat=2):
         model = UrdfModel(text, ['turn'])
-        made = corrected_urdf(text, ['turn'], model.inertial_parameters().reshape(-1, 10), (), [x, y, -9.0])
+        made = corrected_urdf(text, ['turn'], rows(model), (), [x, y, -9.0])
         size = float(np.linalg.norm([x, y, 9.0]))
         model._model.gravity.linear = np.array([x, y, -9.0])
         assert UrdfModel(made, ['turn'], size).gravity_torque([0.7]) == pytest.approx(
@@ -107,7 +112,7 @@ def test_links_of_one_body() -> None:
     """The heaviest takes the difference; if nothing can have it, each its part of the mass."""
     text, names = grip('fixed', ''), ['turn']
     model = UrdfModel(text, names)
-    body = model.inertial_parameters().reshape(-1, 10)
+    body = rows(model)
     at = np.array([0.1, 0.2, 0.0, 1.0])
     more = parameters_of(pseudo_inertia(body[0]) + 0.5 * np.outer(at, at))[None]
     masses = [float(x.get('value', '')) for x in ET.fromstring(
@@ -117,17 +122,17 @@ def test_links_of_one_body() -> None:
     made = corrected_urdf(text, names, less)
     masses = [float(x.get('value', '')) for x in ET.fromstring(made.encode()).iter('mass')]
     assert masses == pytest.approx([0.2, 0.03, 0.04])
-    np.testing.assert_allclose(UrdfModel(made, names).inertial_parameters().reshape(-1, 10), less, atol=1e-12)
+    np.testing.assert_allclose(rows(UrdfModel(made, names)), less, atol=1e-12)
     assert not inertia_faults(made, names)
 
 
 def test_a_locked_joint_where_it_is() -> None:
     text, names, locked = grip(mimic=''), ['turn'], {'f1': 0.3, 'f2': -0.2}
     model = UrdfModel(text, names, locked=locked)
-    wanted = model.inertial_parameters().reshape(-1, 10) * 1.5
+    wanted = rows(model) * 1.5
     made = corrected_urdf(text, names, wanted, locked=locked)
     np.testing.assert_allclose(
-        UrdfModel(made, names, locked=locked).inertial_parameters().reshape(-1, 10), wanted, atol=1e-12)
+        rows(UrdfModel(made, names, locked=locked)), wanted, atol=1e-12)
 
 
 def test_odd_texts() -> None:
@@ -138,13 +143,13 @@ def test_odd_texts() -> None:
     text = re.sub(r'<joint name="c".*?</joint>', '', text).replace(
         'name="r">', 'name="r">' + joint('c', 'continuous', 'lower', 'tool', more=''))
     names = ('a', 'b', 'c')
-    wanted = np.vstack((UrdfModel(two_links(), TWO_LINKS).inertial_parameters().reshape(-1, 10),
+    wanted = np.vstack((rows(UrdfModel(two_links(), TWO_LINKS)),
                         [0.5, 0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1]))
     loaded = text.replace('note="/>"/>', 'note="/>"><inertial><mass value="0.1"/><inertia ixx="1" '
                           'ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>')
     made = corrected_urdf(loaded, names, wanted, [0.1] * 3)
     assert '<!-- <link name="lower"> ü -->' in made
-    np.testing.assert_allclose(UrdfModel(made, names).inertial_parameters().reshape(-1, 10), wanted, atol=1e-12)
+    np.testing.assert_allclose(rows(UrdfModel(made, names)), wanted, atol=1e-12)
 
 
 @pytest.mark.parametrize('change, words', [
@@ -155,6 +160,6 @@ def test_odd_texts() -> None:
     ({'rotor': [0.1]}, '1 rotors for 2 joints'), ({'rotor': [-0.1, 0.0]}, 'negative'),
     ({'gravity': [0.0, 0.0, 9.81]}, 'down'), ({'gravity': [0.0, -9.81]}, 'down')])
 def test_refused(change: dict[str, object], words: str) -> None:
-    arguments = {'parameters': UrdfModel(two_links(), TWO_LINKS).inertial_parameters().reshape(-1, 10), **change}
+    arguments = {'parameters': rows(UrdfModel(two_links(), TWO_LINKS)), **change}
     with pytest.raises(CtcError, match=words):
         corrected_urdf(two_links(), TWO_LINKS, **arguments)  # type: ignore[arg-type]
