@@ -32,8 +32,8 @@ from scipy.linalg import block_diag, solve_triangular  # type: ignore[import-unt
 
 #: w: how far from the model parameters are expected, in bodies.
 _EXPECTED = 3.0
-#: ε, and the least rotor inertia.
-_LEAST = 1e-4
+#: ε, and the part of what is expected below which a rotor has no inertia.
+_LEAST, _NOTHING = 1e-4, 1e-3
 #: Inertia of a rotor that is expected, in that of the body it moves, and in that of the largest.
 _ROTOR, _LARGEST = 1.0, 0.1
 
@@ -54,9 +54,10 @@ class ConsistentBodies:
     wanted : ndarray, shape (P,)
         What fits best without bounds, and is nearest to the model otherwise.
     covariance : ndarray, shape (P, P)
-        Of all parameters, without bounds; what is not shown has that of `expected`.
-    expected : ndarray, shape (P, P)
-        Covariance before any data.
+        Of all parameters, without bounds; what is not shown has the large one from before any
+        data.
+    unit : ndarray, shape (P, P)
+        Covariance of changes that are as large as the bodies.
     cost : ndarray, shape (B + R,)
         By how much the bounds of each body, and rotor, raise twice the negative logarithm of the
         likelihood.
@@ -68,7 +69,7 @@ class ConsistentBodies:
     rotor: Array
     wanted: Array
     covariance: Array
-    expected: Array
+    unit: Array
     cost: Array
 
     @property
@@ -113,10 +114,12 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
     if not _keeps(bounds + wanted, count):
         y, cost = _solve(lower, wanted, bounds, count)
     x = known + T @ y
+    rotor = x[10 * count:]
+    rotor[rotor < _NOTHING * T.diagonal()[10 * count:]] = 0.0
     inverse = solve_triangular(lower, T.T, lower=True)
     return ConsistentBodies(
-        estimate, x[:10 * count].reshape(-1, 10), np.maximum(x[10 * count:], 0.0),
-        known + T @ wanted, inverse.T @ inverse, _EXPECTED ** 2 * T @ T.T, cost)
+        estimate, x[:10 * count].reshape(-1, 10), rotor,
+        known + T @ wanted, inverse.T @ inverse, T @ T.T, cost)
 
 
 def _units(prior: Array) -> list[Array]:
