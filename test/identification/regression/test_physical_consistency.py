@@ -114,7 +114,7 @@ def test_against_another_method() -> None:
         change = parameters_of(L @ L.T) - asked
         return float(change @ A @ change) * 1e-6
     best = min(minimize(cost, start, method='BFGS', options={'gtol': 1e-8, 'maxiter': 2000}).fun
-                for start in rng.normal(size=(4, 10)))
+               for start in rng.normal(size=(4, 10)))
     change = made.found - asked
     assert change @ A @ change * 1e-6 == pytest.approx(best, rel=2e-3)
 
