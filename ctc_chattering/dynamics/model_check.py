@@ -117,7 +117,7 @@ def _worst(name: str, tolerance: float, error: Callable[[_SampledState], float],
         if not value <= worst:  # NaN is the worst.
             worst, where, why = value if value == value else np.inf, state, text
     return PropertyCheck(name, worst <= tolerance, float(worst), tolerance,
-                   tuple(where.at[0]), tuple(where.at[1]), why)
+                         tuple(where.at[0]), tuple(where.at[1]), why)
 
 
 def _symmetric(s: _SampledState) -> float:
