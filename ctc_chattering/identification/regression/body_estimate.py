@@ -39,8 +39,9 @@ class BodyEstimate:
         Mean over the motion of the products of the columns of each joint's torque, without what
         friction explains: the root mean square of what d parameters make is √(dᵀ torque d).
         Empty where unknown.
-    gravity_prior, gravity : ndarray, shape (G,)
-        In the frame of the base: of the model, and what fits [m/s²].
+    gravity_prior, gravity, gravity_about : ndarray, shape (G,)
+        In the frame of the base: of the model, what fits, and about which torques are linear
+        [m/s²].
 
     """
 
@@ -53,6 +54,7 @@ class BodyEstimate:
     torque: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 0)))
     gravity_prior: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     gravity: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    gravity_about: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def known(self) -> Array:

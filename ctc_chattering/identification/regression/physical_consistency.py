@@ -39,8 +39,8 @@ _LEAST, _NOTHING = 1e-4, 1e-3
 _ROTOR, _LARGEST = 1.0, 0.1
 #: How sure, how far beyond that, and by which part of a joint's torque a model is wrong.
 _SURE, _CLEAR, _PART = 0.999, 2.0, 0.01
-#: Turn of gravity that is expected [rad], and part of its strength.
-_TURN, _STRENGTH = 0.05, 0.001
+#: Turn of gravity that is expected [rad], and part of its strength, which is known.
+_TURN, _STRENGTH = 0.05, 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,12 +113,13 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
         If there are numbers that are not finite, or the solver finds no solution.
 
     """
-    known = estimate.known
+    known = np.concatenate((estimate.prior.ravel(), estimate.rotor_prior, estimate.gravity_about))
     if not all(np.isfinite(x).all() for x in (known, estimate.found, estimate.information)):
         raise CtcError('the estimate of inertial parameters is not finite')
     roots = _units(estimate.prior)
     count = len(roots)
-    T = block_diag(*(_change(S) for S in roots), np.diag(_other_units(estimate)))
+    T = block_diag(*(_change(S) for S in roots), np.diag(_rotors(estimate)),
+                   _turns(estimate.gravity_about))
     information = T.T @ estimate.information @ T
     information = 0.5 * (information + information.T)
     H = information + np.eye(len(known)) / _EXPECTED ** 2
@@ -126,12 +127,12 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
     wanted = np.linalg.solve(H, T.T @ estimate.information @ (estimate.found - known))
     bounds = np.concatenate([
         *(stacked(_inside(S, x) - _LEAST * np.eye(4)) for S, x in zip(roots, estimate.prior)),
-        estimate.rotor_prior / T.diagonal()[10 * count:len(known) - len(estimate.gravity)]])
+        estimate.rotor_prior / _rotors(estimate)])
     y, cost = wanted, np.zeros(count + len(estimate.rotor))
     if not _keeps(bounds + wanted[:len(bounds)], count):
         y, cost = _solve(lower, wanted, bounds, count)
     parameters, rotor, gravity = np.split(known + T @ y, [10 * count, len(bounds)])
-    rotor[rotor < _NOTHING * T.diagonal()[10 * count:len(bounds)]] = 0.0
+    rotor[rotor < _NOTHING * _rotors(estimate)] = 0.0
     inverse = solve_triangular(lower, T.T, lower=True)
     return ConsistentBodies(
         estimate, parameters.reshape(-1, 10), rotor, gravity,
@@ -151,14 +152,21 @@ def _change(S: Array) -> Array:
     return np.column_stack([parameters_of(S @ symmetric(e) @ S.T) for e in np.eye(10)])
 
 
-def _other_units(estimate: BodyEstimate) -> Array:
-    """Return the inertia that each rotor is expected to have, and that of a turn of gravity."""
+def _rotors(estimate: BodyEstimate) -> Array:
+    """Return the inertia that each rotor is expected to have, shape (R,) [kg·m²]."""
     about = np.abs(estimate.prior[:, [4, 6, 9]]).max(axis=1)
     expected = np.maximum(_ROTOR * about, _LARGEST * about.max())[:len(estimate.rotor)]
-    size = float(np.linalg.norm(estimate.gravity_prior)) or 1.0
-    along = np.abs(estimate.gravity_prior) > 0.5 * size
-    return np.append(np.where(expected > 0.0, expected, 1.0),
-                     size * np.where(along, _STRENGTH, _TURN))
+    return np.where(expected > 0.0, expected, 1.0)
+
+
+def _turns(gravity: Array) -> Array:
+    """Return the change of gravity by its turns about two axes, and by its strength."""
+    if not gravity.any():
+        return np.eye(len(gravity))
+    along = gravity[:, None] / np.linalg.norm(gravity)
+    across = np.linalg.svd(along)[0][:, 1:]
+    found: Array = np.linalg.norm(gravity) * np.hstack((_TURN * across, _STRENGTH * along))
+    return found
 
 
 def _inside(S: Array, parameters: Array) -> Array:
