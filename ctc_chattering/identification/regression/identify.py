@@ -21,7 +21,13 @@ from ctc_chattering.identification.regression.least_squares import (
     TermKind,
 )
 from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.regression.residual_tests import tested, Unexplained
+from ctc_chattering.identification.regression.physical_causes import FittedMotion
+from ctc_chattering.identification.regression.residual_tests import (
+    findings,
+    unexplained,
+    Unexplained,
+    widened,
+)
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
 from ctc_chattering.identification.regression.selection import select, Selected
 from ctc_chattering.identification.regression.sensor_noise import (
@@ -117,8 +123,6 @@ class Identification:
         Rate limit of each drive [N·m/s].
     side : {'', 'motor', 'link', 'current'}
         What the effort is.
-    states : WindowStates or None
-        Motion in the windows.
     unexplained : tuple of (Unexplained or None), length n
         What the residuals depend on.
 
@@ -145,7 +149,6 @@ class Identification:
     bodies: BodyEstimate | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
     side: str = ''
-    states: WindowStates | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
 
 
@@ -196,13 +199,24 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     noise, lag = velocity_noise(recordings[0], period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
-    return tested(Identification(
+    return _tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, [_friction(selected, i) for i in range(len(joints))],
         list(_errors(selected, candidates)), _left(selected, base, weight, data, joints), data,
         selected, base, weight, duration, sides.findings, side=sides.side),
         WindowStates.of(parts, rows, phi))
+
+
+def _tested(found: Identification, states: WindowStates) -> Identification:
+    """Return an identification with what its residuals show, and intervals that have it."""
+    motion = FittedMotion(found.data, found.selected.fit, found.base, found.weight, states)
+    left = [unexplained(motion, i) for i in range(len(found.joints))]
+    return dataclasses.replace(
+        found, unexplained=tuple(left), findings=(*found.findings, *(
+            x for i, what in enumerate(left) if what for x in findings(i, what))),
+        friction=[widened(motion, i, x, what) if what else x
+                  for i, (x, what) in enumerate(zip(found.friction, left))])
 
 
 def _common_period(recordings: Sequence[Recording]) -> float:

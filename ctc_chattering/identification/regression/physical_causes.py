@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from ctc_chattering.identification.regression.least_squares import Data, Fit
 from ctc_chattering.identification.regression.weak_form import HALF
 from ctc_chattering.identification.regression.window_states import BUILD_UP, WindowStates
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.special import gamma, jv  # type: ignore[import-untyped]
-
-if TYPE_CHECKING:
-    from ctc_chattering.identification.regression.identify import Identification
 
 #: Highest periods in a turn of the joint that are looked for.
 _PERIODS = 500.0
@@ -22,6 +20,28 @@ _LEFT, _WINDOWS, _ENOUGH = 0.1, 40, 6000
 #: Transform of the test function of `weak_form.py`.
 _PHASES = np.linspace(1e-3, 25.0, 2000)
 _AMPLITUDES = gamma(5.5) * (2.0 / _PHASES) ** 4.5 * jv(4.5, _PHASES)
+
+
+class FittedMotion(NamedTuple):
+    """
+    A fit and the motion that it is of; J windows, n joints.
+
+    Attributes
+    ----------
+    data, fit
+        Windows, and the regression.
+    base, weight : ndarray, shape (J, n)
+        Torque of the model, and its weight [N·m].
+    states : WindowStates
+        Motion in the windows.
+
+    """
+
+    data: Data
+    fit: Fit
+    base: Array
+    weight: Array
+    states: WindowStates
 
 
 class Cause(NamedTuple):
@@ -53,9 +73,9 @@ class Cause(NamedTuple):
     unit: str
 
 
-def causes(found: Identification, states: WindowStates, i: int) -> Iterator[Cause]:
+def causes(found: FittedMotion, i: int) -> Iterator[Cause]:
     """Yield what the torque of joint i may depend on besides the model."""
-    data, used = found.data, found.data.way[:, i] != 0.0
+    data, states, used = found.data, found.states, found.data.way[:, i] != 0.0
     way, t, q = data.way[used, i], data.t[used], states.position[used, i]
     speed, load = np.abs(data.velocity[used, i]), np.abs(found.base[used, i])
     turn = np.column_stack((np.sin(q), np.cos(q), np.sin(2.0 * q), np.cos(2.0 * q), q, q * q))
@@ -83,7 +103,7 @@ def causes(found: Identification, states: WindowStates, i: int) -> Iterator[Caus
     yield Cause('the load', 'friction that depends on the load',
                 'record the load that you will have',
                 np.column_stack((way * load, way * load * speed)), load, 'N·m')
-    others = [k for k in range(len(found.joints)) if k != i]
+    others = [k for k in range(data.way.shape[1]) if k != i]
     if others:
         torque = (found.base + data.residual)[used][:, others]
         largest = int(np.argmax(np.square(torque).sum(axis=0)))
@@ -99,21 +119,20 @@ def _kinks(speed: Array) -> Array:
     return np.column_stack([np.maximum(speed - knot, 0.0) for knot in knots])
 
 
-def periodic(found: Identification, states: WindowStates, i: int, residual: Array
-             ) -> tuple[Cause | None, int]:
+def periodic(found: FittedMotion, i: int, residual: Array) -> tuple[Cause | None, int]:
     """
     Return the periodic torque that explains most of a residual, and how many were looked for.
 
     Parameters
     ----------
-    found, states, i
-        What was identified, the motion, and the joint.
+    found, i
+        Fit with its motion, and the joint.
     residual : ndarray, shape (K,)
         In the windows in which the joint slides [N·m].
 
     """
     data, used = found.data, found.data.way[:, i] != 0.0
-    q, way = states.position[used, i], data.way[used, i]
+    q, way = found.states.position[used, i], data.way[used, i]
     speed = np.abs(data.velocity[used, i])
     every = max(1, len(q) // _ENOUGH)
     spacing = np.pi / max(float(np.ptp(q)), 0.05)

@@ -23,7 +23,8 @@ def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command'
     """Return what `verdicts` reads of an identification of two joints."""
     timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
     return cast(Identification, SimpleNamespace(
-        joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings))
+        joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings,
+        unexplained=()))
 
 
 def test_a_joint_without_findings_is_usable() -> None:
