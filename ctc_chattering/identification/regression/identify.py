@@ -24,8 +24,8 @@ from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.physical_causes import FittedMotion
 from ctc_chattering.identification.regression.residual_tests import (
     findings,
-    unexplained,
     Unexplained,
+    unexplained,
     widened,
 )
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK

@@ -37,6 +37,8 @@ _MINOR = 0.2
 _PEAK = 2.0
 #: Probability by chance below which a dependence counts.
 _CHANCE = 1e-6
+#: How much more than the shift of a coefficient its interval is widened by.
+_SURE = 1.25
 #: Fewest windows of a joint, and most effects that are named.
 _FEWEST, _MOST = 60, 3
 #: Singular value, of columns of length 1, below which columns are like those of the friction.
@@ -70,7 +72,7 @@ class Effect(NamedTuple):
 
     def off(self, whole: Unexplained) -> float:
         """Return by which part the friction may be off with it."""
-        return whole.part(_PEAK * self.size + float(np.abs(self.shift[:2]).max(initial=0.0)))
+        return whole.part(_PEAK * self.size + _SURE * float(np.abs(self.shift[:2]).max(initial=0.0)))
 
 
 class Unexplained(NamedTuple):
@@ -245,5 +247,5 @@ def widened(found: FittedMotion, i: int, friction: Friction, left: Unexplained) 
         places = [terms.index(Term(kind, i)) for kind in kinds if Term(kind, i) in terms]
         shift = sum(float(np.abs(x.shift[places]).max(initial=0.0)) for x in left.effects)
         changes[name] = number if number.value is None else dataclasses.replace(
-            number, half=number.half + shift + least)
+            number, half=number.half + _SURE * shift + least)
     return dataclasses.replace(friction, **changes)
