@@ -72,7 +72,8 @@ class Effect(NamedTuple):
 
     def off(self, whole: Unexplained) -> float:
         """Return by which part the friction may be off with it."""
-        return whole.part(_PEAK * self.size + _SURE * float(np.abs(self.shift[:2]).max(initial=0.0)))
+        shift = float(np.abs(self.shift[:2]).max(initial=0.0))
+        return whole.part(_PEAK * self.size + _SURE * shift)
 
 
 class Unexplained(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Severity
-from ctc_chattering.identification.regression.identify import JointFriction
+from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.least_squares import Term, TermKind
 from ctc_chattering.identification.regression.physical_causes import FittedMotion
 from ctc_chattering.identification.regression.residual_tests import (
@@ -48,7 +48,8 @@ def motion(seed: int, torque: Torque | None = None, noise: float = NOISE) -> Fit
                         since=since[:, 0], base=base[:, 0], other=base[:, 1])
     used = way[:, 0] != 0.0
     design = np.zeros((len(t), 2, 3))
-    design[:, 0] = np.column_stack((np.maximum(way[:, 0], 0.0), np.minimum(way[:, 0], 0.0), dq[:, 0] * used))
+    design[:, 0] = np.column_stack((np.maximum(way[:, 0], 0.0), np.minimum(way[:, 0], 0.0),
+                                    dq[:, 0] * used))
     y = used * (design[:, 0] @ (COULOMB, COULOMB, VISCOUS) + noise * rng.normal(size=len(t)))
     y += used * torque(x) if torque else 0.0
     value = np.linalg.lstsq(design[:, 0], y, rcond=None)[0]
