@@ -194,11 +194,12 @@ class ModelVerdict:
     def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
         """Return what a cause does, with its numbers."""
         first, name = numbers[0], self._name(cause)
+        size = first.value or 0.0
         if cause.kind == CauseKind.SCALE:
-            return (f'{name}: the torque is {1.0 + (first.value or 0.0):.4g} ± {first.half:.1g} times '
+            return (f'{name}: the torque is {1.0 + size:.4g} ± {first.half:.1g} times '
                     'the signal, a wrong torque constant or gear ratio')
         if cause.kind == CauseKind.ROTOR:
-            return (f'{name}: {(first.value or 0.0):.4g} ± {first.half:.1g} kg*m^2 at the joint are '
+            return (f'{name}: {size:.4g} ± {first.half:.1g} kg*m^2 at the joint are '
                     'missing in the model')
         if cause.kind == CauseKind.GRAVITY:
             turn = np.degrees([((x.value or 0.0), x.half) for x in numbers])
@@ -210,8 +211,8 @@ class ModelVerdict:
         if cause.kind == CauseKind.BODY:
             return f'{name}: not as in the model; a payload or a tool is fixed to it'
         unit = self._candidates[cause.which].unit if cause.kind == CauseKind.LINK else ''
-        return (f'{name}: {(first.value or 0.0):+.4g} ± {first.half:.1g} kg' if unit else
-                f'{name}: {(first.value or 0.0):+.2%} ± {first.half:.2%}')
+        return (f'{name}: {size:+.4g} ± {first.half:.1g} kg' if unit else
+                f'{name}: {size:+.2%} ± {first.half:.2%}')
 
 
 def _cure(cause: Cause) -> str:
