@@ -251,4 +251,4 @@ def _run(values: Values, draw: Draw) -> _TriedRun:
     model = kept_model_of(setup.controller, setup.descriptions.get('controller', ''))
     limit = _NEAR * np.array(setup.controller.largest_torque(model.effort_limits))
     return _TriedRun(np.sqrt(np.square(run.q[late] - run.q_d[late]).mean(axis=0)),
-                  (np.abs(run.tau[late]) >= limit).mean(axis=0), '')
+                     (np.abs(run.tau[late]) >= limit).mean(axis=0), '')
