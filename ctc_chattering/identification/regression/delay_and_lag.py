@@ -138,11 +138,14 @@ class Profile:
                             for part, rows in zip(self._parts, self._rows)])
         return np.where(self.data.used() & np.isfinite(y), y, 0.0)
 
+    def unexplained(self, torque: Array, i: int) -> Array:
+        """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""
+        rest: Array = torque - self._bases[i] @ (self._bases[i].T @ torque)
+        return rest
+
     def rest(self, y: Array, i: int) -> Array:
         """Return what is left of joint i, in its rows."""
-        mine = y[self.data.used()[:, i], i]
-        rest: Array = mine - self._bases[i] @ (self._bases[i].T @ mine)
-        return rest
+        return self.unexplained(y[self.data.used()[:, i], i], i)
 
     def squares(self, delay: float, lag: float | Array) -> Array:
         """Return the sum of squares of each joint, shape (n,) [(N·m)²]."""
