@@ -102,7 +102,7 @@ def _array(limits: Sequence[float] | None, n: int) -> Array:
 
 
 def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model: Model,
-                         seed: int = 1) -> FastestPerturbation:
+                         corrected: bool = False, seed: int = 1) -> FastestPerturbation:
     """
     Return the largest |P| within the limits.
 
@@ -112,6 +112,8 @@ def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model
         What was identified, and P of the run.
     model : Model
         As `identify` had it.
+    corrected : bool
+        Whether errors of the model are corrected as far as they are known.
     seed : int
         Of the random states.
 
@@ -122,7 +124,7 @@ def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model
     allowed = (np.abs(tau) <= limits.effort).all(axis=1)
     if allowed.any():
         q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
-    error = _error(found, tau, q, dq, ddq)
+    error = _error(found, tau, (q, dq, ddq), corrected)
     load = np.minimum(np.abs(tau).max(axis=0) + error, limits.effort)
     friction = np.array([_friction(found, i, limits.velocity[i], load[i])
                          for i in range(model.n)])
@@ -145,18 +147,20 @@ def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
                      for rows in zip(q.tolist(), dq.tolist(), ddq.tolist())])
 
 
-def _error(found: Identification, tau: Array, q: Array, dq: Array, ddq: Array) -> Array:
+def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array],
+           corrected: bool) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     fit, spread = found.selected.fit, found.selected.spread
     mine = [k for k, term in enumerate(fit.terms) if term.kind == TermKind.MODEL]
     if not mine:
         return np.zeros(tau.shape[1])
     models = [error.model for error, number in found.errors if number.value is not None]
-    columns = np.stack([_torques(model, q, dq, ddq) - tau for model in models], axis=2)
+    columns = np.stack([_torques(model, *states) - tau for model in models], axis=2)
     covariance = spread.covariance[np.ix_(mine, mine)]
     half = spread.factor * np.sqrt(np.maximum(
         np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
-    largest: Array = (np.abs(columns @ fit.value[mine]) + half).max(axis=0)
+    known = 0.0 if corrected else np.abs(columns @ fit.value[mine])
+    largest: Array = (known + half).max(axis=0)
     return largest
 
 

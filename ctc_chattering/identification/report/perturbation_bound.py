@@ -45,10 +45,10 @@ class PerturbationBound(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model
-                       ) -> PerturbationBound:
+def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model,
+                       corrected: bool = False) -> PerturbationBound:
     """Return ka for motions within the limits, from what was identified and P of the run."""
-    fastest = fastest_perturbation(found, run, model)
+    fastest = fastest_perturbation(found, run, model, corrected)
     recorded = run.peak
     peak = np.maximum(recorded, fastest.peak)
     effort = fastest.limits.effort

@@ -31,10 +31,10 @@ Values = dict[str, dict[str, Any]]
 COUNT = 24
 #: Smooth start and duration [s], and the slowest motion [Hz]: with it all joints reverse.
 _START, _DURATION, _SLOWEST = 0.5, 2.0, 1.0
-#: Part of M, C and G that may be wrong in any case.
-_MODEL = 0.05
-#: Frequencies of what is not explained, as a torque [rad/s].
-_UNEXPLAINED = (2.0, 30.0)
+#: Part of M, C and G that may be wrong in any case, and at most.
+_MODEL, _MOST = 0.05, 0.2
+#: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
+_UNEXPLAINED = (2.0, 20.0)
 #: Part of the samples that may be at the limit of the torque, and how near that is.
 _SATURATED, _NEAR = 0.02, 0.999
 #: Part of the amplitude that an error may be, and steps of the encoder that are no error.
@@ -154,16 +154,16 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping
         yield Draw(text, {
             'plant': {**_friction(found, plant, float(friction)), **_rate(found, plant, rng),
                       'input_delay': int(samples), 'actuator_lag': late.tolist(),
-                      'disturbance.amplitude': run.tail.tolist(),
+                      'disturbance.amplitude': (run.tail + run.error).tolist(),
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
                       'noise_seed': int(rng.integers(2 ** 31))},
             'controller': {'inertia_scale': scale, 'gravity_scale': scale}})
 
 
 def _model_part(found: Identification) -> float:
-    """Return by which part the model may be wrong: errors of masses with their intervals."""
-    return max([_MODEL, *(abs(x.value) + x.half for error, x in found.errors
-                          if x.value is not None and not error.unit)])
+    """Return by which part the model may be wrong: intervals of masses; the rest is in d(t)."""
+    return min(_MOST, max([_MODEL, *(x.half for error, x in found.errors
+                                     if x.value is not None and not error.unit)]))
 
 
 def _friction(found: Identification, plant: Mapping[str, Any], at: float) -> dict[str, Any]:
