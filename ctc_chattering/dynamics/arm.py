@@ -40,6 +40,8 @@ class Arm:
     mass: Array
     center: Array
     inertia: Array
+    #: Of the rotor of each body's joint, shape (n,) [kg·m²]: on the diagonal of M alone.
+    rotor: Array
 
 
 @dataclasses.dataclass
@@ -92,12 +94,12 @@ def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0)
         bodies = _bodies(model)
         return Arm(False, ratio * model.gravity, 1.0, bodies.parent, bodies.prismatic,
                    bodies.joint, bodies.rotation, bodies.offset, c * bodies.mass, bodies.center,
-                   c * bodies.inertia)
+                   c * bodies.inertia, c * bodies.rotor)
     if type(model) is not TwoLink:
         return None
     none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
     return Arm(True, ratio * model.gravity, c, none.astype(np.int64), none.astype(np.bool_),
-               none.astype(np.int64), square, row, none, row, square)
+               none.astype(np.int64), square, row, none, row, square, none)
 
 
 @lru_cache(64)

@@ -180,6 +180,7 @@ def mass_matrix(arm: Arm, s: BodyScratch, M: Array) -> None:
             M[arm.joint[i], arm.joint[j]] = M[arm.joint[j], arm.joint[i]] = (
                 S[0] * x + S[1] * y + S[2] * z + S[3] * u + S[4] * v + S[5] * w)
             i = arm.parent[i]
+        M[arm.joint[j], arm.joint[j]] += arm.rotor[j]
         gather(arm, s, j, False)
 
 
@@ -217,6 +218,7 @@ def evaluate(arm: Arm, q: Array, dq: Array, s: BodyScratch, M: Array, C: Array, 
                        + tx * S[0] + ty * S[1] + tz * S[2])
             C[a, b] = (S[0] * dx + S[1] * dy + S[2] * dz + S[3] * du + S[4] * dv + S[5] * dw)
             i = arm.parent[i]
+        M[b, b] += arm.rotor[j]
         gather(arm, s, j, True)
 
 

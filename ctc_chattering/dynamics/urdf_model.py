@@ -29,7 +29,8 @@ class Bodies(NamedTuple):
     """
     Joints and bodies of an arm, from the base outwards; frames as `UrdfModel.bodies` says.
 
-    Arrays of n rows: rotations and inertias (n, 3, 3), offsets and centres of mass (n, 3).
+    Arrays of n rows: rotations and inertias (n, 3, 3), offsets and centres of mass (n, 3). The
+    inertia of a rotor is about the axis of its joint and turns with it only.
     """
 
     #: Row of the body that carries this one; -1 for the base.
@@ -42,6 +43,7 @@ class Bodies(NamedTuple):
     mass: Array
     center: Array
     inertia: Array
+    rotor: Array
 
 
 class UrdfModel(Model):
@@ -71,6 +73,8 @@ class UrdfModel(Model):
         Least and greatest position; ∓inf where the URDF has none.
     velocity_limits, effort_limits : tuple of float, length n
         inf where the URDF has none, or 0.
+    rotor_inertias : tuple of float, length n
+        `rotor_inertia` in <dynamics> of each joint, reflected to the joint, on the diagonal of M.
 
     Raises
     ------
@@ -96,7 +100,8 @@ class UrdfModel(Model):
         self.position_limits = tuple(joint.position for joint in joints)
         self.velocity_limits = tuple(joint.velocity for joint in joints)
         self.effort_limits = tuple(joint.effort for joint in joints)
-        self.n = len(joints)
+        self.rotor_inertias = tuple(joint.rotor_inertia for joint in joints)
+        self.n, self._links = len(joints), tuple(tree.links)
         self.gravity = gravity
         self._pin, self._model = pin, _reduced(pin, tree, stand)
         self._data = self._model.createData()
@@ -106,6 +111,7 @@ class UrdfModel(Model):
         self._order: Any = np.argsort(order)
         self._back: Any = np.array(order)
         self._square: Any = np.ix_(order, order)
+        self._model.armature = np.array(self.rotor_inertias)[self._order]
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
 
@@ -130,7 +136,27 @@ class UrdfModel(Model):
                          before[parent].T @ place.translation, body.mass,
                          turns[i].T @ body.lever, turns[i].T @ body.inertia @ turns[i]))
         parents, rotation, offset, mass, center, inertia = map(np.array, zip(*rows))
-        return Bodies(parents, prismatic, self._order, rotation, offset, mass, center, inertia)
+        return Bodies(parents, prismatic, self._order, rotation, offset, mass, center, inertia,
+                      np.array(model.armature))
+
+    def inertial_parameters(self) -> Array:
+        """
+        Return ten parameters for each joint's body, shape (10 n,), bodies in our order.
+
+        They are mass, first moments, and xx, xy, yy, xz, yz, zz of the inertia about the origin of
+        Pinocchio's frame of the joint.
+        """
+        return np.concatenate([self._model.inertias[int(i) + 1].toDynamicParameters()
+                               for i in self._back])
+
+    def places(self) -> dict[str, tuple[int, Array]]:
+        """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""
+        found = {}
+        for name, frame in ((name, self._model.frames[self._model.getFrameId(f'link {i}')])
+                            for i, name in enumerate(self._links)):
+            if frame.parentJoint:
+                found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
+        return found
 
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""

@@ -37,6 +37,8 @@ class Joint(NamedTuple):
     effort: float
     #: Greatest acceleration and deceleration [rad/s² or m/s²], as URDF 1.2 has them; inf for none.
     acceleration: float
+    #: Inertia of the rotor, reflected to the joint [kg·m² or kg]; no body of the URDF has it.
+    rotor_inertia: float
     mimic: Mimic | None
 
 
@@ -279,6 +281,7 @@ def _joint(element: ET.Element) -> Joint:
                                    for key in ('lower', 'upper', 'velocity', 'effort'))
     acceleration = min(numbers(where, key, limit.get(key, 'inf'), 1, _INF)[0] or _INF
                        for key in ('acceleration', 'deceleration'))
+    rotor_inertia = _rotor_inertia(where, element)
     if kind == 'continuous' or low == high == 0.0:
         low, high = -_INF, _INF
     mimic, follows = None, element.find('mimic')
@@ -286,4 +289,16 @@ def _joint(element: ET.Element) -> Joint:
         (multiplier,) = numbers(where, 'multiplier', follows.get('multiplier', '1'), 1)
         (offset,) = numbers(where, 'offset', follows.get('offset', '0'), 1)
         mimic = Mimic(follows.get('joint', ''), multiplier, offset)
-    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration, mimic)
+    return Joint(name, kind, (low, high), velocity or _INF, effort or _INF, acceleration,
+                 rotor_inertia, mimic)
+
+
+def _rotor_inertia(where: str, joint: ET.Element) -> float:
+    """Return `rotor_inertia` of <dynamics>, 0 without one; it is not in the standard."""
+    dynamics = joint.find('dynamics')
+    if dynamics is None:
+        return 0.0
+    (value,) = numbers(where, 'rotor_inertia', dynamics.get('rotor_inertia', '0'), 1)
+    if value < 0.0:
+        raise CtcError(f'URDF: {where}: rotor_inertia is {value:g}; it must not be negative')
+    return value

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from ctc_chattering.dynamics.urdf_parser import parse_description
+from ctc_chattering.dynamics.urdf_parser import parse_description, Tree
 from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.simulation.motion import Acting, total
@@ -183,6 +183,9 @@ def _specification(mujoco: Any, names: Sequence[str], description: str) -> Any:
                 for child in parent.findall(tag):
                     parent.remove(child)
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding='unicode'))
+        rotors = {name: joint.rotor_inertia for name, joint in Tree(description).joints.items()}
+        for joint in spec.joints:
+            joint.armature = rotors.get(joint.name, 0.0)
     elif root.tag == 'mujoco':
         spec = mujoco.MjSpec.from_string(description)
         mimics = {equality.name1 for equality in spec.equalities

@@ -35,8 +35,10 @@ def branching() -> str:
         link('wrist', 0.5, (0.0, 0.05, 0.1), (0.004, 0.005, 0.006)),
         joint('turn', 'continuous', 'base', 'trunk', skew, '0.1 0 0.5', rpy='0.3 0.2 -0.4'),
         joint('shoulder', 'revolute', 'trunk', 'left', '0 1 0', '0 0.2 0.4', rpy='1 0 0.5'),
-        joint('lift', 'prismatic', 'left', 'slide', '-0.6 0.8 0', '0 0 0.3', rpy='0 0.7 0'),
-        joint('other', 'revolute', 'trunk', 'right', '1 0 0', '0 -0.2 0.4', rpy='0.2 0.1 0'),
+        joint('lift', 'prismatic', 'left', 'slide', '-0.6 0.8 0', '0 0 0.3', rpy='0 0.7 0',
+              more='<dynamics damping="0" rotor_inertia="0.4"/>'),
+        joint('other', 'revolute', 'trunk', 'right', '1 0 0', '0 -0.2 0.4', rpy='0.2 0.1 0',
+              more='<dynamics damping="0" rotor_inertia="0.2"/>'),
         joint('bent', 'revolute', 'right', 'wrist', '0 0 1', '0 0 0.2', rpy='0.4 0 0'),
         joint('held', 'fixed', 'wrist', 'tool', xyz='0 0 0.1', more='', rpy='0 0.3 0')])
 

@@ -14,6 +14,7 @@ from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.simulation.mujoco_plant import MujocoPlant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.simulation.registry import make_plant
 import mujoco
@@ -108,6 +109,24 @@ def test_limits() -> None:
     assert model.effort_limits == (inf, 40.0)
     assert model.velocity_limits == (1.5, inf)
     assert model.position_limits == ((-inf, inf), (-2.0, 3.0))
+
+
+@pytest.mark.parametrize('order', [('a', 'b'), ('b', 'a')])
+def test_a_rotor_is_on_the_diagonal_of_the_mass_matrix(order: tuple[str, str]) -> None:
+    """Inverse and forward dynamics have it too, and MuJoCo's armature is the same."""
+    limit = '<limit effort="0" velocity="1.5"/>'
+    text = two_links().replace(limit, f'{limit}<dynamics damping="0" rotor_inertia="0.3"/>')
+    plain, model = UrdfModel(two_links(), order), UrdfModel(text, order)
+    rotor = np.diag([0.3 if name == 'b' else 0.0 for name in order])
+    for q, _ in states(5):
+        np.testing.assert_allclose(
+            np.subtract(model.mass_matrix(q), plain.mass_matrix(q)), rotor, atol=1e-12)
+    assert all(finding.passed for finding in check_dynamics(model))
+    config = PlantConfig.from_mapping({'joint_names': list(order), 'plant_backend': 'mujoco'})
+    plant = MujocoPlant(config, text)
+    assert plant.mjmodel.dof_armature.tolist() == [0.0, 0.3]
+    with pytest.raises(CtcError, match='joint b: rotor_inertia is -0'):
+        UrdfModel(text.replace('"0.3"', '"-0.3"'), order)
 
 
 def test_prismatic_by_hand() -> None:

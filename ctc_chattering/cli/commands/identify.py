@@ -9,6 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare, write_text, writing
 from ctc_chattering.analysis.result import write_json
+from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_output
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
@@ -21,6 +22,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ctc_chattering.bags.motion import RecordedMotion
+    from ctc_chattering.identification.regression.identify import Identification
+    from ctc_chattering.identification.report.recommendation import Recommendation
     from ctc_chattering.identification.report.results import IdentificationResults
 
 DETAILS = ('From bags of any recorder, with intervals of 95 %. Write identified.yaml, '
@@ -66,6 +69,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--torque-rate', metavar='R',
                         help='rate that the drives allow, one number or one for each joint '
                              '[N·m/s]')
+    parser.add_argument('--trials', type=int, default=24, metavar='N',
+                        help='robots within the intervals on which gains are tried in '
+                             'simulation, 24 by default; 0 for none')
+    parser.add_argument('--seed', type=int, default=1, help='of the trials, 1 by default')
     add_output(parser, 'identified')
 
 
@@ -78,6 +85,8 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.identification.report.results import IdentificationResults
     from ctc_chattering.identification.report.validation import validate
 
+    if options.trials < 0:
+        raise UsageError(f'--trials: {options.trials} is not allowed; allowed: 0 or more')
     description = read_description(options.urdf) if options.urdf else ''
     joints = tuple(filter(None, (options.joints or '').split(',')))
     motions = [read_motion(bag, joints, description, options.states, options.commands)
@@ -90,16 +99,65 @@ def run(options: argparse.Namespace) -> int:
     found = identify(recordings, robot.model, robot.candidates, options.torque or '')
     perturbed = perturbation(found)
     q = np.concatenate([recording.q for recording in recordings])
-    recommended = recommend(found, perturbed, robot.model, q)
+    recommended = recommend(found, perturbed, robot.model, q, rate)
     validation = validate(found, motions[-1].recording, robot.model, robot.candidates
                           ) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
                                     perturbed, recommended, validation, rate)
-    _write(results, robot, q, out)
+    if robot.description:
+        write_text(out / _ROBOT, robot.description)
+    if not _missing(results):
+        results = _tried(results, robot, q, out, options)
+    missing = _missing(results)
+    _write(results, robot, q, out, bool(missing))
     print(results.text())
     print()
+    if missing:
+        print(f'{_VALUES} is not written, since it would have no gains of all joints:')
+        for line in missing:
+            print(f'  {line}')
+        print_page(out / _PAGE)
+        return 1
     print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
     return 0
+
+
+def _missing(report: IdentificationResults) -> list[str]:
+    """Return for each joint that is not usable which gains are missing, and what to record."""
+    from ctc_chattering.identification.report.parameter_values import missing_gains
+    from ctc_chattering.identification.report.verdict import verdicts
+
+    validation, recommended = report.validation, report.recommended
+    more = validation.findings(recommended.ka) if validation else ()
+    return missing_gains(verdicts(report.found, (*recommended.findings, *more)))
+
+
+def _tried(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
+           options: argparse.Namespace) -> IdentificationResults:
+    """Return the results with gains that survive trial runs, which are compiled if they can be."""
+    from ctc_chattering.analysis.compilation import compile_setups
+    from ctc_chattering.identification.report.trial_runs import setups_tried, trial_runs
+
+    if not options.trials:
+        return report
+
+    def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
+        return _values(report.found, recommended, robot, q, out)
+    compile_setups(setups_tried(report.recommended, values), say)
+    tried = trial_runs(report.found, report.run, report.recommended, values, robot.gains,
+                       options.trials, options.seed)
+    return dataclasses.replace(report, recommended=tried)
+
+
+def _values(found: Identification, recommended: Recommendation, robot: _IdentifiedRobot, q: Any,
+            out: Path) -> dict[str, dict[str, Any]]:
+    """Return the values of the parameter file."""
+    from ctc_chattering.identification.report.parameter_values import parameter_values
+
+    shared = dict(robot.shared)
+    if robot.description:
+        shared['description'] = str((out / _ROBOT).resolve())
+    return parameter_values(found, recommended, robot.model, q, shared, robot.gains)
 
 
 def _robot(options: argparse.Namespace, motion: RecordedMotion, description: str
@@ -140,26 +198,23 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
     return tuple(values * n if len(values) == 1 else values)
 
 
-def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path) -> None:
-    """Write all files."""
+def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
+           refused: bool) -> None:
+    """Write all files; the parameter file not if a joint is refused."""
     from ctc_chattering.identification.report.figures import save_identification_figures
-    from ctc_chattering.identification.report.parameter_values import parameter_values
     from ctc_chattering.identification.report.results import write_page
 
-    shared = dict(robot.shared)
-    if robot.description:
-        write_text(out / _ROBOT, robot.description)
-        shared['description'] = str((out / _ROBOT).resolve())
-    values = parameter_values(report.found, report.recommended, robot.model, q, shared,
-                              robot.gains)
-    with writing(out / _VALUES):
-        parameter_file.dump(values, out / _VALUES)
-    try:
-        parameter_file.load(out / _VALUES)
-    except CtcError as error:
-        raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
+    files = {_JSON: 'all numbers'}
+    if not refused:
+        files = {_VALUES: 'parameter file', **files}
+        values = _values(report.found, report.recommended, robot, q, out)
+        with writing(out / _VALUES):
+            parameter_file.dump(values, out / _VALUES)
+        try:
+            parameter_file.load(out / _VALUES)
+        except CtcError as error:
+            raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
     write_json(report.as_mapping(), out / _JSON)
     figures = save_identification_figures(
         report.found, report.run, report.recommended, report.validation, out / _FIGURES)
-    files = {_VALUES: 'parameter file', _JSON: 'all numbers'}
     write_page(report, figures, out / _PAGE, files)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 #: The ten parameters of a body, in Pinocchio's order: mass [kg], first moments [kg·m], and moments
 #: of inertia about the joint's frame [kg·m²].
@@ -16,8 +17,9 @@ class BodyEstimate:
     """
     Parameters of B bodies: links that are fixed to each other are one, in its joint's frame.
 
-    A motion shows fewer combinations than there are parameters. `information` is 0 along what it
-    does not show, and `value` is `prior` there.
+    Body i is the one that joint i of n carries, B = n. With the inertias of the rotors there are
+    P = 10 B + R parameters, R = n or 0. A motion shows fewer combinations of them. `information`
+    is 0 along what it does not show, and `value` is `prior` there.
 
     Attributes
     ----------
@@ -26,10 +28,15 @@ class BodyEstimate:
     prior, value : ndarray, shape (B, 10)
         `PARAMETERS` of the model, and those that fit the motion best; nothing makes these belong
         to a body.
-    information : ndarray, shape (10 B, 10 B)
-        Normal matrix of the parameters, row by row, without what friction explains: with the
-        parameters x, twice the logarithm of the likelihood ratio is
+    information : ndarray, shape (P, P)
+        Normal matrix of the parameters, row by row, and of the rotors after them, without what
+        friction explains: with all parameters x, twice the logarithm of the likelihood ratio is
         (x - value)ᵀ information (x - value). [1/(kg, kg·m, kg·m²)²]
+    rotor_prior, rotor : ndarray, shape (R,)
+        Inertias of rotors, reflected to the joints: of the model, and those that fit [kg·m²].
+    torque : ndarray, shape (n, P, P)
+        Mean over the motion of the products of the columns of each joint's torque: a change d of
+        the parameters changes its root mean square by √(dᵀ torque d). Empty where unknown.
 
     """
 
@@ -37,3 +44,16 @@ class BodyEstimate:
     prior: Array
     value: Array
     information: Array
+    rotor_prior: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    rotor: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    torque: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 0)))
+
+    @property
+    def known(self) -> Array:
+        """Return the parameters of the model, shape (P,)."""
+        return np.concatenate((self.prior.ravel(), self.rotor_prior))
+
+    @property
+    def found(self) -> Array:
+        """Return the parameters that fit the motion best, shape (P,)."""
+        return np.concatenate((self.value.ravel(), self.rotor))

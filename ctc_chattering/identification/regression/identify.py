@@ -10,6 +10,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.body_estimate import BodyEstimate
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
+from ctc_chattering.identification.regression.effort_side import torque_sides
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.intervals import correlation_length
@@ -20,6 +21,7 @@ from ctc_chattering.identification.regression.least_squares import (
     TermKind,
 )
 from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.residual_tests import tested, Unexplained
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
 from ctc_chattering.identification.regression.selection import select, Selected
 from ctc_chattering.identification.regression.sensor_noise import (
@@ -30,6 +32,7 @@ from ctc_chattering.identification.regression.sensor_noise import (
 )
 from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has
 from ctc_chattering.identification.regression.weak_form import TestFunction
+from ctc_chattering.identification.regression.window_states import WindowStates
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -114,6 +117,10 @@ class Identification:
         Rate limit of each drive [N·m/s].
     side : {'', 'motor', 'link', 'current'}
         What the effort is.
+    states : WindowStates or None
+        Motion in the windows.
+    unexplained : tuple of (Unexplained or None), length n
+        What the residuals depend on.
 
     """
 
@@ -138,10 +145,12 @@ class Identification:
     bodies: BodyEstimate | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
     side: str = ''
+    states: WindowStates | None = None
+    unexplained: tuple[Unexplained | None, ...] = ()
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '') -> Identification:
+             source: str = '', side: str = '') -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -155,11 +164,14 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         Errors of it that are looked for.
     source : {'', 'command', 'effort'}
         Where torques are taken from; empty for the one that explains the motion better.
+    side : {'', 'motor', 'link', 'current'}
+        What the effort is; empty for a guess, 'motor' for currents that were converted.
 
     Raises
     ------
     CtcError
-        If the recordings do not belong together, are too short, or no joint moves.
+        If the recordings do not belong together, are too short, no joint moves, or
+        `torque_sides` refuses the torques.
 
     """
     period = _common_period(recordings)
@@ -175,20 +187,22 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     if not any((part.way != 0.0).sum() for part in rows):
         raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
                        f'{2 * phi.half * period:g} s in one direction')
-    parts, rows, found = _timed(parts, rows, phi, source, recordings[0].name)
+    joints = recordings[0].joints
+    sides = torque_sides(parts, rows, phi, joints, side, source)
+    parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
     profile = Profile(parts, rows, found.source, phi)
     data = profile.windows(found)
-    joints = recordings[0].joints
     selected = select(data, joints, [candidate.name for candidate in candidates])
     noise, lag = velocity_noise(recordings[0], period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
-    return Identification(
+    return tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, [_friction(selected, i) for i in range(len(joints))],
         list(_errors(selected, candidates)), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration)
+        selected, base, weight, duration, sides.findings, side=sides.side),
+        WindowStates.of(parts, rows, phi))
 
 
 def _common_period(recordings: Sequence[Recording]) -> float:

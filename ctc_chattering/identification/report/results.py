@@ -91,6 +91,7 @@ class IdentificationResults:
         yield 'Chattering term', list(self.recommended.verdicts)
         yield 'Gains', [f'{name} = {shown(value)}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
+        yield 'Trial runs', list(self.recommended.trials) or ['not tried']
         if self.validation:
             yield f'Validation on {self.validation.name}', [
                 ('holds: ' if good else 'FAILS: ') + text
@@ -123,7 +124,7 @@ class IdentificationResults:
         for joint, friction in zip(self.found.joints, self.found.friction):
             offset = friction.offset
             if offset.value is not None and abs(offset.value) > max(
-                    offset.half, _OFFSET * abs(friction.coulomb.or_zero())):
+                    offset.half, _OFFSET * abs(friction.coulomb.value or 0.0)):
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
         yield from self.found.left
@@ -171,6 +172,7 @@ class IdentificationResults:
             'torque_steps_nm': {k: v.tolist() for k, v in recommended.steps.items()},
             'recommended': {name: {'value': value, 'reason': why}
                             for name, (value, why) in recommended.values.items()},
+            'trial_runs': list(self.recommended.trials),
             'validation': self.validation and [
                 {'holds': good, 'reason': text} for good, text in self.validation.verdicts(
                     found.joints, _ka(recommended))]}
