@@ -1,0 +1,58 @@
+"""A joint whose numbers cannot be right is refused with its reason; others stay usable."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any, cast
+
+from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
+from ctc_chattering.identification.regression.identify import Identification, JointFriction
+from ctc_chattering.identification.report.verdict import verdicts
+import numpy as np
+import pytest
+
+NONE = Estimate.none('none shows')
+GOOD = JointFriction(Estimate(5.0, 0.01, 'N*m'), Estimate(5.0, 0.01), Estimate(5.0, 0.01),
+                     Estimate(0.0, 0.01), Estimate(1.0, 0.01), NONE, NONE, NONE)
+
+
+def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command',
+         findings: tuple[Finding, ...] = ()) -> Identification:
+    """Return what `verdicts` reads of an identification of two joints."""
+    timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
+    return cast(Identification, SimpleNamespace(
+        joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings))
+
+
+def test_a_joint_without_findings_is_usable() -> None:
+    assert [str(x) for x in verdicts(made())] == ['usable'] * 2
+
+
+@pytest.mark.parametrize('change, lag, source, severity, reason', [
+    ({'coulomb': Estimate(-3.8, 0.1, 'N*m')}, 0.0, 'command', Severity.REFUSED, '-3.8'),
+    ({'coulomb': Estimate(-0.05, 0.1, 'N*m')}, 0.0, 'command', Severity.CARE, 'no friction'),
+    ({'coulomb': Estimate(0.0, 0.003, 'N*m')}, 0.0, 'effort', Severity.REFUSED, 'gear'),
+    ({'coulomb': Estimate.none('b hardly moves')}, 0.0, 'command', Severity.REFUSED, 'excite'),
+    ({'viscous': Estimate(-1.0, 0.1)}, 0.0, 'command', Severity.REFUSED, 'viscous'),
+    ({'viscous': Estimate(-0.05, 0.1)}, 0.0, 'command', Severity.NOTE, ''),
+    ({'offset': Estimate(4.0, 0.1)}, 0.0, 'command', Severity.CARE, 'directions'),
+    ({'stribeck_velocity': Estimate(0.005, 0.1)}, 0.0, 'command', Severity.CARE, 'Stribeck'),
+    ({}, 0.0389, 'command', Severity.REFUSED, '0.0389 s')])
+def test_numbers_beyond_physical_bounds(change: dict[str, Any], lag: float, source: str,
+                                        severity: Severity, reason: str) -> None:
+    first, second = verdicts(made(dataclasses.replace(GOOD, **change), lag, source))
+    assert first.severity == Severity.NOTE
+    assert second.severity == severity
+    assert reason in str(second)
+    assert second.usable == (severity < Severity.REFUSED)
+
+
+def test_the_worst_finding_decides_and_only_its_like_are_reasons() -> None:
+    findings = (Finding(Severity.CARE, ALL_JOINTS, 'jitter', 'use stamps'),
+                Finding(Severity.REFUSED, 1, 'backlash'), Finding(Severity.NOTE, 0, 'a note'))
+    first, second = verdicts(made(findings=findings), [Finding(Severity.REFUSED, 1, 'second')])
+    assert str(first) == 'usable with care: jitter; use stamps'
+    assert str(second) == 'not usable: backlash; second'
+    assert [x.severity for x in second.findings] == [2, 2, 1]

@@ -1,0 +1,266 @@
+"""The faults of real arms by name, each drawn by a seed, and a recording with its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import dataclasses
+from typing import Any
+
+from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.trajectory.waypoints import Route
+from faulty_robots import Faulty, plain, Played, played, recording_of
+from identified_robots import arm, motion
+import numpy as np
+from rigid_bodies import Array
+
+Rng = np.random.Generator
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """
+    A robot with a fault, and how it is recorded.
+
+    Attributes
+    ----------
+    robot : Faulty
+        The truth.
+    effort : str
+        What the states have: none, motor, or link.
+    alter : callable, optional
+        What the recorder makes of the recording.
+    bag : bool
+        Whether it must go through a bag with receive jitter.
+
+    """
+
+    robot: Faulty
+    effort: str = 'none'
+    alter: Callable[[Recording], Recording] | None = None
+    bag: bool = False
+
+
+def case(name: str, fault: str, seed: int, duration: float = 25.0) -> Case:
+    """Return a robot with a fault of `FAULTS`."""
+    rng = np.random.default_rng((seed, 4))
+    robot = plain(name, seed)
+    found = FAULTS[fault](robot, rng, duration)
+    return found if isinstance(found, Case) else Case(
+        found, ('none', 'motor')[int(rng.integers(2))])
+
+
+def recorded(one: Case, seed: int, duration: float = 25.0, route: Route | None = None
+             ) -> tuple[Played, Recording]:
+    """Return what a case does in the motion of its arm, or another, and the recording of it."""
+    seen = played(one.robot, route or motion(arm(one.robot.name), duration, seed), seed)
+    recording = recording_of(one.robot, seen, one.effort)
+    return seen, one.alter(recording) if one.alter else recording
+
+
+def sizes(robot: Faulty) -> Array:
+    """Return a torque of each joint that tells strong from weak ones [N·m]."""
+    return np.asarray(robot.physics.coulomb.mean() * 0.5 + robot.physics.coulomb * 0.5, float)
+
+
+def _plain(robot: Faulty, _rng: Rng, _duration: float) -> Faulty:
+    return robot
+
+
+def _link_torque(robot: Faulty, rng: Rng, duration: float) -> Case:
+    return Case(_rotor(robot, rng, duration), 'link')
+
+
+def _stamps_back(robot: Faulty, rng: Rng, duration: float) -> Case:
+    at = rng.uniform(0.3, 0.7) * duration
+
+    def alter(x: Recording) -> Recording:
+        return dataclasses.replace(x, t=np.where(x.t > at, x.t - 0.35, x.t))
+    return Case(robot, 'none', alter)
+
+
+def _load_light(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    load = np.zeros(robot.n)
+    load[0 if robot.name in ('panda', 'ur5') else -1] = rng.uniform(0.05, 0.15)
+    load[-1] = rng.uniform(0.05, 0.15)
+    return robot.with_physics(load=load)
+
+
+def _scale_one(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    scale = np.ones(robot.n)
+    scale[rng.integers(robot.n)] = 0.95
+    return robot.with_physics(scale=scale)
+
+
+def _scale_all(robot: Faulty, _rng: Rng, _duration: float) -> Faulty:
+    return robot.with_physics(scale=0.95)
+
+
+def _rotor(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    return robot.with_physics(rotor=rng.uniform(0.02, 0.08, robot.n) * sizes(robot))
+
+
+def _tilt(robot: Faulty, rng: Rng, _duration: float, degrees: float = 5.0) -> Faulty:
+    way, angle = rng.uniform(0.0, 2.0 * np.pi), np.radians(degrees)
+    gravity = 9.81 * np.array([np.sin(angle) * np.cos(way), np.sin(angle) * np.sin(way),
+                               -np.cos(angle)])
+    return robot.with_bodies(gravity=gravity)
+
+
+def _centres(robot: Faulty, rng: Rng, _duration: float, size: float = 0.015) -> Faulty:
+    shift = rng.normal(size=(robot.n, 3))
+    shift *= size / np.linalg.norm(shift, axis=1)[:, None]
+    return robot.with_bodies(centre=robot.physics.bodies.centre + shift)
+
+
+def _heavier(robot: Faulty, body: int, mass: float, place: Array) -> Faulty:
+    """Return a robot with a point mass at a place in the frame of a joint."""
+    one = robot.physics.bodies
+    masses, centres, inertias = one.mass.copy(), one.centre.copy(), one.inertia.copy()
+    masses[body] += mass
+    centres[body] = (one.mass[body] * one.centre[body] + mass * place) / masses[body]
+    for m, away in ((one.mass[body], one.centre[body] - centres[body]),
+                    (mass, place - centres[body])):
+        inertias[body] = inertias[body] + m * (away @ away * np.eye(3) - np.outer(away, away))
+    return robot.with_bodies(mass=masses, centre=centres, inertia=inertias)
+
+
+def _forearm(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    body = {'panda': 3, 'ur5': 2}.get(robot.name, robot.n - 1)
+    return _heavier(robot, body, 1.0, robot.physics.bodies.centre[body]
+                    + rng.uniform(-0.05, 0.05, 3))
+
+
+def _payload(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    place = robot.physics.bodies.centre[-1] * rng.uniform(1.0, 2.0)
+    return _heavier(robot, robot.n - 1, rng.uniform(0.5, 2.0), place)
+
+
+def _springs(robot: Faulty, rng: Rng, gap: float, stiffness: float) -> Faulty:
+    rotor = rng.uniform(0.02, 0.08, robot.n) * sizes(robot)
+    stiff = stiffness * rng.uniform(0.7, 1.5, robot.n) * sizes(robot)
+    robot = robot.with_physics(
+        rotor=rotor, stiffness=stiff, damping=2e-4 * stiff, gap=gap)
+    return dataclasses.replace(robot, physics=robot.physics._replace(elastic=np.ones(1, int)))
+
+
+def _backlash(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    return _springs(robot, rng, 2e-3, 10_000.0)
+
+
+def _elastic(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    return _springs(robot, rng, 0.0, 2_000.0)
+
+
+def _delay_lag(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    robot = robot.with_physics(lag=rng.uniform(0.3e-3, 3e-3, robot.n))
+    return Case(dataclasses.replace(robot, delay=int(rng.integers(3))), bag=True)
+
+
+def _slow_loop(robot: Faulty, _rng: Rng, _duration: float) -> Case:
+    return Case(dataclasses.replace(robot.with_physics(lag=3.8e-3), delay=1, period=4e-3),
+                bag=True)
+
+
+def _rate(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    """Return drives that are too slow for the noise of the commands, but not for the motion."""
+    seen = played(robot, motion(arm(robot.name), 6.0, 0), 0)
+    fast = np.percentile(np.abs(np.diff(seen.command, axis=0)), 99.0, axis=0) / robot.period
+    return robot.with_physics(rate=rng.uniform(0.6, 1.0, robot.n) * fast)
+
+
+def _stribeck(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    return robot.with_physics(stribeck=rng.uniform(0.2, 0.6, robot.n) * robot.physics.coulomb,
+                              stribeck_speed=rng.uniform(0.02, 0.1, robot.n))
+
+
+def _load(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    return robot.with_physics(load=rng.uniform(0.03, 0.12, robot.n))
+
+
+def _offset(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    return robot.with_physics(offset=rng.uniform(-0.2, 0.2, robot.n) * robot.physics.coulomb)
+
+
+def _ripple(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    return robot.with_physics(
+        ripple=rng.uniform(0.1, 0.25, robot.n), waves=rng.uniform(4.0, 60.0, robot.n),
+        phase=rng.uniform(0.0, 2.0 * np.pi, robot.n),
+        cogging=rng.uniform(0.03, 0.08, robot.n) * robot.physics.coulomb)
+
+
+def _drift(robot: Faulty, rng: Rng, duration: float) -> Faulty:
+    return robot.with_physics(drift=rng.uniform(0.2, 0.4, robot.n), drift_time=0.6 * duration)
+
+
+def _wrong_order(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    order = np.arange(robot.n)
+    i = int(rng.integers(robot.n - 1))
+    order[[i, i + 1]] = order[[i + 1, i]]
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        return dataclasses.replace(x, command=x.command[:, order])
+    return Case(robot, 'none', alter)
+
+
+def _gravity_inside(robot: Faulty, _rng: Rng, _duration: float) -> Faulty:
+    return robot.with_physics(helped=1.0)
+
+
+def _currents(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    per_ampere = rng.uniform(50.0, 150.0, robot.n) * rng.uniform(0.03, 0.1, robot.n)
+    alone = bool(rng.integers(2))
+
+    def alter(x: Recording) -> Recording:
+        assert x.effort is not None
+        return dataclasses.replace(
+            x, effort=x.effort / per_ampere, command=None if alone else x.command)
+    return Case(robot, 'motor', alter)
+
+
+def _encoders(robot: Faulty, _rng: Rng, _duration: float) -> Faulty:
+    one = np.ones(robot.n)
+    return dataclasses.replace(robot, encoder=1e-4 * one, position_noise=5e-5 * one,
+                               velocity_noise=1e-2 * one)
+
+
+def _everything(robot: Faulty, rng: Rng, duration: float) -> Case:
+    robot = _rotor(robot, rng, duration)
+    robot = _centres(_tilt(robot, rng, duration, 0.5), rng, duration, 0.003)
+    robot = robot.with_bodies(mass=robot.physics.bodies.mass * rng.uniform(0.97, 1.03, robot.n))
+    coulomb = robot.physics.coulomb
+    robot = robot.with_physics(
+        scale=rng.uniform(0.97, 1.03, robot.n), load=rng.uniform(0.0, 0.03, robot.n),
+        stribeck=rng.uniform(0.0, 0.2, robot.n) * coulomb, stribeck_speed=0.05,
+        offset=rng.uniform(-0.05, 0.05, robot.n) * coulomb, ripple=0.04,
+        waves=rng.uniform(4.0, 60.0, robot.n), cogging=0.02 * coulomb, drift=0.05,
+        drift_time=0.6 * duration, lag=rng.uniform(0.3e-3, 1.5e-3, robot.n))
+    noise = np.full(robot.n, 1e-5)
+    return Case(dataclasses.replace(robot, delay=1, encoder=2.0 * noise, position_noise=noise),
+                'motor')
+
+
+Made = Callable[[Faulty, Rng, float], 'Faulty | Case']
+#: What may be wrong, by name.
+FAULTS: Mapping[str, Made] = {
+    'plain': _plain, 'link_torque': _link_torque, 'stamps_back': _stamps_back,
+    'load_light': _load_light, 'scale_one': _scale_one, 'scale_all': _scale_all,
+    'rotor': _rotor, 'tilt': _tilt, 'centres': _centres, 'forearm': _forearm,
+    'payload': _payload, 'backlash': _backlash, 'elastic': _elastic, 'delay_lag': _delay_lag,
+    'slow_loop': _slow_loop, 'rate': _rate, 'stribeck': _stribeck, 'load': _load,
+    'offset': _offset, 'ripple': _ripple, 'drift': _drift, 'wrong_order': _wrong_order,
+    'gravity_inside': _gravity_inside, 'currents': _currents, 'encoders': _encoders,
+    'everything': _everything}
+
+
+def truths(one: Case, duration: float) -> dict[str, Any]:
+    """Return the true numbers of each joint by name, as lowest and highest over the run."""
+    x = one.robot.physics
+    warm = 1.0 + np.outer((1.0, np.exp(-duration / x.drift_time.max())), x.drift)
+    found = {'coulomb': warm * x.coulomb, 'forwards': warm * (x.coulomb + x.offset),
+             'backwards': warm * (x.coulomb - x.offset),
+             'viscous': x.viscous, 'stribeck': x.stribeck, 'load': x.load,
+             'stribeck_velocity': x.stribeck_speed, 'scale': x.scale, 'rotor': x.rotor,
+             'rate': x.rate, 'lag': x.lag}
+    return {name: np.sort(np.broadcast_to(value, (2, one.robot.n)), axis=0)
+            for name, value in found.items()} | {'delay': one.robot.delay}
