@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test suite compiled test-load slow lint compare benchmark map-benchmark latency live-cost soak identification clean
+.PHONY: demo live test suite compiled test-load slow lint compare benchmark map-benchmark latency live-cost soak identification faults clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -86,6 +86,11 @@ soak: $(READY)
 SEEDS ?= 20
 identification: $(READY)
 	PYTHONPATH=test/support $(BIN)/python test/identification/study.py --seeds $(SEEDS) $(ARGS)
+
+# The table of robots with the faults of real arms, of an independent plant; hours.
+# ARGS='--only panda,tilt' for some, --rows FILE to go on with another file.
+faults: $(READY)
+	PYTHONPATH=test/support $(BIN)/python test/identification/faults.py --seeds $(SEEDS) $(ARGS)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml

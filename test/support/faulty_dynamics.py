@@ -279,9 +279,9 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
         Positions, velocities and accelerations.
     noise : ndarray, shape (N, 2, n)
         Of positions, before they are quantised by `resolution`, and of velocities.
-    out : ndarray, shape (N, 6, n)
+    out : ndarray, shape (N, 8, n)
         Measured positions and velocities, torques of the drives and through the gears, commands,
-        true velocities.
+        true positions, velocities and accelerations.
 
     """
     n = len(plant.coulomb)
@@ -293,7 +293,8 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
             if resolution[i] > 0.0:
                 q = resolution[i] * np.floor(q / resolution[i] + 0.5)
             out[k, 0, i], out[k, 1, i] = q, now.v[i] + noise[k, 1, i]
-            out[k, 2, i], out[k, 3, i], out[k, 5, i] = now.torque[i], now.through[i], now.v[i]
+            out[k, 2, i], out[k, 3, i] = now.torque[i], now.through[i]
+            out[k, 5, i], out[k, 6, i], out[k, 7, i] = now.x[i], now.v[i], now.a[i]
         if plant.helped.any():
             dynamics(nominal, out[k, 0], still, mass, weight)
         dynamics(nominal, out[k, 0], out[k, 1], mass, bias)

@@ -170,8 +170,8 @@ class Played(NamedTuple):
         As measured.
     drive, link, command : ndarray, shape (N, n)
         Torque of the drives, torque behind the gears, and that commanded at a sample [N·m].
-    velocity, wanted : ndarray, shape (N, n)
-        True velocities, and positions asked for.
+    position, velocity, acceleration, wanted : ndarray, shape (N, n)
+        The truth, and positions asked for.
 
     """
 
@@ -181,8 +181,21 @@ class Played(NamedTuple):
     drive: Array
     link: Array
     command: Array
+    position: Array
     velocity: Array
+    acceleration: Array
     wanted: Array
+
+    def perturbation(self, nominal: Bodies) -> Array:
+        """Return torque of the drives less inverse dynamics, means of 20 samples [N·m]."""
+        n = self.q.shape[1]
+        mass, bias, found = np.empty((n, n)), np.empty(n), self.drive.copy()
+        for k, (q, dq, ddq) in enumerate(zip(self.position, self.velocity, self.acceleration)):
+            dynamics(nominal, q, dq, mass, bias)
+            found[k] -= mass @ ddq + bias
+        whole = len(found) // 20
+        mean: Array = found[:20 * whole].reshape(whole, 20, n).mean(axis=1)
+        return mean
 
 
 def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | None = None
@@ -193,18 +206,21 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
     rng = np.random.default_rng((seed, 3))
     noise = rng.normal(size=(len(wanted), 2, n)) * np.array(
         [robot.position_noise, robot.velocity_noise])
-    late = robot.period * (1 + robot.delay) + float(robot.physics.lag.max())
-    kv = min(60.0, 0.2 / late)
-    kp, kv = gains or (0.25 * kv * kv, kv)
+    kp, kv = gains or lab_gains(robot)
     steps = round(np.ceil(robot.period / _STEP))
-    out = np.empty((len(wanted), 6, n))
+    out = np.empty((len(wanted), 8, n))
     play(robot.physics, state_of(robot, wanted[0, 0]), robot.nominal,
          np.array([[kp] * n, [kv] * n]), wanted, noise, np.array(robot.encoder, float),
          robot.period, steps, out)
-    q, dq, drive, link, command, velocity = out.transpose(1, 0, 2)
     t: Array = robot.period * np.arange(len(wanted), dtype=float)
-    return Played(t, q, dq, drive, link, command, velocity,
-                  wanted[:, 0])
+    return Played(t, *out.transpose(1, 0, 2), wanted[:, 0])  # type: ignore[call-arg]
+
+
+def lab_gains(robot: Faulty) -> tuple[float, float]:
+    """Return kp [1/s²] and kv [1/s] that a lab would have, with what it knows of its delays."""
+    late = robot.period * (1 + robot.delay) + float(robot.physics.lag.max())
+    kv = min(60.0, 0.2 / late)
+    return 0.25 * kv * kv, kv
 
 
 def sampled(route: Route, period: float) -> Array:

@@ -37,9 +37,10 @@ def torques(values: Array, names: Sequence[str] = ()) -> Any:
     return _TYPES['std_msgs/msg/Float64MultiArray'](layout=layout, data=np.array(values, float))
 
 
-def write(path: Path, messages: Sequence[tuple[str, int, Any]]) -> Path:
+def write(path: Path, messages: Sequence[tuple[str, int, Any]],
+          storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
     """Write messages (topic, log time [ns], message) into a bag."""
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(path, version=9, storage_plugin=storage) as writer:
         connections: dict[str, Any] = {}
         for topic, t, message in messages:
             kind = message.__msgtype__

@@ -19,13 +19,15 @@ import numpy as np
 import numpy.typing as npt
 
 #: Deviations beyond which a lag or a rate limit, and a delay, is excluded.
-_CLEAR, _CLEAR_DELAY = 2.5, 3.0
+_CLEAR, _CLEAR_DELAY = 2.5, 2.5
 #: Lags of a search.
 _FINE = 160
 #: What a lag costs, as the logarithm of some hundred independent windows.
 _PER_LAG = 7.0
 #: Least ratio of neighbouring rate limits, and those of the search, from coarse to fine.
 _RATIOS = (2.0, 2.0 ** 0.25, 2.0 ** 0.0625)
+#: Rate limits among those that are possible.
+_WITHIN = 7
 #: Coarse rate limits, at most, and the first one, in fastest changes of the commands: within a
 #: period a limit shows beyond these.
 _COARSE, _FIRST = 16, 16.0
@@ -61,14 +63,13 @@ class DriveSet:
 class _Point:
     """The best lag of a joint with a delay, a shift and a rate limit, and what it leaves."""
 
-    rest: Array
+    rest: npt.NDArray[np.float32]
     lag: float
-    level: int
 
     @property
     def squares(self) -> float:
         """Return the sum of squares [(N·m)²]."""
-        return float(self.rest.dot(self.rest))
+        return float(np.square(self.rest, dtype=float).sum())
 
 
 class DriveSearch:
@@ -90,7 +91,7 @@ class DriveSearch:
         self._scan, self._n = scan, len(moving)
         self._shifts = list(shifts)
         self._joints: list[int] = np.flatnonzero(moving).tolist()
-        self._levels: list[Level] = []
+        self._rates: list[Array] = []
         last = scan.delays[-1]
         self._delays = [d for d in scan.delays if d >= 0 and all(
             scan.delays[0] <= d + s <= last for s in self._shifts)]
@@ -99,29 +100,31 @@ class DriveSearch:
             (i, d, s): [] for i in self._joints for d in self._delays for s in self._shifts}
         self._noise: dict[int, float] = {}
         self._allowed: list[tuple[int, float]] = []
-        self._add(np.full(self._n, np.inf))
+        self._unlimited = self._add(np.full(self._n, np.inf))
 
-    def _add(self, rate: Array) -> None:
+    def _add(self, rate: Array) -> Level:
         """Add a vector of rate limits, shape (n,) [N·m/s]."""
-        self._levels.append(self._scan.level(rate))
+        level = self._scan.level(rate)
+        self._rates.append(level.rate)
         for (i, delay, shift), points in self._tried.items():
-            points.append(self._best_lag(len(self._levels) - 1, i, delay + shift))
+            points.append(self._best_lag(level, i, delay + shift))
         for i in self._joints:
             best = min((self._best(i, d, s) for d in self._delays for s in self._shifts),
                        key=lambda p: p.squares)
             mean = max(best.squares / len(best.rest), self._scan.noise_floor[i], 1e-300)
-            self._noise[i] = mean * correlation_length(best.rest)
+            self._noise[i] = mean * correlation_length(best.rest.astype(float))
         self._allowed = self._now_allowed()
+        return level
 
-    def _best_lag(self, which: int, i: int, delay: float) -> _Point:
+    def _best_lag(self, level: Level, i: int, delay: float) -> _Point:
         """Return the best lag of joint i with a delay."""
-        level, lags = self._levels[which], self._coarse
+        lags = self._coarse
         for _ in range(2):
             weights = self._scan.weights(delay, lags)
             k = int(np.argmin(np.einsum('tc,cd,td->t', weights, level.products[i], weights)))
             lag = float(lags[k])
             lags = np.linspace(lags[max(k - 1, 0)], lags[min(k + 1, len(lags) - 1)], 40)
-        return _Point(level.rest[i] @ weights[k], lag, which)
+        return _Point((level.rest[i] @ weights[k]).astype(np.float32), lag)
 
     def _best(self, i: int, delay: int, shift: float) -> _Point:
         """Return the best rate limit and lag of joint i."""
@@ -129,7 +132,7 @@ class DriveSearch:
 
     def _excess(self, i: int, best: Array, other: Array) -> tuple[float, float, Array]:
         """Return δ·δ, r0·δ and the latter in blocks, over the noise of joint i."""
-        delta = other - best
+        delta = other.astype(float) - best
         product = best * delta
         noise = self._noise[i]
         return (float(delta.dot(delta)) / noise, float(product.sum()) / noise,
@@ -159,40 +162,37 @@ class DriveSearch:
         """Return the sum of squares of all joints over their noise."""
         return sum(p.squares / self._noise[i] for i, p in zip(self._joints, points))
 
-    def lags(self, i: int, delay: int, shifts: Sequence[float]) -> tuple[float, float, float]:
+    def _lags(self, i: int, delay: int, shifts: Sequence[float], levels: Sequence[Level]
+              ) -> tuple[float, float, float]:
         """Return the lowest, best and highest lag of joint i with a delay [s]."""
-        best = min((self._best(i, delay, s) for s in shifts), key=lambda p: p.squares)
-        ends = [best.lag]
-        for shift in shifts:
-            points = self._tried[i, delay, shift]
-            mine = self._best(i, delay, shift)
-            levels = [0] if self._possible(i, mine.rest, points[0].rest) else [
-                k for k, p in enumerate(points) if self._possible(i, mine.rest, p.rest)]
-            for level in levels:
-                ends += self._lag_ends(i, delay + shift, mine, points[level])
+        limited = np.isfinite(levels[-1].rate[i])
+        points = [self._best(i, delay, s) if limited else self._tried[i, delay, s][0]
+                  for s in shifts]
+        best = min(points, key=lambda p: p.squares)
+        ends = [best.lag, *(x for shift, point in zip(shifts, points)
+                            for level in (levels if limited else levels[:1])
+                            for x in self._lag_ends(i, delay + shift, point, level))]
         low = min(ends)
         return low, 0.0 if low == 0.0 else best.lag, max(ends)
 
-    def _lag_ends(self, i: int, delay: float, best: _Point, around: _Point) -> list[float]:
+    def _lag_ends(self, i: int, delay: float, best: _Point, level: Level) -> list[float]:
         """Return the lowest and the highest possible lag of joint i at a rate limit."""
-        level = self._levels[around.level]
-        products = best.rest[:, None] * level.rest[i]
-        blocks = np.add.reduceat(products, self._scan.blocks[i], axis=0)
-        own = np.add.reduceat(np.square(best.rest), self._scan.blocks[i])
-        noise, ends = self._noise[i], []
-        for grid in (self._coarse, None):
-            if grid is None:
-                step = float(np.interp(max(ends), self._coarse[1:], np.diff(self._coarse)))
-                grid = np.linspace(max(min(ends) - 2.0 * step, 0.0), min(
-                    max(ends) + 2.0 * step, self._coarse[-1]), 2 * _FINE)
+        rest = best.rest.astype(float)
+        blocks = np.add.reduceat(rest[:, None] * level.rest[i], self._scan.blocks[i], axis=0)
+        own = np.add.reduceat(np.square(rest), self._scan.blocks[i])
+        noise, grid = self._noise[i], self._coarse
+        for _ in range(2):
             weights = self._scan.weights(delay, grid)
             along = (weights @ blocks.T - own) / noise
             power = (np.einsum('tc,cd,td->t', weights, level.products[i], weights)
                      - own.sum()) / noise - 2.0 * along.sum(axis=1)
             inside = grid[_deviations(np.maximum(power, 0.0), along.sum(axis=1),
                                       np.square(along).sum(axis=1)) <= _CLEAR]
-            ends = [around.lag, *([inside.min(), inside.max()] if len(inside) else [])]
-        return [float(x) for x in ends]
+            ends = [float(x) for x in (inside.min(), inside.max())] if len(inside) else [best.lag]
+            step = float(np.interp(ends[-1], self._coarse[1:], np.diff(self._coarse)))
+            grid = np.linspace(max(ends[0] - 2.0 * step, 0.0), min(
+                ends[-1] + 2.0 * step, float(self._coarse[-1])), 2 * _FINE)
+        return ends if len(inside) else []
 
     def _rate_possible(self, i: int, level: int) -> bool:
         """Return whether a rate limit of joint i may be the true one."""
@@ -215,7 +215,7 @@ class DriveSearch:
         out = np.zeros(self._n)
         for _ in range(_COARSE if self._joints else 0):
             self._add(rate)
-            last = len(self._levels) - 1
+            last = len(self._rates) - 1
             out += [i in self._joints and not self._rate_possible(i, last)
                     for i in range(self._n)]
             if (out[self._joints] >= 2).all():
@@ -229,7 +229,7 @@ class DriveSearch:
         """Return rate limits around the bounds and the best one of each joint."""
         wanted: list[list[float]] = [[] for _ in range(self._n)]
         for i in self._joints:
-            low, best, high = self.rate(i)
+            low, best, high = self._rate(i)
             around = [low] if np.isinf(best) else [low, best / ratio ** 4, best, high / ratio ** 4]
             wanted[i] = sorted({x * ratio ** k for x in around for k in range(1, 4)
                                 if 0.0 < x < np.inf})
@@ -237,35 +237,66 @@ class DriveSearch:
         return [np.array([x[k] if k < len(x) else np.inf for x in wanted])
                 for k in range(longest)]
 
-    def rate(self, i: int) -> tuple[float, float, float]:
-        """Return the lowest, best and highest rate limit of joint i [N·m/s]."""
-        best = min((self._best(i, d, s) for d, s in self._allowed), key=lambda p: p.squares)
-        rates = np.array([level.rate[i] for level in self._levels])
+    def _rate(self, i: int) -> tuple[float, float, float]:
+        """
+        Return the lowest, best and highest rate limit of joint i [N·m/s].
+
+        Those that are excluded next to them count as the ends.
+        """
+        points = [min((self._tried[i, d, s][k] for d, s in self._allowed),
+                      key=lambda p: p.squares) for k in range(len(self._rates))]
+        rates = np.array([rate[i] for rate in self._rates])
         order = np.argsort(rates, kind='stable')
         good = np.flatnonzero([self._rate_possible(i, int(k)) for k in order])
+        best = rates[min(range(len(rates)), key=lambda k: points[k].squares)]
         rates = rates[order]
         low = float(rates[good[0] - 1]) if good[0] else 0.0
         if np.isinf(rates[good[-1]]):
             return low, np.inf, np.inf
-        return low, float(self._levels[best.level].rate[i]), float(rates[good[-1] + 1])
+        return low, float(best), float(rates[good[-1] + 1])
 
-    def found(self) -> DriveSet:
-        """Return the set."""
-        allowed = self._allowed
+    def _rate_table(self, fastest: Array | None) -> Array:
+        """Return the lowest, best and highest rate limit of each joint, shape (3, n) [N·m/s]."""
+        rate = np.tile(np.array([[0.0], [np.inf], [np.inf]]), self._n)
+        for i in self._joints if fastest is not None else ():
+            rate[:, i] = self._rate(i)
+            if fastest is not None and rate[0, i] >= fastest[i]:
+                rate[:, i] = fastest[i], np.inf, np.inf
+        return rate
+
+    def found(self, fastest: Array | None = None) -> DriveSet:
+        """
+        Return the set.
+
+        Parameters
+        ----------
+        fastest : ndarray, shape (n,), optional
+            Fastest changes of the commands [N·m/s]; a rate limit beyond it does not show.
+
+        """
+        levels = [self._unlimited]
+        rate = self._rate_table(fastest)
+        if np.isfinite(rate[2]).any():
+            low, _, high = rate
+            shown = np.isfinite(high) & (low > 0.0)
+            levels = [self._add(np.where(
+                shown, low * (np.where(shown, high, 1.0) / np.where(shown, low, 1.0)) ** part,
+                np.inf))
+                      for part in np.linspace(0.0, 1.0, _WITHIN)]
+            rate = self._rate_table(fastest)
         delays, cost = {}, {}
-        for delay in sorted({d for d, _ in allowed}):
-            shifts = [s for d, s in allowed if d == delay]
+        for delay in sorted({d for d, _ in self._allowed}):
+            shifts = [s for d, s in self._allowed if d == delay]
             delays[delay] = np.zeros((3, self._n))
             for i in self._joints:
-                delays[delay][:, i] = self.lags(i, delay, shifts)
+                delays[delay][:, i] = self._lags(i, delay, shifts, levels)
             cost[delay] = _PER_LAG * int((delays[delay][1] > 0.0).sum()) + min(
                 self._cost([self._best(i, delay, s) for i in self._joints]) for s in shifts)
-        rate = np.tile(np.array([[0.0], [np.inf], [np.inf]]), self._n)
         misfit = np.zeros(self._n)
         for i in self._joints:
-            rate[:, i] = self.rate(i)
-            rest = min((self._best(i, d, s) for d, s in allowed), key=lambda p: p.squares).rest
-            misfit[i] = float(rest.dot(rest)) / len(rest)
+            rest = min((self._best(i, d, s) for d, s in self._allowed),
+                       key=lambda p: p.squares).rest
+            misfit[i] = float(np.square(rest, dtype=float).sum()) / len(rest)
         return DriveSet(delays, min(cost, key=lambda d: cost[d], default=0), rate, misfit)
 
 

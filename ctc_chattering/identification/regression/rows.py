@@ -18,6 +18,7 @@ from ctc_chattering.identification.regression.weak_form import (
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+import numpy.typing as npt
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
 STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
@@ -83,6 +84,11 @@ class Rows:
                    np.stack(more, axis=2) if more else np.empty((*sides[0].shape, 0)),
                    phi.sums(moved, phi.at, centres), np.stack(columns, axis=2),
                    dynamics.weight(phi, centres))
+
+    def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
+        """Return some windows of a stretch from which the samples before `first` are cut off."""
+        mine = {field.name: getattr(self, field.name)[use] for field in dataclasses.fields(self)}
+        return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
 def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:

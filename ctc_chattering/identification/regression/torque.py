@@ -15,7 +15,7 @@ from scipy.signal import lfilter  # type: ignore[import-untyped]
 COMMAND, EFFORT = 'command', 'effort'
 #: Samples that are computed one by one, all parts of a stretch at once; time before [s], and the
 #: fewest samples, after which it does not matter where they began.
-_CHUNK, _BEFORE, _FEWEST_BEFORE = 200, 0.15, 60
+_CHUNK, _BEFORE, _FEWEST_BEFORE = 400, 0.5, 60
 #: Torques that are computed at once.
 _AT_ONCE = 1e6
 #: In place of no rate limit [N·m/s].

@@ -1,0 +1,142 @@
+"""
+The table of faults: robots of an independent plant with what real arms have, identified.
+
+For each fault and robot: the share of 95 % intervals that hold among joints that are usable, the
+wrong numbers that nothing warns of, whether ka holds |P| in an unseen motion as fast as the limits
+allow, and how much better the recommended gains are there than `compensation` with those of the
+run.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import defaultdict
+from collections.abc import Iterator
+import json
+from pathlib import Path
+import traceback
+from typing import Any
+
+from ctc_chattering.identification.report.parameter_values import parameter_values
+from faults_of_arms import Case, case, FAULTS, recorded
+from faulty_robots import lab_gains, played
+from identification_judge import judged, model_of, Outcome, outcome
+import numpy as np
+from unseen_motion import config_of, fast, tracked
+
+#: Robots of the table.
+ROBOTS = ('two_link', 'two_link_urdf', 'panda', 'ur5')
+#: Duration of the unseen motion before it is made faster [s].
+_UNSEEN = 10.0
+
+
+def row(robot: str, fault: str, seed: int, duration: float, gains: bool = True
+        ) -> dict[str, Any]:
+    """Return what is found of one robot with one fault."""
+    one = case(robot, fault, seed, duration)
+    seen, recording = recorded(one, seed, duration)
+    if not np.isfinite(seen.q).all():
+        return {'robot': robot, 'fault': fault, 'seed': seed, 'lost': 'the plant diverged'}
+    made = outcome(one, recording, seed)
+    found = {'robot': robot, 'fault': fault, 'seed': seed,
+             **judged(one, fault, seen, made, duration)}
+    if made.recommended is not None and gains:
+        found.update(tried(one, made, recording.q, seed))
+    return found
+
+
+def tried(one: Case, made: Outcome, q: Any, seed: int) -> dict[str, Any]:
+    """Return what the recommended gains are worth in an unseen motion."""
+    assert made.found is not None and made.recommended is not None
+    robot = one.robot
+    route = fast(robot, _UNSEEN, seed)
+    clean = np.array([int(x) < 2 for x in made.severity])
+    peak = np.abs(played(robot, route, seed).perturbation(robot.nominal)).max(axis=0)
+    ka = np.array(made.recommended.values['ka'][0], float)
+    found = {'ka_over_peak': (ka / peak)[clean & np.isfinite(ka)].round(3).tolist()}
+    values = parameter_values(made.found, made.recommended, model_of(one), q, {}, None
+                              )['controller']
+    if not clean.all():
+        return found
+    kp, kv = lab_gains(robot)
+    n = [1.0] * robot.n
+    before = config_of(robot, {'law': 'compensation', 'kp': [kp * x for x in n],
+                               'kv': [kv * x for x in n]})
+    rms = [tracked(robot, model_of(one), config, route, seed)
+           for config in (before, config_of(robot, values))]
+    with np.errstate(all='ignore'):
+        better = rms[0] / rms[1]
+    return {**found, 'law': made.recommended.law,
+            'better': np.nan_to_num(better, nan=0.0).round(2).tolist()}
+
+
+def table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the lines of the table in Markdown."""
+    yield ('| fault | robot | runs | joints usable, with care, not | intervals that hold | wrong '
+           'without a warning | ka over unseen peak | better: least, median |')
+    yield '|---|---|---|---|---|---|---|---|'
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    for one in rows:
+        groups[one['fault'], one['robot']].append(one)
+    order = {fault: k for k, fault in enumerate(FAULTS)}
+    for key in sorted(groups, key=lambda x: (order[x[0]], x[1])):
+        yield f'| {" | ".join((*key, *_cells(groups[key])))} |'
+    if rows:
+        yield f'| {" | ".join(("all", "", *_cells(rows)))} |'
+
+
+def _cells(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the cells of one line."""
+    yield str(len(rows)) + ''.join(
+        f', {name} {count}' for name in ('lost', 'failed')
+        if (count := sum(name in one for one in rows)))
+    rows = [one for one in rows if 'wrong' in one]
+    yield ', '.join(str(sum(one[name] for one in rows)) for name in ('usable', 'care', 'refused'))
+    held = [x for one in rows for x in one['held']]
+    yield f'{100.0 * np.mean(held):.0f} % of {len(held)}' if held else ''
+    wrong = [x for one in rows for x in one['wrong']]
+    yield f'**{len(wrong)}** in {sum(bool(one["wrong"]) for one in rows)}' if wrong else '0'
+    ratio = [x for one in rows for x in one.get('ka_over_peak', [])]
+    yield (f'{min(ratio):.2f} to {max(ratio):.2f}, below 1: {sum(x < 1.0 for x in ratio)}'
+           if ratio else '')
+    better = [x for one in rows for x in one.get('better', [])]
+    yield f'{min(better):.2g}, {np.median(better):.2g}' if better else ''
+
+
+def main() -> None:
+    """Run what was not run yet, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seeds', type=int, default=20)
+    parser.add_argument('--first', type=int, default=0)
+    parser.add_argument('--duration', type=float, default=25.0)
+    parser.add_argument('--only', default='', metavar='A,B',
+                        help='faults and robots, with commas; of both kinds, those of both')
+    parser.add_argument('--without-gains', action='store_true', help='do not try the gains')
+    parser.add_argument('--rows', type=Path, default=Path('faults.jsonl'),
+                        help='where outcomes are added, one a line; those there are not run again')
+    options = parser.parse_args()
+    only = set(filter(None, options.only.split(',')))
+    if unknown := only - {*FAULTS, *ROBOTS}:
+        parser.error(f'--only: {", ".join(sorted(unknown))} is not allowed; allowed: '
+                     f'{", ".join((*FAULTS, *ROBOTS))}')
+    rows = [json.loads(line) for line in options.rows.read_text().splitlines()
+            ] if options.rows.exists() else []
+    done = {(one['robot'], one['fault'], one['seed']) for one in rows}
+    for key in ((robot, fault, seed)
+                for seed in range(options.first, options.first + options.seeds)
+                for fault in (only & {*FAULTS} or FAULTS) for robot in ROBOTS
+                if not only & {*ROBOTS} or robot in only):
+        if key in done:
+            continue
+        try:
+            rows.append(row(*key, options.duration, not options.without_gains))
+        except Exception:  # A defect of what is judged: it is in the table.
+            rows.append({**dict(zip(('robot', 'fault', 'seed'), key)),
+                         'failed': traceback.format_exc()})
+        with options.rows.open('a') as file:
+            file.write(json.dumps(rows[-1]) + '\n')
+    print('\n'.join(table(rows)))
+
+
+if __name__ == '__main__':
+    main()

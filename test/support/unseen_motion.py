@@ -1,0 +1,77 @@
+"""An unseen motion as fast as the limits allow, and how recommended gains do in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.trajectory.waypoints import Route
+from faulty_robots import description, Faulty, Plant, sampled
+from identified_robots import arm, motion
+import numpy as np
+import pinocchio as pin
+from rigid_bodies import Array, dynamics
+
+#: Parts of the limits of velocity and torque that the motion takes, and its most times faster.
+_PART, _FASTER = 0.9, 2.5
+#: Error at which a run has failed [rad].
+_FAILED = 1.5
+
+
+def fast(robot: Faulty, duration: float, seed: int) -> Route:
+    """Return a motion that was not recorded, faster until a limit is reached."""
+    route = motion(arm(robot.name), duration, seed + 500)
+    model: Any = pin.buildModelFromXML(description(robot.name))
+    at = [model.joints[model.getJointId(name)].idx_v for name in robot.joints]
+    speed, torque = model.velocityLimit[at], model.effortLimit[at]
+    speed = np.where(speed > 0.0, speed, np.inf)
+    torque = np.where(torque > 0.0, torque, np.inf)
+    q, dq, ddq = sampled(route, 0.01).transpose(1, 0, 2)
+    times = float(np.clip((_PART * speed / np.abs(dq).max(axis=0)).min(), 1.0, _FASTER))
+    while times > 1.0 and (_torque(robot, q, times * dq, times ** 2 * ddq)
+                           > _PART * torque).any():
+        times = max(1.0, 0.9 * times)
+    points = [(a, tuple(times * x for x in b), tuple(times ** 2 * x for x in c))
+              for a, b, c in route.points]
+    return Route(route.names, [round(t / times) for t in route.times], points)
+
+
+def _torque(robot: Faulty, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the largest torque of each joint with friction [N·m]."""
+    n = robot.n
+    mass, bias, most = np.empty((n, n)), np.empty(n), np.zeros(n)
+    for x, v, a in zip(q, dq, ddq):
+        dynamics(robot.nominal, x, v, mass, bias)
+        most = np.maximum(most, np.abs(mass @ a + bias))
+    found: Array = most + robot.physics.coulomb + robot.physics.viscous * np.abs(dq).max(axis=0)
+    return found
+
+
+def tracked(robot: Faulty, model: Model, config: ControllerConfig, route: Route, seed: int
+            ) -> Array:
+    """Return the RMS error of each joint under a law of this package; nan where it fails."""
+    wanted = sampled(route, robot.period)
+    plant = Plant(robot, wanted[0, 0], seed)
+    controller = Controller(config, model)
+    delay, rows = config.input_delay, wanted.tolist()
+    rows += rows[-1:] * (delay + 1)
+    total = np.zeros(robot.n)
+    for k in range(len(wanted)):
+        q, dq = plant.measured()
+        sample = controller.try_step(q.tolist(), dq.tolist(), *rows[k], rows[k + 1:k + 1 + delay])
+        error = plant.state.x[:robot.n] - wanted[k, 0]
+        if sample is None or not (np.abs(error) < _FAILED).all():
+            return np.full(robot.n, np.nan)
+        total += np.square(error)
+        plant.step(sample.tau)
+    found: Array = np.sqrt(total / len(wanted))
+    return found
+
+
+def config_of(robot: Faulty, values: dict[str, Any]) -> ControllerConfig:
+    """Return the controller of a parameter file's values."""
+    return ControllerConfig.from_mapping({
+        'joint_names': list(robot.joints), 'control_period': robot.period,
+        'model': 'urdf' if arm(robot.name).urdf else 'two_link', **values})
+
