@@ -9,6 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare, write_text, writing
 from ctc_chattering.analysis.result import write_json
+from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_output
 from ctc_chattering.cli.presentation import print_page
@@ -115,21 +116,20 @@ def run(options: argparse.Namespace) -> int:
     if missing:
         print(f'{_VALUES} is not written, since it would have no gains of all joints:')
         for line in missing:
-            print(f'  {line}')
+            print('\n'.join(paragraph(line)))
         print_page(out / _PAGE)
-        return 1
-    print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
+    else:
+        print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
+    if not any(x.usable for x in results.verdicts):
+        raise CtcError(f'no joint is usable: why, and what to record, is in {out / _PAGE}')
     return 0
 
 
 def _missing(report: IdentificationResults) -> list[str]:
     """Return for each joint that is not usable which gains are missing, and what to record."""
     from ctc_chattering.identification.report.parameter_values import missing_gains
-    from ctc_chattering.identification.report.verdict import verdicts
 
-    validation, recommended = report.validation, report.recommended
-    more = validation.findings(recommended.ka) if validation else ()
-    return missing_gains(verdicts(report.found, (*recommended.findings, *more)))
+    return missing_gains(report.verdicts)
 
 
 def _tried(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,

@@ -38,6 +38,10 @@ class Cause(NamedTuple):
         What to record or to give.
     columns : ndarray, shape (K, p)
         In the windows in which the joint slides.
+    variable : ndarray, shape (K,)
+        What a figure shows the torque against.
+    unit : str
+        Of that.
 
     """
 
@@ -45,6 +49,8 @@ class Cause(NamedTuple):
     points_to: str
     cure: str
     columns: Array
+    variable: Array
+    unit: str
 
 
 def causes(found: Identification, states: WindowStates, i: int) -> Iterator[Cause]:
@@ -54,32 +60,37 @@ def causes(found: Identification, states: WindowStates, i: int) -> Iterator[Caus
     speed, load = np.abs(data.velocity[used, i]), np.abs(found.base[used, i])
     turn = np.column_stack((np.sin(q), np.cos(q), np.sin(2.0 * q), np.cos(2.0 * q), q, q * q))
     yield Cause('position', 'a weight, spring, cable or cogging that the model lacks',
-                'correct the model', turn)
+                'correct the model', turn, q, 'rad')
     yield Cause('position and direction', 'friction that depends on the position',
-                'record the positions that you will use', turn * way[:, None])
+                'record the positions that you will use', turn * way[:, None], q, 'rad')
     yield Cause('speed', 'a law of friction that is not Coulomb, viscous and Stribeck',
-                'record the speeds that you will use', _kinks(speed) * way[:, None])
+                'record the speeds that you will use', _kinks(speed) * way[:, None],
+                way * speed, 'rad/s')
     yield Cause('acceleration', 'an inertia of rotor or link that the model lacks, or a lag of '
                 'the drive', 'correct the inertia in the model',
                 np.column_stack((states.acceleration[used, i],
-                                 (found.base - found.weight)[used, i])))
+                                 (found.base - found.weight)[used, i])),
+                states.acceleration[used, i], 'rad/s²')
     yield Cause('the way since a reversal', 'backlash, an elastic joint, or friction that builds '
                 f'up over a way (looked for up to {BUILD_UP[-1]:g} rad)',
-                'reduce the backlash, or measure behind the elasticity', states.build_up[used, i])
+                'reduce the backlash, or measure behind the elasticity', states.build_up[used, i],
+                states.way[used, i], 'rad')
     late = (t - t.min()) / max(float(np.ptp(t)), 1e-9)
     thirds = np.eye(3)[np.minimum((3.0 * late).astype(int), 2)]
     yield Cause('time', 'friction that drifts, with temperature say',
                 'warm the robot up, and record a shorter run',
-                np.column_stack((thirds, thirds * way[:, None])))
+                np.column_stack((thirds, thirds * way[:, None])), t, 's')
     yield Cause('the load', 'friction that depends on the load',
                 'record the load that you will have',
-                np.column_stack((way * load, way * load * speed)))
+                np.column_stack((way * load, way * load * speed)), load, 'N·m')
     others = [k for k in range(len(found.joints)) if k != i]
     if others:
         torque = (found.base + data.residual)[used][:, others]
+        largest = int(np.argmax(np.square(torque).sum(axis=0)))
         yield Cause('the torques of other joints', 'coupled joints, or sensors of torque that '
                     'mix axes', 'check --joints and the calibration of the torques',
-                    np.column_stack((torque, states.acceleration[used][:, others])))
+                    np.column_stack((torque, states.acceleration[used][:, others])),
+                    torque[:, largest], 'N·m')
 
 
 def _kinks(speed: Array) -> Array:
@@ -121,7 +132,7 @@ def periodic(found: Identification, states: WindowStates, i: int, residual: Arra
         return None, len(orders)
     return Cause('the angle of the joint, periodically', f'ripple of motor or gear with about '
                  f'{best:.3g} periods in a turn', 'compensate the ripple',
-                 _waves(best, q, speed, way)), len(orders)
+                 _waves(best, q, speed, way), q, 'rad'), len(orders)
 
 
 def _left(order: float, speed: Array) -> Array:

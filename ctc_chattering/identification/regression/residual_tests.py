@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Part by which friction may be off without care, and above which the joint is refused.
 NEGLIGIBLE, TOO_MUCH = 0.02, 0.3
+#: Part of the worst effect below which another one is not named.
+_MINOR = 0.2
 #: Peak of an unexplained torque over its RMS: a ramp has 1.7.
 _PEAK = 2.0
 #: Probability by chance below which a dependence counts.
@@ -53,15 +55,20 @@ class Effect(NamedTuple):
         RMS of the torque that it explains [N·m].
     shift : ndarray, shape (p,)
         Change of the coefficients of the friction with it.
-    gain : float
-        How much more of the squares it explains than by chance.
+    before, torque : ndarray, shape (K,)
+        What was left without it, and what it explains of that [N·m].
 
     """
 
     cause: Cause
     size: float
     shift: Array
-    gain: float
+    before: Array
+    torque: Array
+
+    def off(self, whole: Unexplained) -> float:
+        """Return by which part the friction may be off with it."""
+        return whole.part(_PEAK * self.size + float(np.abs(self.shift[:2]).max(initial=0.0)))
 
 
 class Unexplained(NamedTuple):
@@ -82,6 +89,15 @@ class Unexplained(NamedTuple):
     effects: tuple[Effect, ...]
     rest: float
     friction: float
+
+    def part(self, size: float) -> float:
+        """Return a torque as a part of the friction."""
+        return size / max(self.friction, 1e-300)
+
+    def shown(self) -> Effect | None:
+        """Return the largest effect, if it is worth to be named."""
+        first = next(iter(self.effects), None)
+        return first if first and first.off(self) > NEGLIGIBLE else None
 
     @property
     def off(self) -> float:
@@ -120,8 +136,7 @@ def effect(cause: Cause, friction: Array, residual: Array, tried: int = 1) -> Ef
         return None
     whole = columns @ (v.T @ (found / s))
     shift = np.linalg.lstsq(friction, residual - whole, rcond=1e-9)[0]
-    return Effect(cause, float(np.sqrt(power / len(residual))), shift,
-                  power / max(chance, 1e-300))
+    return Effect(cause, float(np.sqrt(power / len(residual))), shift, residual, u @ found)
 
 
 def _scaled(columns: Array) -> Array:
@@ -191,16 +206,16 @@ def tested(found: Identification, states: WindowStates) -> Identification:
 
 def _findings(i: int, left: Unexplained) -> Iterator[Finding]:
     """Yield what a joint depends on that the model lacks."""
-    level = max(left.friction, 1e-300)
+    worst = max((x.off(left) for x in left.effects), default=0.0)
     for x in left.effects:
-        off = (_PEAK * x.size + float(np.abs(x.shift[:2]).max())) / level
-        if off > NEGLIGIBLE:
-            yield Finding(_severity(off), i, f'{x.size / level:.1%} of the friction, {x.size:.2g} '
-                          f'N*m RMS, depends on {x.cause.against}: {x.cause.points_to}; friction '
-                          f'may be off by {off:.0%}', x.cause.cure)
-    off = _PEAK * left.rest / level
+        off = x.off(left)
+        if off > max(NEGLIGIBLE, _MINOR * worst):
+            yield Finding(_severity(off), i, f'{left.part(x.size):.1%} of the friction, '
+                          f'{x.size:.2g} N*m RMS, depends on {x.cause.against}: '
+                          f'{x.cause.points_to}; friction may be off by {off:.0%}', x.cause.cure)
+    off = left.part(_PEAK * left.rest)
     if off > NEGLIGIBLE:
-        yield Finding(_severity(off), i, f'{left.rest / level:.1%} of the friction, '
+        yield Finding(_severity(off), i, f'{left.part(left.rest):.1%} of the friction, '
                       f'{left.rest:.2g} N*m RMS, is not explained and correlates in time; '
                       f'friction may be off by {off:.0%}',
                       'look at the figure of what is not explained')

@@ -15,6 +15,10 @@ WORDS = {Severity.NOTE: 'usable', Severity.CARE: 'usable with care',
          Severity.REFUSED: 'not usable'}
 #: Part of the Coulomb friction by which both directions may differ before care is due.
 _UNEVEN = 0.5
+#: Half an interval of Coulomb friction as a part of it, above which care is due.
+_WIDE = 0.2
+#: Friction as a part of the load that gears do not have, and that no gear has.
+_MUCH_LOAD, _TOO_MUCH_LOAD = 0.25, 0.5
 #: Part of the range of Stribeck velocities that counts as its end.
 _END = 0.97
 #: A longer lag is none of a drive that takes torques; the scan goes on to 39 ms [s].
@@ -61,6 +65,22 @@ class Verdict(NamedTuple):
         """Return the verdict with its reasons."""
         return ': '.join([self.word, *(['; '.join(self.reasons)] if self.reasons else [])])
 
+    def own(self) -> tuple[Finding, ...]:
+        """Return what was noticed of this joint, without notes."""
+        return tuple(x for x in self.findings
+                     if x.joint != ALL_JOINTS and x.severity > Severity.NOTE)
+
+    def apart(self) -> str:
+        """Return the verdict, without the reasons that hold for all joints."""
+        return str(self._replace(findings=self.own()))
+
+
+def of_all_joints(verdicts: Sequence[Verdict], severity: Severity) -> list[str]:
+    """Return what was noticed for all joints, with this severity."""
+    found = dict.fromkeys(x for verdict in verdicts for x in verdict.findings
+                          if x.joint == ALL_JOINTS and x.severity == severity)
+    return [f'{x.reason}; {x.cure}' if x.cure else x.reason for x in found]
+
 
 def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdict]:
     """
@@ -97,19 +117,26 @@ def _bounds(found: Identification) -> Iterator[Finding]:
 
 def _friction_bounds(i: int, friction: JointFriction, source: str) -> Iterator[Finding]:
     """Yield which numbers of the friction of a joint cannot be."""
-    coulomb, viscous, offset = friction.coulomb, friction.viscous, friction.offset
+    coulomb, offset, load = friction.coulomb, friction.offset, friction.load
     if coulomb.value is None:
         yield Finding(Severity.REFUSED, i, coulomb.reason, _EXCITE)
         return
-    for name, number in (('Coulomb', coulomb), ('viscous', viscous), ('Stribeck',
-                                                                      friction.stribeck)):
+    for name, number in (('Coulomb', coulomb), ('viscous', friction.viscous),
+                         ('Stribeck', friction.stribeck)):
         if number.value is not None and number.value + number.half < 0.0:
             yield Finding(Severity.REFUSED, i, f'{name} friction is {number}; it cannot be below '
                           '0, so the model or the torque is wrong', 'check URDF and torque')
+    if load.value is not None and load.value > _MUCH_LOAD:
+        yield Finding(Severity.REFUSED if load.value > _TOO_MUCH_LOAD else Severity.CARE, i,
+                      f'friction would be {load.value:.0%} of the load: with so little weight and '
+                      'inertia, friction and load look the same', 'record it with a payload')
     if abs(coulomb.value) <= coulomb.half:
         severity = Severity.REFUSED if source == EFFORT else Severity.CARE
         yield Finding(severity, i, f'no friction shows: Coulomb friction is {coulomb}',
                       'say where the torque is measured; behind the gear friction is not in it')
+    elif coulomb.half > _WIDE * abs(coulomb.value):
+        yield Finding(Severity.CARE, i, f'Coulomb friction is known to {coulomb} only',
+                      'record a longer motion')
     elif offset.value is not None and abs(offset.value) - offset.half > _UNEVEN * coulomb.value:
         yield Finding(Severity.CARE, i, f'both directions differ by twice {offset}, Coulomb '
                       f'friction is {coulomb}: more likely a constant torque that the model '
