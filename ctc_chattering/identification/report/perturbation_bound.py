@@ -32,6 +32,8 @@ class PerturbationBound(NamedTuple):
     ----------
     ka, peak : ndarray
         The gain, and the largest |P| it is for.
+    fastest : FastestPerturbation
+        As fast as the limits allow.
     reason : str
         The parts.
     findings : tuple of Finding
@@ -41,6 +43,7 @@ class PerturbationBound(NamedTuple):
 
     ka: Array
     peak: Array
+    fastest: FastestPerturbation
     reason: str
     findings: tuple[Finding, ...]
 
@@ -53,8 +56,8 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     peak = np.maximum(recorded, fastest.peak)
     effort = fastest.limits.effort
     ka = np.array([_rounded_up(MARGIN * p) for p in peak])
-    return PerturbationBound(np.minimum(ka, effort), peak, _reason(fastest, recorded, peak),
-                             tuple(_beyond(peak, ka, effort)))
+    return PerturbationBound(np.minimum(ka, effort), peak, fastest,
+                             _reason(fastest, recorded, peak), tuple(_beyond(peak, ka, effort)))
 
 
 def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array) -> str:

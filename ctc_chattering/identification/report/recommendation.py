@@ -124,7 +124,7 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
     period = found.clock.period
     noise = _noise_torque(found, model, positions)
     bound = perturbation_bound(found, run, model, corrected)
-    ka, peak, drives = bound.ka, bound.peak, torque_rate(found, run, rate)
+    ka, peak, drives = bound.ka, bound.peak, torque_rate(found, bound.fastest.change, rate)
     texts, allowed = [], []
     for name, k, p, w in zip(found.joints, ka, peak, noise):
         fits = bool(w <= (k - p) / _ROOM * 1.001)
