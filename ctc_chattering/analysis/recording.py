@@ -126,6 +126,8 @@ class Stretch:
         Positions [rad].
     effort, command : ndarray, shape (N, n), or None
         Torques [N·m].
+    late : tuple of (float, float)
+        Samples by which commands may be later than they stand here, at least and at most.
 
     """
 
@@ -134,6 +136,14 @@ class Stretch:
     q: Array
     effort: Array | None
     command: Array | None
+    late: tuple[float, float] = (0.0, 0.0)
+
+    def cut(self, first: int, last: int) -> Stretch:
+        """Return its samples from `first` to before `last`."""
+        effort, command = (None if x is None else x[first:last]
+                           for x in (self.effort, self.command))
+        return dataclasses.replace(self, t0=self.t0 + self.period * first,
+                                   q=self.q[first:last], effort=effort, command=command)
 
     @property
     def t(self) -> Array:
