@@ -28,7 +28,12 @@ from ctc_chattering.identification.regression.sensor_noise import (
     Clock,
     clock,
     encoder_step,
+    stamp_findings,
     velocity_noise,
+)
+from ctc_chattering.identification.regression.timing_findings import (
+    rate_limits,
+    timing_findings,
 )
 from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has
 from ctc_chattering.identification.regression.weak_form import TestFunction
@@ -40,6 +45,8 @@ import numpy as np
 _BETTER = 0.5
 #: Part that the weight or the inertial torque may be off by without being named.
 _LEFT = 0.01
+#: Part of a period by which rounding it may move the last sample.
+_ROUNDED = 0.1
 #: Shortest recording that is used [s].
 _SHORTEST = 2.0
 
@@ -196,12 +203,16 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     noise, lag = velocity_noise(recordings[0], period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
+    late = parts[0].late
+    findings = (*stamp_findings(recordings), *timing_findings(found, joints, late),
+                *sides.findings)
     return tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, [_friction(selected, i) for i in range(len(joints))],
         list(_errors(selected, candidates)), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration, sides.findings, side=sides.side),
+        selected, base, weight, duration, findings, rate=rate_limits(found, joints),
+        side=sides.side),
         WindowStates.of(parts, rows, phi))
 
 
@@ -217,7 +228,8 @@ def _common_period(recordings: Sequence[Recording]) -> float:
                            f'{first.name}: {first.period:.4g} s')
     period = first.period
     nearest = round(period * 1e6) * 1e-6
-    return nearest if abs(nearest - period) < 1e-3 * period else period
+    # Rounded only where the grid does not drift from the stamps by that.
+    return nearest if abs(nearest - period) * len(first.t) < _ROUNDED * period else period
 
 
 def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: str, name: str

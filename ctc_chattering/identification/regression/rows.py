@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.analysis.recording import Indices, Stretch
+from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.weak_form import (
     Dynamics,

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.analysis.recording import Indices
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

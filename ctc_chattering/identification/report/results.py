@@ -15,6 +15,10 @@ from ctc_chattering.analysis.tables import columns, Table
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.timing_findings import (
+    drives_in_words,
+    lag_in_words,
+)
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.validation import Validation
@@ -63,11 +67,12 @@ class IdentificationResults:
             ['joint', *(name for _, name in _FRICTION)],
             *([joint, *(str(getattr(friction, key)) for key, _ in _FRICTION)]
               for joint, friction in zip(joints, found.friction))]
-        _, lag, error = found.timing.drive
         yield 'Sensors and drives', [
-            ['joint', 'encoder step', 'velocity noise', 'lag of the velocity', 'lag of the drive'],
-            *([joint, str(a), str(b), str(c), _lag(t, e)] for joint, a, b, c, t, e in zip(
-                joints, found.encoder, found.noise, found.velocity_lag, lag, error))]
+            ['joint', 'encoder step', 'velocity noise', 'lag of the velocity', 'lag of the drive',
+             'rate of the drive'],
+            *([joint, str(a), str(b), str(c), lag_in_words(found.timing, i), str(found.rate[i])]
+              for i, (joint, a, b, c) in enumerate(zip(
+                  joints, found.encoder, found.noise, found.velocity_lag)))]
         whole, rest = self.run.misfit()
         yield 'Perturbation', [
             ['joint', 'largest |P| [N*m]', 'ka [N*m]', 'RMS P [N*m]', 'unexplained [N*m]'],
@@ -110,10 +115,8 @@ class IdentificationResults:
         if not isfinite(delay):
             yield 'delay not identifiable: no commanded torque in the bag'
         elif len(timing.delays) > 1:
-            yield 'delay not identifiable; the motion fits as well to ' + '; to '.join(
-                f'{delay} sample{"s"[:delay != 1]} with '
-                + (f'lags of {shown(lags.tolist())} s' if lags.any() else 'no lag')
-                for delay, lags in timing.delays.items())
+            yield ('delay and lag are not told apart; the motion fits to '
+                   + drives_in_words(timing, self.found.joints))
         else:
             yield f'delay of the torque: {int(delay)} samples'
         yield f'torques are taken from the {timing.source}'
@@ -156,8 +159,10 @@ class IdentificationResults:
             'torque_from': timing.source,
             'delay_samples': int(delay) if isfinite(delay) and len(timing.delays) == 1
             else None,
-            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags.tolist()}
+            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags[1].tolist(),
+                                 'actuator_lag_interval_95_s': lags[[0, 2]].T.tolist()}
                                 for delay, lags in timing.delays.items()],
+            'torque_rate_limit_nm_per_s': [x.as_mapping() for x in found.rate],
             'actuator_lag_s': lag.tolist(), 'actuator_lag_error_s': error.tolist(),
             'friction': [{name: x.as_mapping() for name, x in vars(friction).items()}
                          for friction in found.friction],
@@ -219,10 +224,3 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
 def _ka(recommended: Recommendation) -> list[float]:
     """Return ka of each joint [N·m]."""
     return [float(x) for x in np.asarray(recommended.values['ka'][0], float)]
-
-
-def _lag(lag: float, error: float) -> str:
-    """Return the lag of a drive in words."""
-    if not isfinite(error):
-        return 'not identifiable'
-    return f'{lag:.4g} ± {2.0 * error:.1g} s' if lag else f'none, within {2.0 * error:.1g} s'

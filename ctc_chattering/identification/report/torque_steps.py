@@ -100,7 +100,7 @@ def _noticed(needed: Array, known: Array, value: Array) -> Iterator[Finding]:
 
 def longest_lag(found: Identification) -> Array:
     """Return the longest lag of each drive that is possible, shape (n,) [s]."""
-    possible = list(found.timing.delays.values()) or [found.timing.drive[1]]
+    possible = [lags[2] for lags in found.timing.delays.values()] or [found.timing.drive[1]]
     largest: Array = np.max(possible, axis=0)
     return largest
 

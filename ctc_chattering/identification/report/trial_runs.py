@@ -136,9 +136,8 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping
 
     """
     rng = np.random.default_rng(seed)
-    _, lag, error = found.timing.drive
-    drives = list(found.timing.delays.items()) or [(plant['input_delay'], lag)]
-    error = np.where(np.isfinite(error), error, 0.0)
+    lag = found.timing.drive[1]
+    drives = list(found.timing.delays.items()) or [(plant['input_delay'], np.tile(lag, (3, 1)))]
     part = _model_part(found)
     for k in range(count):
         # Corners of model and friction, for every delay in turn; then within the intervals.
@@ -147,7 +146,7 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping
         model, friction = (2 * (signs & 1) - 1, (signs & 2) - 1) if corner else rng.uniform(
             -1.0, 1.0, 2)
         samples, lags = drives[which]
-        late = np.maximum(np.array(lags) + 2.0 * error * rng.uniform(-1.0, 1.0, len(lag)), 0.0)
+        late = lags[0] + (lags[2] - lags[0]) * rng.uniform(size=len(lag))
         scale = 1.0 + part * float(model)
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {friction:+.2g} of its interval')
