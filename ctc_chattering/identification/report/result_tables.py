@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import isfinite
 
 from ctc_chattering.analysis.number_format import with_interval
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.timing_findings import lag_in_words
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.verdict import Verdict
@@ -47,8 +47,8 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
             for joint, good, *cells in zip(joints, usable, *columns))]
     yield 'Friction', rows([name for _, name in FRICTION], *(
         [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
-    _, lag, error = found.timing.drive
-    sensors = rows(['lag of the drive [s]'], list(map(_lag, lag, error)))
+    sensors = rows(['lag of the drive'], [
+        lag_in_words(found.timing, i) for i in range(len(joints))])
     yield 'Sensors and drives', [
         ['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]',
          *sensors[0][1:]],
@@ -95,10 +95,3 @@ def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]
         for reason, names in reasons.items():
             own = reason.removeprefix(f'{joint} ')
             yield f'{joint}, {", ".join(names)}: not identifiable: {own}'
-
-
-def _lag(lag: float, error: float) -> str:
-    """Return the lag of a drive in words."""
-    if not isfinite(error):
-        return NO_NUMBER
-    return f'{lag:.4g} ± {2.0 * error:.1g}' if lag else f'none, within {2.0 * error:.1g}'
