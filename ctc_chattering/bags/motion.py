@@ -22,8 +22,8 @@ from ctc_chattering.bags.signals import (
     MULTI_ARRAY,
     Signal,
     Signals,
-    STATE_FIELDS,
     SignalTopic,
+    STATE_FIELDS,
 )
 from ctc_chattering.bags.topics import BagTopics
 from ctc_chattering.control.controller import ControllerConfig
@@ -156,8 +156,8 @@ class _MotionTopics(BagTopics):
                                f'those of {" or ".join(map(str, fit))}: --commands TOPIC')
         return None
 
-    def _joints(self, controller: ControllerConfig | None, states: SignalTopic, orders: SignalTopic | None,
-                description: str) -> tuple[str, ...]:
+    def _joints(self, controller: ControllerConfig | None, states: SignalTopic,
+                orders: SignalTopic | None, description: str) -> tuple[str, ...]:
         """Return the joints where none are asked for."""
         if controller is not None:
             return tuple(controller.joint_names)

@@ -111,7 +111,8 @@ class Signals:
         return [SignalTopic(name, kind, kinds[kind], tuple(same))
                 for (name, kind), same in sorted(found.items())]
 
-    def named(self, text: str, option: str, kinds: dict[str, tuple[str, ...]]) -> SignalTopic | None:
+    def named(self, text: str, option: str, kinds: dict[str, tuple[str, ...]]
+              ) -> SignalTopic | None:
         """
         Return the topic that an option names, or None if there is none of this name.
 
