@@ -22,7 +22,7 @@ _EXACT, _SOLVED, _DIFFERENCES = 1e-10, 1e-8, 1e-6
 _CONDITION = 1e10
 
 
-class Finding(NamedTuple):
+class PropertyCheck(NamedTuple):
     """The outcome of one check."""
 
     name: str
@@ -74,7 +74,7 @@ class _SampledState:
         return slope
 
 
-def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Finding]:
+def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
     """
     Test a model at random states.
 
@@ -89,7 +89,7 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Findi
 
     Returns
     -------
-    list of Finding
+    list of PropertyCheck
         One for each check; if values are missing or not finite, for that alone.
 
     """
@@ -107,7 +107,7 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Findi
 
 
 def _worst(name: str, tolerance: float, error: Callable[[_SampledState], float],
-           states: Sequence[_SampledState]) -> Finding:
+           states: Sequence[_SampledState]) -> PropertyCheck:
     worst, where, why = -1.0, states[0], ''
     for state in states:
         try:
@@ -116,8 +116,8 @@ def _worst(name: str, tolerance: float, error: Callable[[_SampledState], float],
             value, text = np.inf, f'{type(exception).__name__}: {exception}'
         if not value <= worst:  # NaN is the worst.
             worst, where, why = value if value == value else np.inf, state, text
-    return Finding(name, worst <= tolerance, float(worst), tolerance,
-                   tuple(where.at[0]), tuple(where.at[1]), why)
+    return PropertyCheck(name, worst <= tolerance, float(worst), tolerance,
+                         tuple(where.at[0]), tuple(where.at[1]), why)
 
 
 def _symmetric(s: _SampledState) -> float:

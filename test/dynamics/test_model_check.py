@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.model_check import check_dynamics, Finding
+from ctc_chattering.dynamics.model_check import check_dynamics, PropertyCheck
 from ctc_chattering.dynamics.scaled_model import Scaled
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel
@@ -46,7 +46,7 @@ def test_findings() -> None:
     assert [x.name for x in first] == [
         SHAPES, SYMMETRIC, DEFINITE, SKEW, LAGRANGE, GRADIENT, EVALUATE, INVERSE, FORWARD,
         LOCKED]
-    assert all(isinstance(x, Finding) and len(x.q) == len(x.dq) == 2 for x in first)
+    assert all(isinstance(x, PropertyCheck) and len(x.q) == len(x.dq) == 2 for x in first)
 
 
 class Faulty(Generic):

@@ -17,9 +17,10 @@ class BodyEstimate:
     """
     Parameters of B bodies: links that are fixed to each other are one, in its joint's frame.
 
-    Body i is the one that joint i of n carries, B = n. With the inertias of the rotors there are
-    P = 10 B + R parameters, R = n or 0. A motion shows fewer combinations of them. `information`
-    is 0 along what it does not show, and `value` is `prior` there.
+    Body i is the one that joint i of n carries, B = n. With the inertias of R rotors, n or 0, and
+    the G components of gravity, 3 or 0, there are P = 10 B + R + G parameters. A motion shows
+    fewer combinations of them. `information` is 0 along what it does not show, and what is found
+    is that of the model there.
 
     Attributes
     ----------
@@ -29,14 +30,18 @@ class BodyEstimate:
         `PARAMETERS` of the model, and those that fit the motion best; nothing makes these belong
         to a body.
     information : ndarray, shape (P, P)
-        Normal matrix of the parameters, row by row, and of the rotors after them, without what
+        Normal matrix of the parameters, row by row, then rotors, then gravity, without what
         friction explains: with all parameters x, twice the logarithm of the likelihood ratio is
-        (x - value)ᵀ information (x - value). [1/(kg, kg·m, kg·m²)²]
+        (x - found)ᵀ information (x - found). [1/(kg, kg·m, kg·m²)²]
     rotor_prior, rotor : ndarray, shape (R,)
         Inertias of rotors, reflected to the joints: of the model, and those that fit [kg·m²].
     torque : ndarray, shape (n, P, P)
-        Mean over the motion of the products of the columns of each joint's torque: a change d of
-        the parameters changes its root mean square by √(dᵀ torque d). Empty where unknown.
+        Mean over the motion of the products of the columns of each joint's torque, without what
+        friction explains: the root mean square of what d parameters make is √(dᵀ torque d).
+        Empty where unknown.
+    gravity_prior, gravity, gravity_about : ndarray, shape (G,)
+        In the frame of the base: of the model, what fits, and about which torques are linear
+        [m/s²].
 
     """
 
@@ -47,13 +52,16 @@ class BodyEstimate:
     rotor_prior: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     rotor: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     torque: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 0)))
+    gravity_prior: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    gravity: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    gravity_about: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def known(self) -> Array:
         """Return the parameters of the model, shape (P,)."""
-        return np.concatenate((self.prior.ravel(), self.rotor_prior))
+        return np.concatenate((self.prior.ravel(), self.rotor_prior, self.gravity_prior))
 
     @property
     def found(self) -> Array:
         """Return the parameters that fit the motion best, shape (P,)."""
-        return np.concatenate((self.value.ravel(), self.rotor))
+        return np.concatenate((self.value.ravel(), self.rotor, self.gravity))

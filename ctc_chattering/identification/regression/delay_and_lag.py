@@ -114,14 +114,14 @@ class Profile:
         return found
 
     def torque(self, part: Stretch, rows: Rows, delay: float = 0.0, lag: Array | float = 0.0,
-               rate: Array | float = np.inf, magnitude: bool = False) -> Array:
-        """Return the weak torque of a stretch, or its magnitude, nan where it is not known."""
+               rate: Array | float = np.inf) -> Array:
+        """Return the weak torque of a stretch, nan where it is not known."""
         values = has(part, self._source)
         assert values is not None
         known = np.isfinite(values)
         filled = np.where(known, values, 0.0)
         found = weak_torque(filled, delay, np.asarray(lag), part.period, self._phi, rows.centres,
-                            magnitude, rate)
+                            rate)
         if not known.all():
             reach = self._phi.sums((~known).astype(float), np.ones(2 * self._phi.half + 1),
                                    rows.centres)
@@ -132,13 +132,12 @@ class Profile:
         """Return all windows with the torques of a timing."""
         pairs = list(zip(self._parts, self._rows))
         rate = at.rate[1]
-        torques, loads = ([self.torque(part, rows, at.delay, at.lag, rate, magnitude)
-                           for part, rows in pairs] for magnitude in (False, True))
+        torques = [self.torque(part, rows, at.delay, at.lag, rate) for part, rows in pairs]
         step = np.where(at.lag > 0.0, _LAG_STEP * at.lag, 1.0)
         later = at.lag + step * (at.lag > 0.0)
         late = [(self.torque(part, rows, at.delay, later, rate) - tau) / step
                 for (part, rows), tau in zip(pairs, torques)] if at.lag.any() else None
-        return Data.of(self._rows, torques, loads, late)
+        return Data.of(self._rows, torques, late)
 
     def unexplained(self, torque: Array, i: int) -> Array:
         """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""

@@ -9,20 +9,25 @@ from ctc_chattering.analysis.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.body_estimate import BodyEstimate
+from ctc_chattering.identification.regression.causes import causes
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
 from ctc_chattering.identification.regression.effort_side import torque_sides
-from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.error_columns import ErrorColumns
+from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.intervals import correlation_length
-from ctc_chattering.identification.regression.least_squares import (
-    Data,
-    stribeck_velocity,
-    Term,
-    TermKind,
-)
+from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
+from ctc_chattering.identification.regression.least_squares import Data
 from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.regression.residual_tests import tested, Unexplained
-from ctc_chattering.identification.regression.rows import Rows, STRIBECK
+from ctc_chattering.identification.regression.model_verdict import ModelVerdict, physical, tilted
+from ctc_chattering.identification.regression.physical_causes import FittedMotion
+from ctc_chattering.identification.regression.residual_tests import (
+    findings,
+    Unexplained,
+    unexplained,
+    widened,
+)
+from ctc_chattering.identification.regression.rows import Rows
 from ctc_chattering.identification.regression.selection import select, Selected
 from ctc_chattering.identification.regression.sensor_noise import (
     Clock,
@@ -42,37 +47,6 @@ _BETTER = 0.5
 _LEFT = 0.01
 #: Shortest recording that is used [s].
 _SHORTEST = 2.0
-
-
-@dataclasses.dataclass(frozen=True)
-class JointFriction:
-    """
-    Friction of one joint.
-
-    Attributes
-    ----------
-    coulomb, forwards, backwards : Estimate
-        Coulomb friction: mean of both directions, and each [N·m].
-    offset : Estimate
-        Half of forwards less backwards [N·m]: friction that depends on the direction, or a
-        constant torque that the model lacks; no motion can distinguish these.
-    viscous : Estimate
-        [N·m·s/rad].
-    stribeck, stribeck_velocity : Estimate
-        Ks [N·m] and v_s [rad/s].
-    load : Estimate
-        Part of the torque's magnitude.
-
-    """
-
-    coulomb: Estimate
-    forwards: Estimate
-    backwards: Estimate
-    offset: Estimate
-    viscous: Estimate
-    stribeck: Estimate
-    stribeck_velocity: Estimate
-    load: Estimate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,8 +91,8 @@ class Identification:
         Rate limit of each drive [N·m/s].
     side : {'', 'motor', 'link', 'current'}
         What the effort is.
-    states : WindowStates or None
-        Motion in the windows.
+    columns : ErrorColumns or None
+        Errors of the model that the regression has; `selected.mixing` is about these.
     unexplained : tuple of (Unexplained or None), length n
         What the residuals depend on.
 
@@ -145,8 +119,16 @@ class Identification:
     bodies: BodyEstimate | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
     side: str = ''
-    states: WindowStates | None = None
+    columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
+
+    def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
+        """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
+        phi = TestFunction(self.clock.period, self.clock.period * sum(len(x.q) for x in parts))
+        rows = [Rows.of(part, model, phi, self.columns) for part in parts]
+        data = Profile(parts, rows, self.timing.source, phi).windows(self.timing)
+        return (data.loaded(self.selected.levels).mixed(self.selected.mixing),
+                np.concatenate([part.base for part in rows]))
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
@@ -165,13 +147,12 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     source : {'', 'command', 'effort'}
         Where torques are taken from; empty for the one that explains the motion better.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty for a guess, 'motor' for currents that were converted.
+        What the effort is; empty for what it looks like.
 
     Raises
     ------
     CtcError
-        If the recordings do not belong together, are too short, no joint moves, or
-        `torque_sides` refuses the torques.
+        If the recordings do not belong together, are too short, or no joint moves.
 
     """
     period = _common_period(recordings)
@@ -181,28 +162,52 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     if duration < _SHORTEST:
         raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
                        f'{_SHORTEST:g} s are needed')
-    phi = TestFunction(period)
-    models = [model, *(candidate.model for candidate in candidates)]
-    rows = [Rows.of(part, models, phi) for part in parts]
+    phi = TestFunction(period, duration)
+    columns = ErrorColumns.of(model)
+    rows = [Rows.of(part, model, phi, columns) for part in parts]
     if not any((part.way != 0.0).sum() for part in rows):
         raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
                        f'{2 * phi.half * period:g} s in one direction')
     joints = recordings[0].joints
     sides = torque_sides(parts, rows, phi, joints, side, source)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
-    profile = Profile(parts, rows, found.source, phi)
-    data = profile.windows(found)
-    selected = select(data, joints, [candidate.name for candidate in candidates])
+
+    def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
+        data = Profile(parts, rows, found.source, phi).windows(found)
+        return data, select(data, joints, columns, causes(columns, len(joints), candidates))
+
+    data, selected = selected_with(rows, columns)
+    gravity = tilted(selected, columns)
+    if gravity is not None:
+        # Errors of masses under a tilted gravity: their product is in the columns about it.
+        columns = ErrorColumns.of(model, gravity)
+        rows = [Rows.of(part, model, phi, columns) for part in parts]
+        data, selected = selected_with(rows, columns)
     noise, lag = velocity_noise(recordings[0], period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
-    return tested(Identification(
+    friction = [joint_friction(selected, i) for i in range(len(joints))]
+    data = data.loaded(selected.levels).mixed(selected.mixing)
+    named = ModelVerdict(selected, columns, candidates, joints)
+    return _tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
-        found, [_friction(selected, i) for i in range(len(joints))],
-        list(_errors(selected, candidates)), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration, sides.findings, side=sides.side),
-        WindowStates.of(parts, rows, phi))
+        found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
+        selected, base, weight, duration,
+        findings=(*sides.findings, *named.findings(), *physical(friction, joints)),
+        scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=named.bodies(),
+        side=sides.side, columns=columns), WindowStates.of(parts, rows, phi))
+
+
+def _tested(found: Identification, states: WindowStates) -> Identification:
+    """Return an identification with what its residuals show, and intervals that have it."""
+    motion = FittedMotion(found.data, found.selected.fit, found.base, found.weight, states)
+    left = [unexplained(motion, i) for i in range(len(found.joints))]
+    return dataclasses.replace(
+        found, unexplained=tuple(left), findings=(*found.findings, *(
+            x for i, what in enumerate(left) if what for x in findings(i, what))),
+        friction=[widened(motion, i, x, what) if what else x
+                  for i, (x, what) in enumerate(zip(found.friction, left))])
 
 
 def _common_period(recordings: Sequence[Recording]) -> float:
@@ -239,59 +244,6 @@ def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: st
             chosen = dataclasses.replace(options[1][2], delays=commands.delays, commands=commands)
             return options[1][0], options[1][1], chosen
     return options[0]
-
-
-def _friction(selected: Selected, i: int) -> JointFriction:
-    """Return the friction of joint i."""
-    terms, missing = selected.fit.terms, selected.missing
-
-    def number(kind: TermKind, unit: str) -> Estimate:
-        for term in terms:
-            if (term.kind, term.joint) == (kind, i):
-                return Estimate(*selected.interval(term), unit)
-        return Estimate.none(missing.get((kind, i), NONE))
-
-    forwards, backwards = number(TermKind.FORWARDS, 'N*m'), number(TermKind.BACKWARDS, 'N*m')
-    both = forwards.value is not None and backwards.value is not None
-    if both:
-        a, b = Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i)
-        coulomb = Estimate(*selected.combined({a: 0.5, b: 0.5}), 'N*m')
-        offset = Estimate(*selected.combined({a: 0.5, b: -0.5}), 'N*m')
-    else:
-        reason = forwards.reason or backwards.reason
-        coulomb = offset = Estimate.none(reason)
-        if 'hardly moves' in reason:
-            coulomb = offset = Estimate.none(f'{reason}: friction and a constant torque look the '
-                                             'same in one direction')
-    return JointFriction(coulomb, forwards, backwards, offset,
-                         number(TermKind.VISCOUS, 'N*m*s/rad'),
-                         number(TermKind.STRIBECK, 'N*m'), _stribeck_velocity(selected, i),
-                         number(TermKind.LOAD, ''))
-
-
-def _stribeck_velocity(selected: Selected, i: int) -> Estimate:
-    """Return v_s of joint i with its interval, from the slope of the column by its place."""
-    for term in selected.fit.terms:
-        if (term.kind, term.joint) == (TermKind.STRIBECK, i):
-            size = selected.fit.of(term)
-            _, half = selected.interval(Term(TermKind.STRIBECK_SLOPE, i, term.which))
-            velocity = stribeck_velocity(term.which)
-            ratio = float(np.log(STRIBECK[1] / STRIBECK[0]))
-            return Estimate(velocity, velocity * ratio * half / size, 'rad/s')
-    return Estimate.none(selected.missing.get((TermKind.STRIBECK, i), NONE))
-
-
-def _errors(selected: Selected, candidates: Sequence[ModelError]
-            ) -> list[tuple[ModelError, Estimate]]:
-    """Return the errors of the model that are clear, and those that cannot be told."""
-    found = []
-    for k, candidate in enumerate(candidates):
-        if Term(TermKind.MODEL, -1, k) in selected.fit.terms:
-            value, half = selected.interval(Term(TermKind.MODEL, -1, k))
-            found.append((candidate, Estimate(value, half, candidate.unit)))
-        elif k in selected.unseen:
-            found.append((candidate, Estimate.none(selected.unseen[k])))
-    return found
 
 
 def _left(selected: Selected, base: Array, weight: Array, data: Data, joints: Sequence[str]

@@ -3,25 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
+from ctc_chattering.identification.regression.least_squares import Data, Fit
 from ctc_chattering.identification.regression.weak_form import HALF
 from ctc_chattering.identification.regression.window_states import BUILD_UP, WindowStates
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.special import gamma, jv  # type: ignore[import-untyped]
 
-if TYPE_CHECKING:
-    from ctc_chattering.identification.regression.identify import Identification
-
-#: Highest periods in a turn of the joint that are looked for.
-_PERIODS = 500.0
-#: Part of an amplitude that must be left by the window, fewest windows which have that, and most
-#: windows that are looked at.
-_LEFT, _WINDOWS, _ENOUGH = 0.1, 40, 6000
+#: Fewest and most periods in a turn of the joint that are looked for.
+_LEAST, _PERIODS = 3.0, 500.0
+#: Distance of positions that count as one [rad].
+_SPACING = 2.0 * np.pi / 2048.0
+#: Part of an amplitude that must be left by the window, and fewest windows which have that.
+_LEFT, _WINDOWS = 0.1, 40
 #: Transform of the test function of `weak_form.py`.
 _PHASES = np.linspace(1e-3, 25.0, 2000)
 _AMPLITUDES = gamma(5.5) * (2.0 / _PHASES) ** 4.5 * jv(4.5, _PHASES)
+
+
+class FittedMotion(NamedTuple):
+    """
+    A fit and the motion that it is of; J windows, n joints.
+
+    Attributes
+    ----------
+    data, fit
+        Windows, and the regression.
+    base, weight : ndarray, shape (J, n)
+        Torque of the model, and its weight [N·m].
+    states : WindowStates
+        Motion in the windows.
+
+    """
+
+    data: Data
+    fit: Fit
+    base: Array
+    weight: Array
+    states: WindowStates
 
 
 class Cause(NamedTuple):
@@ -53,9 +74,9 @@ class Cause(NamedTuple):
     unit: str
 
 
-def causes(found: Identification, states: WindowStates, i: int) -> Iterator[Cause]:
+def causes(found: FittedMotion, i: int) -> Iterator[Cause]:
     """Yield what the torque of joint i may depend on besides the model."""
-    data, used = found.data, found.data.way[:, i] != 0.0
+    data, states, used = found.data, found.states, found.data.way[:, i] != 0.0
     way, t, q = data.way[used, i], data.t[used], states.position[used, i]
     speed, load = np.abs(data.velocity[used, i]), np.abs(found.base[used, i])
     turn = np.column_stack((np.sin(q), np.cos(q), np.sin(2.0 * q), np.cos(2.0 * q), q, q * q))
@@ -83,7 +104,7 @@ def causes(found: Identification, states: WindowStates, i: int) -> Iterator[Caus
     yield Cause('the load', 'friction that depends on the load',
                 'record the load that you will have',
                 np.column_stack((way * load, way * load * speed)), load, 'N·m')
-    others = [k for k in range(len(found.joints)) if k != i]
+    others = [k for k in range(data.way.shape[1]) if k != i]
     if others:
         torque = (found.base + data.residual)[used][:, others]
         largest = int(np.argmax(np.square(torque).sum(axis=0)))
@@ -99,40 +120,40 @@ def _kinks(speed: Array) -> Array:
     return np.column_stack([np.maximum(speed - knot, 0.0) for knot in knots])
 
 
-def periodic(found: Identification, states: WindowStates, i: int, residual: Array
-             ) -> tuple[Cause | None, int]:
+def periodic(found: FittedMotion, i: int, residual: Array) -> tuple[Cause | None, int]:
     """
     Return the periodic torque that explains most of a residual, and how many were looked for.
 
     Parameters
     ----------
-    found, states, i
-        What was identified, the motion, and the joint.
+    found, i
+        Fit with its motion, and the joint.
     residual : ndarray, shape (K,)
         In the windows in which the joint slides [N·m].
 
     """
     data, used = found.data, found.data.way[:, i] != 0.0
-    q, way = states.position[used, i], data.way[used, i]
+    q, way = found.states.position[used, i], data.way[used, i]
     speed = np.abs(data.velocity[used, i])
-    every = max(1, len(q) // _ENOUGH)
-    spacing = np.pi / max(float(np.ptp(q)), 0.05)
-    best, most, orders = None, 0.0, np.arange(3.0, _PERIODS, spacing)
-    for order in orders:
-        if (_left(order, speed) > _LEFT).sum() < _WINDOWS:
+    place = ((q - q.min()) / _SPACING).astype(int)
+    size = 1 << (int(place.max(initial=0)) + 1).bit_length() + 2
+    orders = 2.0 * np.pi / (_SPACING * size) * np.arange(size // 2 + 1)
+    best, most, low = 0.0, 0.0, _LEAST
+    while low < _PERIODS:
+        # A window leaves more of a wave the slower the joint is.
+        part = _left(1.5 * low, speed)
+        if (part > _LEFT).sum() < _WINDOWS:
             break
-        columns = _waves(order, q[::every], speed[::every], way[::every])
-        right = residual[::every] @ columns
-        normal = columns.T @ columns
-        explained = float(right @ np.linalg.solve(
-            normal + 1e-6 * np.trace(normal) * np.eye(4), right))
-        if explained > most:
-            best, most = float(order), explained
-    if best is None:
-        return None, len(orders)
+        inside = (orders >= low) & (orders < 2.0 * low)
+        power = sum(np.square(np.abs(np.fft.rfft(np.bincount(place, x, size), size)))[inside]
+                    for x in (part * residual, part * way * residual)) / part.dot(part)
+        if power.max(initial=0.0) > most:
+            best, most = float(orders[inside][np.argmax(power)]), float(power.max())
+        low *= 2.0
+    tried = int(low * np.ptp(q) / np.pi) + 1
     return Cause('the angle of the joint, periodically', f'ripple of motor or gear with about '
                  f'{best:.3g} periods in a turn', 'compensate the ripple',
-                 _waves(best, q, speed, way), q, 'rad'), len(orders)
+                 _waves(best, q, speed, way), q, 'rad') if best else None, tried
 
 
 def _left(order: float, speed: Array) -> Array:

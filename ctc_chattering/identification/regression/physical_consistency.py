@@ -29,13 +29,18 @@ from ctc_chattering.identification.regression.body_estimate import BodyEstimate
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular  # type: ignore[import-untyped]
+from scipy.stats import chi2  # type: ignore[import-untyped]
 
 #: w: how far from the model parameters are expected, in bodies.
 _EXPECTED = 3.0
-#: ε, and the least rotor inertia.
-_LEAST = 1e-4
+#: ε, and the part of what is expected below which a rotor has no inertia.
+_LEAST, _NOTHING = 1e-4, 1e-3
 #: Inertia of a rotor that is expected, in that of the body it moves, and in that of the largest.
 _ROTOR, _LARGEST = 1.0, 0.1
+#: How sure, how far beyond that, and by which part of a joint's torque a model is wrong.
+_SURE, _CLEAR, _PART = 0.999, 2.0, 0.01
+#: Turn of gravity that is expected [rad], and part of its strength, which is known.
+_TURN, _STRENGTH = 0.05, 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,12 +56,15 @@ class ConsistentBodies:
         `PARAMETERS` of each body.
     rotor : ndarray, shape (R,)
         Inertias of the rotors [kg·m²].
+    gravity : ndarray, shape (G,)
+        In the frame of the base [m/s²].
     wanted : ndarray, shape (P,)
         What fits best without bounds, and is nearest to the model otherwise.
     covariance : ndarray, shape (P, P)
-        Of all parameters, without bounds; what is not shown has that of `expected`.
-    expected : ndarray, shape (P, P)
-        Covariance before any data.
+        Of all parameters, without bounds; what is not shown has the large one from before any
+        data.
+    unit : ndarray, shape (P, P)
+        Covariance of changes that are as large as the bodies.
     cost : ndarray, shape (B + R,)
         By how much the bounds of each body, and rotor, raise twice the negative logarithm of the
         likelihood.
@@ -66,15 +74,25 @@ class ConsistentBodies:
     estimate: BodyEstimate
     parameters: Array
     rotor: Array
+    gravity: Array
     wanted: Array
     covariance: Array
-    expected: Array
+    unit: Array
     cost: Array
 
     @property
     def found(self) -> Array:
         """Return all parameters, shape (P,)."""
-        return np.concatenate((self.parameters.ravel(), self.rotor))
+        return np.concatenate((self.parameters.ravel(), self.rotor, self.gravity))
+
+    @property
+    def differ(self) -> bool:
+        """Whether they are clearly not those of the model: by the data, and by the torque."""
+        change = self.found - self.estimate.known
+        size = float(change @ self.estimate.information @ change)
+        shown = np.linalg.matrix_rank(self.estimate.information, hermitian=True)
+        part = self.torque(change) > _PART * self.torque(self.found)
+        return size > _CLEAR * chi2.ppf(_SURE, shown) and bool(part.any())
 
     def torque(self, change: Array) -> Array:
         """Return the root mean square of each joint's torque by a change, shape (n,) [N·m]."""
@@ -95,12 +113,13 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
         If there are numbers that are not finite, or the solver finds no solution.
 
     """
-    known = estimate.known
+    known = np.concatenate((estimate.prior.ravel(), estimate.rotor_prior, estimate.gravity_about))
     if not all(np.isfinite(x).all() for x in (known, estimate.found, estimate.information)):
         raise CtcError('the estimate of inertial parameters is not finite')
     roots = _units(estimate.prior)
     count = len(roots)
-    T = block_diag(*(_change(S) for S in roots), *_rotor_units(estimate))
+    T = block_diag(*(_change(S) for S in roots), np.diag(_rotors(estimate)),
+                   _turns(estimate.gravity_about))
     information = T.T @ estimate.information @ T
     information = 0.5 * (information + information.T)
     H = information + np.eye(len(known)) / _EXPECTED ** 2
@@ -108,15 +127,16 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
     wanted = np.linalg.solve(H, T.T @ estimate.information @ (estimate.found - known))
     bounds = np.concatenate([
         *(stacked(_inside(S, x) - _LEAST * np.eye(4)) for S, x in zip(roots, estimate.prior)),
-        estimate.rotor_prior / T.diagonal()[10 * count:]])
+        estimate.rotor_prior / _rotors(estimate)])
     y, cost = wanted, np.zeros(count + len(estimate.rotor))
-    if not _keeps(bounds + wanted, count):
+    if not _keeps(bounds + wanted[:len(bounds)], count):
         y, cost = _solve(lower, wanted, bounds, count)
-    x = known + T @ y
+    parameters, rotor, gravity = np.split(known + T @ y, [10 * count, len(bounds)])
+    rotor[rotor < _NOTHING * _rotors(estimate)] = 0.0
     inverse = solve_triangular(lower, T.T, lower=True)
     return ConsistentBodies(
-        estimate, x[:10 * count].reshape(-1, 10), np.maximum(x[10 * count:], 0.0),
-        known + T @ wanted, inverse.T @ inverse, _EXPECTED ** 2 * T @ T.T, cost)
+        estimate, parameters.reshape(-1, 10), rotor, gravity,
+        known + T @ wanted, inverse.T @ inverse, T @ T.T, cost)
 
 
 def _units(prior: Array) -> list[Array]:
@@ -132,11 +152,21 @@ def _change(S: Array) -> Array:
     return np.column_stack([parameters_of(S @ symmetric(e) @ S.T) for e in np.eye(10)])
 
 
-def _rotor_units(estimate: BodyEstimate) -> list[Array]:
-    """Return the inertia that the rotor of each joint is expected to have, matrices of one."""
+def _rotors(estimate: BodyEstimate) -> Array:
+    """Return the inertia that each rotor is expected to have, shape (R,) [kg·m²]."""
     about = np.abs(estimate.prior[:, [4, 6, 9]]).max(axis=1)
-    expected = np.maximum(_ROTOR * about, _LARGEST * about.max())
-    return [np.array([[x or 1.0]]) for x in expected[:len(estimate.rotor)]]
+    expected = np.maximum(_ROTOR * about, _LARGEST * about.max())[:len(estimate.rotor)]
+    return np.where(expected > 0.0, expected, 1.0)
+
+
+def _turns(gravity: Array) -> Array:
+    """Return the change of gravity by its turns about two axes, and by its strength."""
+    if not gravity.any():
+        return np.eye(len(gravity))
+    along = gravity[:, None] / np.linalg.norm(gravity)
+    across = np.linalg.svd(along)[0][:, 1:]
+    found: Array = np.linalg.norm(gravity) * np.hstack((_TURN * across, _STRENGTH * along))
+    return found
 
 
 def _inside(S: Array, parameters: Array) -> Array:
@@ -158,21 +188,21 @@ def _solve(lower: Array, wanted: Array, bounds: Array, count: int) -> tuple[Arra
     clarabel = _clarabel()
     from scipy import sparse  # type: ignore[import-untyped]
 
-    size = len(wanted)
+    size, bounded = len(wanted), len(bounds)
     # With z = Lᵀ (y - wanted), the cost is zᵀ z.
     back = solve_triangular(lower, np.eye(size), lower=True).T
     cones = [clarabel.PSDTriangleConeT(4)] * count
-    if size > 10 * count:
-        cones.append(clarabel.NonnegativeConeT(size - 10 * count))
+    if bounded > 10 * count:
+        cones.append(clarabel.NonnegativeConeT(bounded - 10 * count))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     solution = clarabel.DefaultSolver(
-        sparse.eye(size, format='csc'), np.zeros(size), sparse.csc_matrix(-back),
-        bounds + wanted, cones, settings).solve()
+        sparse.eye(size, format='csc'), np.zeros(size),
+        sparse.csc_matrix(-back[:bounded]), bounds + wanted[:bounded], cones, settings).solve()
     if str(solution.status) not in ('Solved', 'AlmostSolved'):
         raise CtcError('no inertial parameters that bodies can have were found: Clarabel says '
                        f'{solution.status}')
-    shares = -np.array(solution.z) * (bounds + wanted)
+    shares = -np.array(solution.z) * (bounds + wanted[:bounded])
     cost = np.concatenate((shares[:10 * count].reshape(-1, 10).sum(axis=1), shares[10 * count:]))
     y: Array = wanted + back @ np.array(solution.x)
     return y, np.maximum(cost, 0.0)

@@ -12,21 +12,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import dataclasses
-from typing import NamedTuple, TYPE_CHECKING
+from typing import Any, NamedTuple, TypeVar
 
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Finding, Severity
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.least_squares import Term, TermKind
-from ctc_chattering.identification.regression.physical_causes import Cause, causes, periodic
-from ctc_chattering.identification.regression.window_states import WindowStates
+from ctc_chattering.identification.regression.physical_causes import (
+    Cause,
+    causes,
+    FittedMotion,
+    periodic,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.stats import chi2  # type: ignore[import-untyped]
 
-if TYPE_CHECKING:
-    from ctc_chattering.identification.regression.identify import Identification, JointFriction
-
+Friction = TypeVar('Friction', bound=Any)
 #: Part by which friction may be off without care, and above which the joint is refused.
 NEGLIGIBLE, TOO_MUCH = 0.02, 0.3
 #: Part of the worst effect below which another one is not named.
@@ -35,6 +37,8 @@ _MINOR = 0.2
 _PEAK = 2.0
 #: Probability by chance below which a dependence counts.
 _CHANCE = 1e-6
+#: How much more than the shift of a coefficient its interval is widened by.
+_SURE = 1.25
 #: Fewest windows of a joint, and most effects that are named.
 _FEWEST, _MOST = 60, 3
 #: Singular value, of columns of length 1, below which columns are like those of the friction.
@@ -68,7 +72,8 @@ class Effect(NamedTuple):
 
     def off(self, whole: Unexplained) -> float:
         """Return by which part the friction may be off with it."""
-        return whole.part(_PEAK * self.size + float(np.abs(self.shift[:2]).max(initial=0.0)))
+        shift = float(np.abs(self.shift[:2]).max(initial=0.0))
+        return whole.part(_PEAK * self.size + _SURE * shift)
 
 
 class Unexplained(NamedTuple):
@@ -146,20 +151,20 @@ def _scaled(columns: Array) -> Array:
     return found
 
 
-def unexplained(found: Identification, states: WindowStates, i: int) -> Unexplained | None:
+def unexplained(found: FittedMotion, i: int) -> Unexplained | None:
     """Return what is left of the torque of joint i; None if it hardly slides."""
-    fit, used = found.selected.fit, found.data.way[:, i] != 0.0
+    fit, used = found.fit, found.data.way[:, i] != 0.0
     mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
     if used.sum() < _FEWEST or not mine:
         return None
     columns, rest = fit.design[used, i][:, mine], fit.residual[used, i]
     level = float(np.sqrt(np.square(columns @ fit.value[mine]).mean()))
     effects: list[Effect] = []
-    options = list(causes(found, states, i))
+    options = list(causes(found, i))
     while len(effects) < _MOST:
         shown = [effect(cause, columns, rest) for cause in options]
         if len(effects) in (0, _MOST - 1) or not any(shown):
-            wave, tried = periodic(found, states, i, rest)
+            wave, tried = periodic(found, i, rest)
             shown += [effect(wave, columns, rest, tried)] if wave else []
         best = max((x for x in shown if x is not None), key=lambda x: x.size, default=None)
         if best is None:
@@ -194,17 +199,7 @@ def _correlated(x: Array, used: Array) -> float:
     return float(np.sqrt(np.abs(covariance).mean()))
 
 
-def tested(found: Identification, states: WindowStates) -> Identification:
-    """Return an identification with findings on its residuals, and intervals that have them."""
-    left = [unexplained(found, states, i) for i in range(len(found.joints))]
-    findings = [x for i, what in enumerate(left) if what for x in _findings(i, what)]
-    friction = [_widened(found, i, x, what) if what else x
-                for i, (x, what) in enumerate(zip(found.friction, left))]
-    return dataclasses.replace(found, findings=(*found.findings, *findings), friction=friction,
-                               unexplained=tuple(left), states=states)
-
-
-def _findings(i: int, left: Unexplained) -> Iterator[Finding]:
+def findings(i: int, left: Unexplained) -> Iterator[Finding]:
     """Yield what a joint depends on that the model lacks."""
     worst = max((x.off(left) for x in left.effects), default=0.0)
     for x in left.effects:
@@ -226,27 +221,32 @@ def _severity(off: float) -> Severity:
     return Severity.REFUSED if off > TOO_MUCH else Severity.CARE
 
 
-def _widened(found: Identification, i: int, friction: JointFriction, left: Unexplained
-             ) -> JointFriction:
-    """Return the friction of joint i with intervals that contain what is unexplained."""
+def widened(found: FittedMotion, i: int, friction: Friction, left: Unexplained) -> Friction:
+    """
+    Return the friction of joint i with intervals that contain what is unexplained.
+
+    Parameters
+    ----------
+    found, i
+        Fit with its motion, and the joint.
+    friction : JointFriction
+        Its friction.
+    left : Unexplained
+        What is left of its torque.
+
+    """
     if not left.off:
         return friction
-    terms = [term for term in found.selected.fit.terms if term.joint == i]
+    terms = [term for term in found.fit.terms if term.joint == i]
     speed = np.abs(found.data.velocity[found.data.way[:, i] != 0.0, i])
-    fast = max(float(np.std(speed)), 1e-9)
-
-    def wider(number: Estimate, least: float, *kinds: TermKind) -> Estimate:
-        if number.value is None:
-            return number
-        places = [terms.index(Term(kind, i)) for kind in kinds if Term(kind, i) in terms]
-        shift = sum(np.abs(x.shift[places]).max(initial=0.0) for x in left.effects)
-        return dataclasses.replace(number, half=number.half + float(shift) + least)
-
     ways = (TermKind.FORWARDS, TermKind.BACKWARDS)
-    return dataclasses.replace(
-        friction, coulomb=wider(friction.coulomb, left.off, *ways),
-        forwards=wider(friction.forwards, left.off, ways[0]),
-        backwards=wider(friction.backwards, left.off, ways[1]),
-        offset=wider(friction.offset, left.off, *ways),
-        viscous=wider(friction.viscous, left.off / fast, TermKind.VISCOUS),
-        stribeck=wider(friction.stribeck, left.off))
+    changes = {}
+    for name, kinds in (('coulomb', ways), ('forwards', ways[:1]), ('backwards', ways[1:]),
+                        ('offset', ways), ('viscous', (TermKind.VISCOUS,)), ('stribeck', ())):
+        number: Estimate = getattr(friction, name)
+        least = left.off / max(float(np.std(speed)), 1e-9) if name == 'viscous' else left.off
+        places = [terms.index(Term(kind, i)) for kind in kinds if Term(kind, i) in terms]
+        shift = sum(float(np.abs(x.shift[places]).max(initial=0.0)) for x in left.effects)
+        changes[name] = number if number.value is None else dataclasses.replace(
+            number, half=number.half + _SURE * shift + least)
+    return dataclasses.replace(friction, **changes)

@@ -102,8 +102,7 @@ def has(stretch: Stretch, source: str) -> Array | None:
 
 
 def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: TestFunction,
-                centres: Indices, magnitude: bool = False, rate: Array | float = np.inf
-                ) -> Array:
+                centres: Indices, rate: Array | float = np.inf) -> Array:
     """
     Return ∫ φ tau dt over each window, shape (J, n) [N·m].
 
@@ -120,15 +119,11 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
         h [s].
     phi, centres
         Test function, and samples at the centres of the windows.
-    magnitude : bool
-        Of |tau| in place of tau.
     rate : ndarray, shape (n,)
         R [N·m/s], inf for none.
 
     """
     filtered = driven(values, lag, rate, period)
-    if magnitude:
-        filtered = np.abs(filtered)
     whole = int(np.floor(delay))
     found = phi.sums(filtered, phi.over, centres - whole)
     if delay != whole:

@@ -7,10 +7,8 @@ from typing import Any
 
 from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.regression.identify import (
-    Identification,
-    JointFriction,
-)
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.weak_form import position_noise
 from ctc_chattering.identification.report.recommendation import GAINS, Recommendation
 from ctc_chattering.identification.report.verdict import Verdict

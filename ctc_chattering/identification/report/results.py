@@ -187,7 +187,7 @@ class IdentificationResults:
                              for error, number in found.errors],
             'left': found.left,
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
-            'noise_torque_nm': recommended.noise_torque.tolist(),
+            'noise_torque_nm': self._usable(recommended.noise_torque.tolist()),
             'chattering_term_possible': recommended.allowed,
             'torque_steps_nm': {k: self._usable(v.tolist())
                                 for k, v in recommended.steps.items()},

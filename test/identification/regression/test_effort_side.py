@@ -45,7 +45,7 @@ def measured(torque: Array) -> Array:
 def rows() -> tuple[Rows, TestFunction]:
     phi = TestFunction(1e-3)
     (part,) = stretches(made().recording.checked(), 1e-3)
-    return Rows.of(part, [made().model], phi), phi
+    return Rows.of(part, made().model, phi), phi
 
 
 def sides(command: Array | None, effort: Array | None, declared: str = '', source: str = ''

@@ -22,7 +22,7 @@ def panda() -> tuple[TorqueWindows, Array, tuple[str, ...]]:
     """Return windows and weak commands of a Panda."""
     made, phi = record('panda', 1, 6.0, controller={'kp': [400.0] * 7}), TestFunction(1e-3)
     parts = list(stretches(dataclasses.replace(made.recording).checked(), 1e-3))
-    rows = [Rows.of(part, [made.model], phi) for part in parts]
+    rows = [Rows.of(part, made.model, phi) for part in parts]
     torque = weak_torques(parts, rows, phi, COMMAND)
     assert torque is not None
     return TorqueWindows.of(rows), torque, made.recording.joints
