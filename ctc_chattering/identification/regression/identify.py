@@ -164,11 +164,11 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
                        f'{_SHORTEST:g} s are needed')
     phi = TestFunction(period, duration)
     columns = ErrorColumns.of(model)
+    joints = recordings[0].joints
     rows = [Rows.of(part, model, phi, columns) for part in parts]
     if not any((part.way != 0.0).sum() for part in rows):
         raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
-                       f'{2 * phi.half * period:g} s in one direction')
-    joints = recordings[0].joints
+                       f'{2 * phi.half * phi.period:g} s in one direction')
     sides = torque_sides(parts, rows, phi, joints, side, source)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
 
