@@ -13,7 +13,8 @@ from contextlib import closing
 import dataclasses
 from pathlib import Path
 
-from ctc_chattering.analysis.recording import Indices, Recording
+from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import (
     COMMAND_FIELDS,

@@ -16,7 +16,7 @@ from ctc_chattering.identification.regression.drive_scan import DriveScan
 from ctc_chattering.identification.regression.drive_set import DriveSearch
 from ctc_chattering.identification.regression.least_squares import Data, Term, TermKind
 from ctc_chattering.identification.regression.rows import Rows, SETTLING, STRIBECK
-from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has, weak_torque
+from ctc_chattering.identification.regression.torque import COMMAND, has, weak_torque
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -79,9 +79,14 @@ class Timing:
     commands: Timing | None = None
 
     @property
+    def of_commands(self) -> Timing | None:
+        """Return that of the commands; None without commands."""
+        return self if self.source == COMMAND else self.commands
+
+    @property
     def drive(self) -> tuple[float, Array, Array]:
-        """Delay [samples], lag and its error [s] from the command on; nan where not known."""
-        known = self if self.source == COMMAND else self.commands
+        """Return delay [samples], lag and its error [s] from the command on; nan if not known."""
+        known = self.of_commands
         if known is None:
             return nan, np.zeros_like(self.lag), np.full_like(self.lag, np.inf)
         return known.delay, known.lag, known.lag_error

@@ -30,9 +30,10 @@ _RATIOS = (2.0, 2.0 ** 0.25, 2.0 ** 0.0625)
 _WITHIN = 7
 #: Coarse rate limits, at most, and the first one, in fastest changes of the commands: within a
 #: period a limit shows beyond these.
-_COARSE, _FIRST = 16, 16.0
+_COARSE, _FIRST = 12, 2.0
 
 Flags = npt.NDArray[np.bool_]
+Short = npt.NDArray[np.float32]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +64,7 @@ class DriveSet:
 class _Point:
     """The best lag of a joint with a delay, a shift and a rate limit, and what it leaves."""
 
-    rest: npt.NDArray[np.float32]
+    rest: Short
     lag: float
 
     @property
@@ -130,7 +131,7 @@ class DriveSearch:
         """Return the best rate limit and lag of joint i."""
         return min(self._tried[i, delay, shift], key=lambda p: p.squares)
 
-    def _excess(self, i: int, best: Array, other: Array) -> tuple[float, float, Array]:
+    def _excess(self, i: int, best: Short, other: Short) -> tuple[float, float, Array]:
         """Return δ·δ, r0·δ and the latter in blocks, over the noise of joint i."""
         delta = other.astype(float) - best
         product = best * delta
@@ -138,7 +139,7 @@ class DriveSearch:
         return (float(delta.dot(delta)) / noise, float(product.sum()) / noise,
                 np.add.reduceat(product, self._scan.blocks[i]) / noise)
 
-    def _possible(self, i: int, best: Array, other: Array) -> bool:
+    def _possible(self, i: int, best: Short, other: Short) -> bool:
         """Return whether a point of joint i may be the true one, given the best one."""
         power, along, blocks = self._excess(i, best, other)
         return bool(_deviations(power, along, np.square(blocks).sum()) <= _CLEAR)
@@ -230,7 +231,9 @@ class DriveSearch:
         wanted: list[list[float]] = [[] for _ in range(self._n)]
         for i in self._joints:
             low, best, high = self._rate(i)
-            around = [low] if np.isinf(best) else [low, best / ratio ** 4, best, high / ratio ** 4]
+            around = [low, best / ratio ** 4, best, high / ratio ** 4]
+            if np.isinf(best):  # A bound needs no more than the first of these steps.
+                around = [low] if ratio == _RATIOS[1] else []
             wanted[i] = sorted({x * ratio ** k for x in around for k in range(1, 4)
                                 if 0.0 < x < np.inf})
         longest = max((len(x) for x in wanted), default=0)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.analysis.recording import Indices, Stretch
+from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.weak_form import (
