@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.analysis.recording import Indices
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.linear_model import LinearModel
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.weak_form import TestFunction
@@ -151,6 +151,11 @@ class ErrorColumns:
         later, before = (regressor(q + sign * _STEP * dq, still, dq, none) for sign in (1.0, -1.0))
         rest = regressor(q, dq, still, self.gravity) - (later - before) / (2.0 * _STEP)
         return regressor(q, still, dq, none), rest, self.model.gravity_map(q)
+
+    def at(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return the torque of each column in a state, shape (n, m)."""
+        found: Array = (self._torque(q, dq, ddq) * self.sizes) @ self.basis
+        return found
 
     def _torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the derivative of the inverse dynamics by x, shape (n, p + n + 3)."""
