@@ -152,6 +152,11 @@ class ErrorColumns:
         rest = regressor(q, dq, still, self.gravity) - (later - before) / (2.0 * _STEP)
         return regressor(q, still, dq, none), rest, self.model.gravity_map(q)
 
+    def at(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return the torque of each column in a state, shape (n, m)."""
+        found: Array = (self._torque(q, dq, ddq) * self.sizes) @ self.basis
+        return found
+
     def _torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the derivative of the inverse dynamics by x, shape (n, p + n + 3)."""
         return np.concatenate((self.model.torque_regressor(q, dq, ddq, self.gravity),

@@ -170,17 +170,30 @@ def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array]
            corrected: bool) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     fit, spread = found.selected.fit, found.selected.spread
-    mine = [k for k, term in enumerate(fit.terms) if term.kind == TermKind.MODEL]
+    mine = [k for k, term in enumerate(fit.terms) if term.kind in (TermKind.MODEL, TermKind.SCALE)]
     if not mine:
         return np.zeros(tau.shape[1])
-    models = [error.model for error, number in found.errors if number.value is not None]
-    columns = np.stack([_torques(model, *states) - tau for model in models], axis=2)
+    columns = np.stack([_error_column(fit.terms[k], tau) for k in mine], axis=2)
+    models = [j for j, k in enumerate(mine) if fit.terms[k].kind == TermKind.MODEL]
+    if models and found.columns is not None:
+        which = [int(fit.terms[mine[j]].which) for j in models]
+        every = np.array([found.columns.at(*rows) for rows in zip(*states)])
+        columns[:, :, models] = every @ found.selected.mixing[:, which]
     covariance = spread.covariance[np.ix_(mine, mine)]
     half = spread.factor * np.sqrt(np.maximum(
         np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
     known = 0.0 if corrected else np.abs(columns @ fit.value[mine])
     largest: Array = (known + half).max(axis=0)
     return largest
+
+
+def _error_column(term: Term, tau: Array) -> Array:
+    """Return the column of a scale of the torque, shape (S, n) [N·m]; 0 for others."""
+    column = np.zeros_like(tau)
+    if term.kind == TermKind.SCALE:
+        joints = range(tau.shape[1]) if term.joint < 0 else [term.joint]
+        column[:, joints] = -tau[:, joints]
+    return column
 
 
 def _friction(found: Identification, i: int, fastest: float, load: float) -> float:
