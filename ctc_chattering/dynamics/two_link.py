@@ -57,6 +57,34 @@ class TwoLink(Model):
         return (np.array(((m11, m12), (m12, m22))),
                 np.array(((-k * v2, -k * (v1 + v2)), (k * v1, 0.0))), np.array(gravity))
 
+    def inertial_parameters(self) -> Array:
+        """Return the constants of M11, M12, M22, that of c2 in M12, and those of G over g."""
+        return np.array((8.77, 0.76, 0.62, 0.51, 7.6, 0.63))
+
+    def parameter_sizes(self) -> Array:
+        """Return how large each parameter is, shape (6,)."""
+        return self.inertial_parameters()
+
+    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+        """
+        Return the derivative of the torque by `inertial_parameters`, shape (2, 6).
+
+        The arm moves in the plane of x and z of the base, towards x from hanging down.
+        """
+        (a1, a2), (v1, v2), c, s = ddq, dq, cos(q[1]), sin(q[1])
+        both = q[0] + q[1]
+        g1 = -(gravity[0] * cos(q[0]) + gravity[2] * sin(q[0]))
+        g2 = -(gravity[0] * cos(both) + gravity[2] * sin(both))
+        return np.array((
+            (a1, a2, 0.0, c * (a1 + a1 + a2) - s * v2 * (v1 + v1 + v2), g1, g2),
+            (0.0, a1, a2, c * a1 + s * v1 * v1, 0.0, g2)))
+
+    def gravity_map(self, q: Array) -> Array:
+        """Return the derivative of G(q) by the vector of gravity, shape (2, 3)."""
+        still, own = np.zeros(2), self.inertial_parameters()
+        return np.column_stack([self.torque_regressor(q, still, still, axis) @ own
+                                for axis in np.eye(3)])
+
     def mass_matrix(self, q: Vector) -> Rows:
         """Return M(q), shape (2, 2)."""
         m11, m12, m22, *_ = terms(self.gravity, q)

@@ -112,6 +112,7 @@ class UrdfModel(Model):
         self._back: Any = np.array(order)
         self._square: Any = np.ix_(order, order)
         self._model.armature = np.array(self.rotor_inertias)[self._order]
+        self._inertial: Any = np.ix_(order, [10 * i + k for i in order for k in range(10)])
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
 
@@ -130,7 +131,7 @@ class UrdfModel(Model):
         before = [np.eye(3), *turns]
         rows = []
         for i in range(n):
-            place, body = model.jointPlacements[i + 1], model.inertias[i + 1]
+            place, body = model.jointPlacements[i + 1], model.inertias[int(i) + 1]
             parent = model.parents[i + 1]
             rows.append((parent - 1, before[parent].T @ place.rotation @ turns[i],
                          before[parent].T @ place.translation, body.mass,
@@ -138,6 +139,15 @@ class UrdfModel(Model):
         parents, rotation, offset, mass, center, inertia = map(np.array, zip(*rows))
         return Bodies(parents, prismatic, self._order, rotation, offset, mass, center, inertia,
                       np.array(model.armature))
+
+    def places(self) -> dict[str, tuple[int, Array]]:
+        """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""
+        found = {}
+        for name, frame in ((name, self._model.frames[self._model.getFrameId(f'link {i}')])
+                            for i, name in enumerate(self._links)):
+            if frame.parentJoint:
+                found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
+        return found
 
     def inertial_parameters(self) -> Array:
         """
@@ -149,14 +159,38 @@ class UrdfModel(Model):
         return np.concatenate([self._model.inertias[int(i) + 1].toDynamicParameters()
                                for i in self._back])
 
-    def places(self) -> dict[str, tuple[int, Array]]:
-        """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""
-        found = {}
-        for name, frame in ((name, self._model.frames[self._model.getFrameId(f'link {i}')])
-                            for i, name in enumerate(self._links)):
-            if frame.parentJoint:
-                found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
+    def parameter_sizes(self) -> Array:
+        """Return how large each parameter is roughly, shape (10 n,)."""
+        sizes = []
+        whole = sum(body.mass for body in self._model.inertias.tolist()[1:])
+        for i in self._back:
+            body = self._model.inertias[int(i) + 1]
+            mass = max(body.mass, 0.05 * whole)
+            reach = max(float(np.linalg.norm(body.lever)), 0.05,
+                        float(np.sqrt(np.trace(body.inertia) / mass)))
+            sizes += [mass] + 3 * [mass * reach] + 6 * [mass * reach ** 2]
+        return np.array(sizes)
+
+    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+        """Return the derivative of the torque by `inertial_parameters`, shape (n, 10 n)."""
+        model, order = self._model, self._order
+        known = model.gravity.linear.copy()
+        model.gravity.linear = gravity
+        found: Array = self._pin.computeJointTorqueRegressor(
+            model, self._data, q[order], dq[order], ddq[order])[self._inertial]
+        model.gravity.linear = known
         return found
+
+    def gravity_map(self, q: Array) -> Array:
+        """Return the derivative of G(q) by the vector of gravity, shape (n, 3)."""
+        model = self._model
+        known, columns = model.gravity.linear.copy(), []
+        for axis in np.eye(3):
+            model.gravity.linear = axis
+            columns.append(self._pin.computeGeneralizedGravity(
+                model, self._data, q[self._order])[self._back])
+        model.gravity.linear = known
+        return np.column_stack(columns)
 
     def evaluate(self, q: Array, dq: Array) -> tuple[Array, Array, Array]:
         """Return M(q), C(q, dq) and G(q), shapes (n, n), (n, n) and (n,)."""

@@ -47,7 +47,7 @@ def outcome(robot: str, backend: str, case: str, seed: int, duration: float) -> 
     run = perturbation(found)
     recommended = recommend(found, run, made.model, made.recording.q)
     unseen = recorded(robot, backend, case, seed, 20.0, 500)
-    other = validate(found, unseen.recording.checked(), made.model, errors)
+    other = validate(found, unseen.recording.checked(), made.model)
     ka = np.array(recommended.values['ka'][0], float)
     known = [x.coulomb.value is not None for x in found.friction]
     return {'robot': robot, 'backend': backend, 'case': case, 'seed': seed, 'seconds': seconds,

@@ -71,10 +71,10 @@ def _link_torque(robot: Faulty, rng: Rng, duration: float) -> Case:
 
 
 def _stamps_back(robot: Faulty, rng: Rng, duration: float) -> Case:
-    at = rng.uniform(0.3, 0.7) * duration
+    at, back = rng.uniform(0.3, 0.7) * duration, 0.35 + 1e-3 * rng.random()
 
     def alter(x: Recording) -> Recording:
-        return dataclasses.replace(x, t=np.where(x.t > at, x.t - 0.35, x.t))
+        return dataclasses.replace(x, t=np.where(x.t > at, x.t - back, x.t))
     return Case(robot, 'none', alter)
 
 

@@ -180,13 +180,13 @@ def judged(one: Case, fault: str, seen: Played, made: Outcome, duration: float
     said = [(str(x), x.holds, x.wrong, x.joint)
             for x in numbers(one, made.found, seen, duration)]
     said += list(timings(one, made.found))
-    held = [holds for _, holds, _, i in said if (clean[i] if i >= 0 else any(clean))]
+    held = [bool(holds) for _, holds, _, i in said if (clean[i] if i >= 0 else any(clean))]
     wrong = [words for words, _, bad, i in said if bad and (clean[i] if i >= 0 else any(clean))]
     warned = [words for words, _, bad, i in said
               if bad and i >= 0 and made.severity[i] == Severity.CARE]
     if any(clean):
         wrong += masses(fault, made.found)
-    return {'refusal': '', 'held': [bool(x) for x in held], 'wrong': wrong, 'warned': warned, 'usable': sum(clean),
-            'care': sum(x == Severity.CARE for x in made.severity),
+    return {'refusal': '', 'held': held, 'wrong': wrong, 'warned': warned,
+            'usable': sum(clean), 'care': sum(x == Severity.CARE for x in made.severity),
             'refused': sum(x == Severity.REFUSED for x in made.severity),
             'reasons': list(made.reasons), 'seconds': round(made.seconds, 1)}

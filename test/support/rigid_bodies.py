@@ -86,7 +86,8 @@ def bodies_of(urdf: str, joints: Sequence[str], gravity: float = 9.81,
 def _axis(model: Any, k: int) -> Array:
     """Return the axis of a joint, from its Jacobian in its own frame."""
     data = model.createData()
-    column = pin.computeJointJacobian(model, data, pin.neutral(model), k)[:, model.idx_vs[k]]
+    columns = pin.computeJointJacobian(model, data, pin.neutral(model), k).reshape(6, model.nv)
+    column = columns[:, model.idx_vs[k]]
     found: Array = column[:3] + column[3:]
     return found
 

@@ -74,4 +74,3 @@ def config_of(robot: Faulty, values: dict[str, Any]) -> ControllerConfig:
     return ControllerConfig.from_mapping({
         'joint_names': list(robot.joints), 'control_period': robot.period,
         'model': 'urdf' if arm(robot.name).urdf else 'two_link', **values})
-

@@ -91,8 +91,7 @@ def run(options: argparse.Namespace) -> int:
     perturbed = perturbation(found)
     q = np.concatenate([recording.q for recording in recordings])
     recommended = recommend(found, perturbed, robot.model, q)
-    validation = validate(found, motions[-1].recording, robot.model, robot.candidates
-                          ) if options.validate else None
+    validation = validate(found, motions[-1].recording, robot.model) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
                                     perturbed, recommended, validation, rate)
     _write(results, robot, q, out)

@@ -107,15 +107,13 @@ class Profile:
         found: Array = u[:, s > 1e-7 * s.max(initial=1.0)]
         return found
 
-    def torque(self, part: Stretch, rows: Rows, delay: float, lag: float | Array,
-               magnitude: bool = False) -> Array:
-        """Return the weak torque of a stretch, or its magnitude, nan where it is not known."""
+    def torque(self, part: Stretch, rows: Rows, delay: float, lag: float | Array) -> Array:
+        """Return the weak torque of a stretch, nan where it is not known."""
         values = has(part, self._source)
         assert values is not None
         known = np.isfinite(values)
         filled = np.where(known, values, 0.0)
-        found = weak_torque(filled, delay, np.asarray(lag), part.period, self._phi, rows.centres,
-                            magnitude)
+        found = weak_torque(filled, delay, np.asarray(lag), part.period, self._phi, rows.centres)
         if not known.all():
             reach = self._phi.sums((~known).astype(float), np.ones(2 * self._phi.half + 1),
                                    rows.centres)
@@ -125,12 +123,11 @@ class Profile:
     def windows(self, at: Timing) -> Data:
         """Return all windows with the torques of a timing."""
         pairs = list(zip(self._parts, self._rows))
-        torques, loads = ([self.torque(part, rows, at.delay, at.lag, magnitude)
-                           for part, rows in pairs] for magnitude in (False, True))
+        torques = [self.torque(part, rows, at.delay, at.lag) for part, rows in pairs]
         step = np.where(at.lag > 0.0, _LAG_STEP * at.lag, 1.0)
         late = [(self.torque(part, rows, at.delay, at.lag + step * (at.lag > 0.0)) - tau) / step
                 for (part, rows), tau in zip(pairs, torques)] if at.lag.any() else None
-        return Data.of(self._rows, torques, loads, late)
+        return Data.of(self._rows, torques, late)
 
     def weak(self, delay: float, lag: float | Array) -> Array:
         """Return the residual torque of all windows, shape (J, n); 0 in rows not used."""

@@ -8,19 +8,19 @@ import dataclasses
 from ctc_chattering.analysis.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.regression.body_estimate import BodyEstimate
+from ctc_chattering.identification.regression.causes import causes
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
-from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.error_columns import ErrorColumns
+from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.estimated_bodies import judged
 from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.intervals import correlation_length
-from ctc_chattering.identification.regression.least_squares import (
-    Data,
-    stribeck_velocity,
-    Term,
-    TermKind,
-)
+from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
+from ctc_chattering.identification.regression.least_squares import Data
 from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.regression.rows import Rows, STRIBECK
+from ctc_chattering.identification.regression.model_verdict import ModelVerdict, physical, tilted
+from ctc_chattering.identification.regression.physical_consistency import ConsistentBodies
+from ctc_chattering.identification.regression.rows import Rows
 from ctc_chattering.identification.regression.selection import select, Selected
 from ctc_chattering.identification.regression.sensor_noise import (
     Clock,
@@ -39,37 +39,6 @@ _BETTER = 0.5
 _LEFT = 0.01
 #: Shortest recording that is used [s].
 _SHORTEST = 2.0
-
-
-@dataclasses.dataclass(frozen=True)
-class JointFriction:
-    """
-    Friction of one joint.
-
-    Attributes
-    ----------
-    coulomb, forwards, backwards : Estimate
-        Coulomb friction: mean of both directions, and each [N·m].
-    offset : Estimate
-        Half of forwards less backwards [N·m]: friction that depends on the direction, or a
-        constant torque that the model lacks; no motion can distinguish these.
-    viscous : Estimate
-        [N·m·s/rad].
-    stribeck, stribeck_velocity : Estimate
-        Ks [N·m] and v_s [rad/s].
-    load : Estimate
-        Part of the torque's magnitude.
-
-    """
-
-    coulomb: Estimate
-    forwards: Estimate
-    backwards: Estimate
-    offset: Estimate
-    viscous: Estimate
-    stribeck: Estimate
-    stribeck_velocity: Estimate
-    load: Estimate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,12 +77,14 @@ class Identification:
         Inertia of the rotors at the joint that the model lacks [kg·m²].
     tilt : tuple of Estimate, length 3
         Gravity in the frame of the base [m/s²].
-    bodies : BodyEstimate or None
-        Inertial parameters of the moved bodies.
+    bodies : ConsistentBodies or None
+        Inertial parameters that the moved bodies can have, nearest to the data.
     rate : list of Estimate, length n
         Rate limit of each drive [N·m/s].
     side : {'', 'motor', 'link', 'current'}
         What the effort is.
+    columns : ErrorColumns or None
+        Errors of the model that the regression has; `selected.mixing` is about these.
 
     """
 
@@ -135,9 +106,18 @@ class Identification:
     scale: list[Estimate] = dataclasses.field(default_factory=list)
     rotor: list[Estimate] = dataclasses.field(default_factory=list)
     tilt: tuple[Estimate, ...] = ()
-    bodies: BodyEstimate | None = None
+    bodies: ConsistentBodies | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
     side: str = ''
+    columns: ErrorColumns | None = None
+
+    def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
+        """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
+        phi = TestFunction(self.clock.period, self.clock.period * sum(len(x.q) for x in parts))
+        rows = [Rows.of(part, model, phi, self.columns) for part in parts]
+        data = Profile(parts, rows, self.timing.source, phi).windows(self.timing)
+        return (data.loaded(self.selected.levels).mixed(self.selected.mixing),
+                np.concatenate([part.base for part in rows]))
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
@@ -169,26 +149,37 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     if duration < _SHORTEST:
         raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
                        f'{_SHORTEST:g} s are needed')
-    phi = TestFunction(period)
-    models = [model, *(candidate.model for candidate in candidates)]
-    rows = [Rows.of(part, models, phi) for part in parts]
-    if not any((part.way != 0.0).sum() for part in rows):
-        raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
-                       f'{2 * phi.half * period:g} s in one direction')
-    parts, rows, found = _timed(parts, rows, phi, source, recordings[0].name)
-    profile = Profile(parts, rows, found.source, phi)
-    data = profile.windows(found)
+    phi = TestFunction(period, duration)
+    columns = ErrorColumns.of(model)
+    parts, rows, found = _timed(parts, model, columns, phi, source, recordings[0].name)
     joints = recordings[0].joints
-    selected = select(data, joints, [candidate.name for candidate in candidates])
+
+    def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
+        data = Profile(parts, rows, found.source, phi).windows(found)
+        return data, select(data, joints, columns, causes(columns, len(joints), candidates))
+
+    data, selected = selected_with(rows, columns)
+    gravity = tilted(selected, columns)
+    if gravity is not None:
+        # Errors of masses under a tilted gravity: their product is in the columns about it.
+        columns = ErrorColumns.of(model, gravity)
+        rows = [Rows.of(part, model, phi, columns) for part in parts]
+        data, selected = selected_with(rows, columns)
     noise, lag = velocity_noise(recordings[0], period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
+    friction = [joint_friction(selected, i) for i in range(len(joints))]
+    data = data.loaded(selected.levels).mixed(selected.mixing)
+    named = ModelVerdict(selected, columns, candidates, joints)
+    bodies, impossible = judged(named.bodies(), joints)
     return Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
-        found, [_friction(selected, i) for i in range(len(joints))],
-        list(_errors(selected, candidates)), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration)
+        found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
+        selected, base, weight, duration,
+        findings=(*named.findings(), *physical(friction, joints), *impossible),
+        scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
+        columns=columns)
 
 
 def _common_period(recordings: Sequence[Recording]) -> float:
@@ -206,9 +197,13 @@ def _common_period(recordings: Sequence[Recording]) -> float:
     return nearest if abs(nearest - period) < 1e-3 * period else period
 
 
-def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: str, name: str
-           ) -> tuple[list[Stretch], list[Rows], Timing]:
+def _timed(parts: list[Stretch], model: Model, columns: ErrorColumns | None, phi: TestFunction,
+           source: str, name: str) -> tuple[list[Stretch], list[Rows], Timing]:
     """Return the stretches that have the torque of the better source, and its timing."""
+    rows = [Rows.of(part, model, phi, columns) for part in parts]
+    if not any((part.way != 0.0).sum() for part in rows):
+        raise CtcError(f'{name}: no joint moves for longer than {2 * phi.half * phi.period:g} s '
+                       'in one direction')
     options = []
     for kind in (COMMAND, EFFORT):
         mine = [(part, row) for part, row in zip(parts, rows) if has(part, kind) is not None]
@@ -225,59 +220,6 @@ def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: st
             chosen = dataclasses.replace(options[1][2], delays=commands.delays, commands=commands)
             return options[1][0], options[1][1], chosen
     return options[0]
-
-
-def _friction(selected: Selected, i: int) -> JointFriction:
-    """Return the friction of joint i."""
-    terms, missing = selected.fit.terms, selected.missing
-
-    def number(kind: TermKind, unit: str) -> Estimate:
-        for term in terms:
-            if (term.kind, term.joint) == (kind, i):
-                return Estimate(*selected.interval(term), unit)
-        return Estimate.none(missing.get((kind, i), NONE))
-
-    forwards, backwards = number(TermKind.FORWARDS, 'N*m'), number(TermKind.BACKWARDS, 'N*m')
-    both = forwards.value is not None and backwards.value is not None
-    if both:
-        a, b = Term(TermKind.FORWARDS, i), Term(TermKind.BACKWARDS, i)
-        coulomb = Estimate(*selected.combined({a: 0.5, b: 0.5}), 'N*m')
-        offset = Estimate(*selected.combined({a: 0.5, b: -0.5}), 'N*m')
-    else:
-        reason = forwards.reason or backwards.reason
-        coulomb = offset = Estimate.none(reason)
-        if 'hardly moves' in reason:
-            coulomb = offset = Estimate.none(f'{reason}: friction and a constant torque look the '
-                                             'same in one direction')
-    return JointFriction(coulomb, forwards, backwards, offset,
-                         number(TermKind.VISCOUS, 'N*m*s/rad'),
-                         number(TermKind.STRIBECK, 'N*m'), _stribeck_velocity(selected, i),
-                         number(TermKind.LOAD, ''))
-
-
-def _stribeck_velocity(selected: Selected, i: int) -> Estimate:
-    """Return v_s of joint i with its interval, from the slope of the column by its place."""
-    for term in selected.fit.terms:
-        if (term.kind, term.joint) == (TermKind.STRIBECK, i):
-            size = selected.fit.of(term)
-            _, half = selected.interval(Term(TermKind.STRIBECK_SLOPE, i, term.which))
-            velocity = stribeck_velocity(term.which)
-            ratio = float(np.log(STRIBECK[1] / STRIBECK[0]))
-            return Estimate(velocity, velocity * ratio * half / size, 'rad/s')
-    return Estimate.none(selected.missing.get((TermKind.STRIBECK, i), NONE))
-
-
-def _errors(selected: Selected, candidates: Sequence[ModelError]
-            ) -> list[tuple[ModelError, Estimate]]:
-    """Return the errors of the model that are clear, and those that cannot be told."""
-    found = []
-    for k, candidate in enumerate(candidates):
-        if Term(TermKind.MODEL, -1, k) in selected.fit.terms:
-            value, half = selected.interval(Term(TermKind.MODEL, -1, k))
-            found.append((candidate, Estimate(value, half, candidate.unit)))
-        elif k in selected.unseen:
-            found.append((candidate, Estimate.none(selected.unseen[k])))
-    return found
 
 
 def _left(selected: Selected, base: Array, weight: Array, data: Data, joints: Sequence[str]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 from enum import Enum
+from itertools import pairwise
 from typing import NamedTuple
 
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
@@ -18,8 +19,8 @@ import numpy as np
 
 #: Iterations in which weights follow from residuals.
 _ITERATIONS = 3
-#: Singular value, of columns of the length 1, below which they count as dependent.
-DEPENDENT = 1e-4
+#: Part of the friction and errors of a joint that its torque is trusted to.
+_FLOOR = 1e-4
 
 
 class TermKind(Enum):
@@ -33,15 +34,18 @@ class TermKind(Enum):
     LOAD = 'load'
     LAG_SLOPE = 'lag slope'
     MODEL = 'model'
+    SCALE = 'torque scale'
 
 
 class Term(NamedTuple):
     """
     A column: what it stands for, its joint, and which one of several.
 
-    The joint of an error of the model is -1, and `which` its index. `which` of the Stribeck terms
-    is the place of the velocity among `STRIBECK`, between two of them as well; the slope is the
-    derivative of the column by that, and that of the lag the derivative of the torque by the lag.
+    The joint of an error of the model is -1, and `which` its index; a torque scale of all joints
+    has -1 as well, and its coefficient is the part by which torques are larger. `which` of the
+    Stribeck terms is the place of the velocity among `STRIBECK`, between two of them as well; the
+    slope is the derivative of the column by that, and that of the lag the derivative of the torque
+    by the lag.
     """
 
     kind: TermKind
@@ -59,13 +63,17 @@ class Data:
     t, velocity, way, more, stribeck
         As in `Rows`.
     load : ndarray, shape (J, n)
-        Mean magnitude of the torque [N·m].
+        Magnitude of the torque by the model and Coulomb friction [N·m].
     late : ndarray, shape (J, n)
         Derivative of the torque by the lag of the drive; 0 without a lag [N·m/s].
     residual : ndarray, shape (J, n)
         Torque less the model's without friction, 0 where it is not known [N·m].
     starts : tuple of int
         First window of each stretch.
+    torque : ndarray, shape (J, n)
+        Weak torque, 0 where it is not known [N·m].
+    floor : ndarray, shape (n,)
+        Least deviation that a torque is trusted to [N·m].
 
     """
 
@@ -78,10 +86,12 @@ class Data:
     late: Array
     residual: Array
     starts: tuple[int, ...]
+    torque: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    floor: Array = dataclasses.field(default_factory=lambda: np.zeros(1))
 
     @classmethod
     def of(cls, rows: Sequence[Rows], torques: Sequence[Array],
-           loads: Sequence[Array] | None = None, late: Sequence[Array] | None = None) -> Data:
+           late: Sequence[Array] | None = None) -> Data:
         """
         Return the rows of stretches.
 
@@ -89,23 +99,39 @@ class Data:
         ----------
         rows : sequence of Rows
             One for each stretch.
-        torques, loads : sequence of ndarray, shape (J, n)
-            Weak torque, nan where it is not known, and mean magnitude of the torque [N·m].
+        torques : sequence of ndarray, shape (J, n)
+            Weak torque, nan where it is not known [N·m].
         late : sequence of ndarray, shape (J, n), optional
             Derivative of the weak torque by the lag [N·m/s].
 
         """
-        residual = np.concatenate([tau - part.base for part, tau in zip(rows, torques)])
-        known = np.isfinite(residual)
+        torque = np.concatenate(list(torques))
         columns = {name: np.concatenate([getattr(part, name) for part in rows])
-                   for name in ('t', 'velocity', 'way', 'more', 'stribeck')}
+                   for name in ('t', 'velocity', 'way', 'more', 'stribeck', 'base')}
+        known, base = np.isfinite(torque), columns.pop('base')
         columns['way'] = np.where(known, columns['way'], 0.0)
         counts = np.cumsum([0, *(len(part.t) for part in rows)])
-        load, slope = (np.concatenate(list(x)) if x else np.zeros_like(residual)
-                       for x in (loads, late))
-        return cls(**columns, load=np.where(known, load, 0.0),
-                   late=np.where(known & np.isfinite(slope), slope, 0.0),
-                   residual=np.where(known, residual, 0.0), starts=tuple(counts[:-1].tolist()))
+        slope = np.zeros_like(torque) if late is None else np.concatenate(list(late))
+        residual = np.where(known, torque - base, 0.0)
+        sizes = np.sqrt(np.square(residual * (columns['way'] != 0.0)).sum(axis=0)
+                        / np.maximum((columns['way'] != 0.0).sum(axis=0), 1))
+        return cls(**columns, load=np.abs(base),
+                   late=np.where(known & np.isfinite(slope), slope, 0.0), residual=residual,
+                   starts=tuple(counts[:-1].tolist()), torque=np.where(known, torque, 0.0),
+                   floor=_FLOOR * sizes)
+
+    def loaded(self, levels: Array) -> Data:
+        """
+        Return it with the load of motors that also overcome Coulomb friction, shape (n,) [N·m].
+
+        It is the model's: a measured torque would explain itself.
+        """
+        base = self.torque - self.residual
+        return dataclasses.replace(self, load=np.abs(base + self.way * levels))
+
+    def mixed(self, mixing: Array) -> Data:
+        """Return it with combinations of the errors' columns, mixing of shape (m, k)."""
+        return dataclasses.replace(self, more=self.more @ mixing)
 
     def columns(self, terms: Sequence[Term]) -> Array:
         """Return the design, shape (J, n, terms); 0 in rows that are not used."""
@@ -113,6 +139,9 @@ class Data:
         for k, (kind, i, which) in enumerate(terms):
             if kind == TermKind.MODEL:
                 found[:, :, k] = self.more[:, :, int(which)] * (self.way != 0.0)
+            elif kind == TermKind.SCALE:
+                mine = slice(None) if i < 0 else slice(i, i + 1)
+                found[:, mine, k] = -self.torque[:, mine] * (self.way[:, mine] != 0.0)
             elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
                 weights = interpolation(which, kind == TermKind.STRIBECK_SLOPE)
                 found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
@@ -173,20 +202,29 @@ def solve(data: Data, terms: Sequence[Term]) -> Fit:
     value = np.zeros(len(terms))
     residual = y
     for _ in range(_ITERATIONS):
-        normal, right = normal_equations(design, y, weight)
-        value = solved(normal.sum(axis=0), right.sum(axis=0))
+        root = np.sqrt(weight)
+        rows = (design * root[:, None]).reshape(-1, len(terms))
+        value = solved(rows.T @ rows, rows.T @ (y * root).reshape(-1))
         residual = y - design @ value
-        scale = np.square(residual).sum(axis=0) / counts
+        scale = np.square(residual).sum(axis=0) / counts + np.square(data.floor)
         weight = 1.0 / np.where(scale > 0.0, scale, np.inf)
         weight = np.where(weight > 0.0, weight, 1.0)
     return Fit(tuple(terms), value, weight, residual, design)
 
 
-def normal_equations(design: Array, y: Array, weight: Array) -> tuple[Array, Array]:
-    """Return Xᵀ W X and Xᵀ W y of each window, shapes (J, p, p) and (J, p)."""
-    weighted = design * weight[:, None]
-    return (np.einsum('jip,jiq->jpq', weighted, design),
-            np.einsum('jip,ji->jp', weighted, y))
+def normal_equations(fit: Fit, y: Array, cells: Array) -> tuple[Array, Array]:
+    """
+    Return Xᵀ W X and Xᵀ W y of each cell of windows, shapes (cells, p, p) and (cells, p).
+
+    `cells` are the first windows of the cells, and the end.
+    """
+    root = np.sqrt(fit.weight)
+    p = fit.design.shape[2]
+    normal, right = np.empty((len(cells) - 1, p, p)), np.empty((len(cells) - 1, p))
+    for k, (a, b) in enumerate(pairwise(cells)):
+        rows = (fit.design[a:b] * root[:, None]).reshape(-1, p)
+        normal[k], right[k] = rows.T @ rows, rows.T @ (y[a:b] * root).reshape(-1)
+    return normal, right
 
 
 def solved(normal: Array, right: Array) -> Array:
@@ -197,26 +235,11 @@ def solved(normal: Array, right: Array) -> Array:
     return found
 
 
-def dependent(data: Data, terms: Sequence[Term]) -> list[Term]:
-    """
-    Return which errors of the model are a combination of the columns before them and friction.
-
-    They are taken in their order, so that earlier ones are kept.
-    """
-    fit = solve(data, [term for term in terms if term.kind != TermKind.MODEL])
-    root = np.sqrt(fit.weight)[:, None]
-    basis = np.linalg.qr((fit.design * root).reshape(-1, fit.design.shape[2]))[0]
-    found = []
-    for term in (term for term in terms if term.kind == TermKind.MODEL):
-        column = (data.columns([term]) * root).reshape(-1)
-        length = np.sqrt(column.dot(column))
-        rest = column - basis @ (basis.T @ column)
-        rest -= basis @ (basis.T @ rest)
-        size = np.sqrt(rest.dot(rest))
-        if size <= DEPENDENT * length or length == 0.0:
-            found.append(term)
-        else:
-            basis = np.column_stack((basis, rest / size))
+def inverted(normal: Array) -> Array:
+    """Return the inverse of a normal matrix, its columns scaled to the same length."""
+    length = np.sqrt(np.where(normal.diagonal() > 0.0, normal.diagonal(), 1.0))
+    found: Array = np.linalg.pinv(normal / np.outer(length, length), 1e-13, True) / np.outer(
+        length, length)
     return found
 
 

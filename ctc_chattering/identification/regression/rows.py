@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import dataclasses
 
 from ctc_chattering.analysis.recording import Indices, Stretch
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.weak_form import (
+    blocks,
     Dynamics,
     position_noise,
     smoothed,
@@ -30,7 +31,7 @@ SETTLING = 0.1
 @dataclasses.dataclass(frozen=True)
 class Rows:
     """
-    Windows of one stretch; J windows, n joints, m models besides the first one.
+    Windows of one stretch; J windows, n joints, m columns of errors of the model.
 
     Attributes
     ----------
@@ -43,7 +44,7 @@ class Rows:
     base : ndarray, shape (J, n)
         Weak left side of the model, without friction [N·m].
     more : ndarray, shape (J, n, m)
-        The same of each other model, less `base` [N·m].
+        Weak torque of each of these columns.
     velocity : ndarray, shape (J, n)
         Mean velocity [rad/s], by differences of positions.
     stribeck : ndarray, shape (J, n, len(STRIBECK))
@@ -63,32 +64,45 @@ class Rows:
     gravity: Array
 
     @classmethod
-    def of(cls, stretch: Stretch, models: Sequence[Model], phi: TestFunction) -> Rows:
-        """Return the rows of a stretch; the first of `models` is the one to be corrected."""
+    def of(cls, stretch: Stretch, model: Model, phi: TestFunction,
+           errors: ErrorColumns | None = None) -> Rows:
+        """Return the rows of a stretch, for the model that is to be corrected."""
         h, q = stretch.period, stretch.q
         place, dq, _ = smoothed(q, h)
         moved = np.empty_like(q)
         moved[1:-1], moved[0], moved[-1] = (q[2:] - q[:-2]) / (2.0 * h), dq[0], dq[-1]
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
         centres = phi.centres(len(q), margin)
-        dynamics = Dynamics.along(place, dq, h, models)
-        sides = [dynamics.weak(k, moved, phi, centres) for k in range(len(models))]
         slide = sliding(q, dq, h)
         low, high = _extremes(slide, phi, centres)
         way = np.where(low == high, low, 0.0)
         columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, centres)
                    for v in STRIBECK]
-        more = [side - sides[0] for side in sides[1:]]
-        return cls(stretch.t[centres], centres, way, sides[0],
-                   np.stack(more, axis=2) if more else np.empty((*sides[0].shape, 0)),
-                   phi.sums(moved, phi.at, centres), np.stack(columns, axis=2),
-                   dynamics.weight(phi, centres))
+        sides = [_sides(place, dq, moved, model, phi, errors, some) for some in blocks(centres)
+                 if len(some)]
+        base, weight, more = (np.concatenate(x) for x in zip(*sides)) if sides else (
+            np.empty((0, *shape)) for shape in (q.shape[1:], q.shape[1:], (q.shape[1], 0)))
+        return cls(stretch.t[centres], centres, way, base, more,
+                   phi.sums(moved, phi.at, centres), np.stack(columns, axis=2), weight)
+
+
+def _sides(place: Array, dq: Array, moved: Array, model: Model, phi: TestFunction,
+           errors: ErrorColumns | None, centres: Indices) -> tuple[Array, Array, Array]:
+    """Return the left side of the model, its weight, and the columns of its errors."""
+    part = slice(int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1)
+    at = centres - part.start
+    dynamics = Dynamics.along(place[part], dq[part], phi.period, model)
+    more = errors.weak(place, dq, moved, phi, part.start, centres) if errors else np.empty(
+        (len(centres), place.shape[1], 0))
+    return dynamics.weak(moved[part], phi, at), dynamics.weight(phi, at), more
 
 
 def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:
     """Return the least and the greatest x in each window, shape (2, J, n)."""
-    windows = sliding_window_view(x, 2 * phi.half + 1, axis=0)[centres - phi.half]
-    return np.stack((windows.min(axis=-1), windows.max(axis=-1)))
+    windows = sliding_window_view(x, 2 * phi.half + 1, axis=0)
+    return np.stack([
+        np.concatenate([extreme(windows[some - phi.half], axis=-1) for some in blocks(centres)])
+        for extreme in (np.min, np.max)])
 
 
 def sliding(q: Array, dq: Array, period: float) -> Array:

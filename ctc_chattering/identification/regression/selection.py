@@ -1,44 +1,51 @@
 """
 Which columns the data contain: what a motion does not show is named with its reason, not a number.
 
-Friction of a joint needs motion of it in both directions and at different speeds. All errors of
-the model are in the regression at first; those that are not clearly above their standard errors
-are then taken out, the least first.
+Friction of a joint needs motion of it in both directions and at different speeds. Further terms of
+it are looked for beside all errors that the model may have; then the errors get their causes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
+from typing import NamedTuple
 
+from ctc_chattering.identification.regression.attribution import (
+    explain,
+    Explanation,
+    Projected,
+    without_noise,
+)
+from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
+from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import NONE
 from ctc_chattering.identification.regression.intervals import correlation_length, Spread, spread
 from ctc_chattering.identification.regression.least_squares import (
     Data,
-    dependent,
     Fit,
     solve,
     Term,
     TermKind,
 )
 from ctc_chattering.identification.regression.rows import STRIBECK
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: Fewest windows in a direction, and the ratio of speeds that viscous friction needs.
 _WINDOWS, _RATIO = 20, 2.0
-#: Standard errors above which an error of the model counts, and its least size: a part of a
-#: link's mass, or kg.
-_CLEAR, _LEAST = 4.0, 0.01
+#: Standard errors above which a further term of friction counts.
+_CLEAR = 4.0
 #: Twice the logarithm of the likelihood ratio that a further term of friction must gain.
 _GAIN = 30.0
 #: Part of the Coulomb friction below which it is none.
 _NEGLIGIBLE = 0.02
-#: Rounds in which further terms of friction and errors of the model are looked for.
-_ROUNDS = 3
 #: Steps in which the velocity of Stribeck friction is refined.
 _REFINEMENTS = 6
 #: Windows that are slow enough for it, for each velocity.
 _SLOW = 10
+#: Halves of an interval by which friction may differ beside causes and beside all errors.
+_AGREES = 2.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,15 +61,30 @@ class Selected:
         Standard errors.
     missing : dict of (kind, joint) to str
         Why a term of friction has no number.
-    unseen : dict of int to str
-        Why a model's error, by its index, cannot be told.
+    levels : ndarray, shape (n,)
+        Coulomb friction that the motors' load is made of, by `Data.loaded` [N·m].
+    mixing : ndarray, shape (m, k)
+        Coefficients of the model's errors in the `MODEL` terms, by `Data.mixed`.
+    explanation : Explanation or None
+        Causes of the model's errors; None where no column is known.
+    attributed : bool
+        Whether these explain all that the torque shows of them.
+    alike : tuple of Explanation
+        Other causes that explain as much.
+    projected : Projected or None
+        The windows without friction.
 
     """
 
     fit: Fit
     spread: Spread
     missing: dict[tuple[TermKind, int], str]
-    unseen: dict[int, str]
+    levels: Array
+    mixing: Array
+    explanation: Explanation | None = None
+    attributed: bool = True
+    alike: tuple[Explanation, ...] = ()
+    projected: Projected | None = None
 
     def interval(self, term: Term) -> tuple[float, float]:
         """Return value and half the interval of a term of the fit."""
@@ -74,7 +96,8 @@ class Selected:
         return float(row @ self.fit.value), self.spread.half(row)
 
 
-def select(data: Data, joints: Sequence[str], models: Sequence[str]) -> Selected:
+def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = None,
+           options: Sequence[Cause] = ()) -> Selected:
     """
     Return the regression with the columns that the data contain.
 
@@ -84,34 +107,92 @@ def select(data: Data, joints: Sequence[str], models: Sequence[str]) -> Selected
         All windows.
     joints : sequence of str, length n
         Names, for reasons.
-    models : sequence of str, length m
-        Names of the errors of the model.
+    columns : ErrorColumns, optional
+        To which `data.more` belongs.
+    options : sequence of Cause
+        Causes that are looked for.
 
     """
     terms, missing = _friction(data, joints)
-    unseen: dict[int, str] = {}
+    none = np.zeros((data.more.shape[2], 0))
     if not terms:
         fit = solve(data, [])
-        return Selected(fit, Spread(np.zeros((0, 0)), 0.0, 1), missing,
-                        dict.fromkeys(range(len(models)), 'no joint moves'))
-    errors = [Term(TermKind.MODEL, -1, k) for k in range(len(models))]
-    for term in dependent(data, [*terms, *errors]):
-        unseen[int(term.which)] = (
-            'this motion shows no more of it than of friction and of: '
-            + ', '.join(models[int(e.which)] for e in errors if e != term))
-        errors.remove(term)
-    kept = errors
-    for _ in range(_ROUNDS):
-        more = _further(data, [*terms, *kept], joints, missing)
-        terms = _refined(data, [*terms, *more])
-        kept = _without_small(data, terms, errors)
-        if not more:
-            break
-    terms = _refined(data, _without_weak(data, [*terms, *kept], missing))
+        return Selected(fit, Spread(np.zeros((0, 0)), 0.0, 1), missing, np.zeros(len(joints)),
+                        none)
+    levels = np.array([_level(data, terms, i) for i in range(len(joints))])
+    data = data.loaded(levels)
+    terms = [*terms, *_further(data, terms, joints, levels, missing)]
+    projected = Projected(data := without_noise(data, terms), terms, columns) if columns else None
+    if columns is None or projected is None or not projected.joints:
+        fit, errors = _final(data.mixed(none), terms, missing)
+        return Selected(fit, errors, missing, levels, none)
+    options = [x for x in options if x.kind != CauseKind.SCALE
+               or x.which in (ALL, *projected.joints)]
+    causes = explain(projected, options)
+    mixing, scales = _mixed(columns, causes)
+    named = _final(data.mixed(mixing), [*terms, *scales], missing)
+    alike = _alike(projected, causes, options)
+    beside = explain(projected, [x for x in options if x.kind == CauseKind.SCALE
+                                 and x.which != ALL], saturated=True)
+    scales = [Term(TermKind.SCALE, x.which) for x in beside.causes]
+    whole = _final(data.mixed(projected.saturated), [*terms, *scales], dict(missing))
+    attributed = causes.square + projected.cost * causes.count <= (
+        beside.square + projected.cost * (projected.saturated.shape[1] + beside.count))
+    if attributed and _agree(named, whole):
+        return Selected(*named, missing, levels, mixing, causes, True, alike, projected)
+    return Selected(*whole, missing, levels, projected.saturated, causes, False, (), projected)
+
+
+def _mixed(columns: ErrorColumns, found: Explanation) -> tuple[Array, list[Term]]:
+    """Return the columns of causes, shape (m, k), and the terms of those in the torque."""
+    mixing = [np.zeros((columns.basis.shape[1], 0))]
+    scales = []
+    for cause, value in zip(found.causes, found.values):
+        if cause.kind == CauseKind.SCALE:
+            scales.append(Term(TermKind.SCALE, cause.which))
+        else:
+            mixing.append(cause.design(columns, value))
+    return np.concatenate(mixing, axis=1), scales
+
+
+def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]
+           ) -> tuple[Fit, Spread]:
+    """Return the fit of these terms and all columns of `data`, with its errors."""
+    every = [*terms, *(Term(TermKind.MODEL, -1, k) for k in range(data.more.shape[2]))]
+    found = _refined(data, _without_weak(data, _refined(data, every), missing))
     # As with the slopes of Stribeck columns, intervals contain what the lag is uncertain by.
-    lags = [Term(TermKind.LAG_SLOPE, i) for i in range(len(joints)) if data.late[:, i].any()]
-    fit = solve(data, [*terms, *lags])
-    return Selected(fit, spread(fit, data.starts), missing, unseen)
+    n = data.way.shape[1]
+    lags = [Term(TermKind.LAG_SLOPE, i) for i in range(n) if data.late[:, i].any()]
+    fit = solve(data, [*found, *lags])
+    return fit, spread(fit, data.starts)
+
+
+def _agree(named: tuple[Fit, Spread], whole: tuple[Fit, Spread]) -> bool:
+    """Return whether two fits have the same friction, within the intervals of the second."""
+    for kind in (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS):
+        for k, term in enumerate(whole[0].terms):
+            if term.kind == kind:
+                half = whole[1].factor * whole[1].error[k]
+                if abs(named[0].of(term) - whole[0].value[k]) > _AGREES * half:
+                    return False
+    return True
+
+
+def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
+           ) -> tuple[Explanation, ...]:
+    """Return explanations with another cause in place of one that explain as much."""
+    others = []
+    for k in range(len(found.causes)):
+        rest = [x for j, x in enumerate(found.causes) if j != k]
+        values = [x for j, x in enumerate(found.values) if j != k]
+        for option in options:
+            if any(option is x for x in found.causes):
+                continue
+            other = projected.fit([*rest, option], values)
+            if (other.square + projected.cost * other.count
+                    < found.square + projected.cost * (found.count + 1.0)):
+                others.append(other)
+    return tuple(others)
 
 
 def _friction(data: Data, joints: Sequence[str]
@@ -141,7 +222,7 @@ def _friction(data: Data, joints: Sequence[str]
     return terms, missing
 
 
-def _further(data: Data, terms: Sequence[Term], joints: Sequence[str],
+def _further(data: Data, terms: Sequence[Term], joints: Sequence[str], levels: Array,
              missing: dict[tuple[TermKind, int], str]) -> list[Term]:
     """Return terms of Stribeck and load-dependent friction where the torque clearly has them."""
     found: list[Term] = []
@@ -149,38 +230,64 @@ def _further(data: Data, terms: Sequence[Term], joints: Sequence[str],
         used = data.way[:, i] != 0.0
         if not used.any() or not _is_friction(terms, i):
             continue
-        fit = solve(data, [*terms, *found])
-        level = 0.5 * (fit.of(Term(TermKind.FORWARDS, i)) + fit.of(Term(TermKind.BACKWARDS, i)))
-        size = _NEGLIGIBLE * max(level, 0.0)
         speed = np.abs(data.velocity[used, i])
         slow = [k for k, v in enumerate(STRIBECK) if (speed < v).sum() >= _SLOW]
-        choices = [Term(TermKind.STRIBECK, i, k) for k in slow]
+        options = {TermKind.STRIBECK: [Term(TermKind.STRIBECK, i, k) for k in slow],
+                   TermKind.LOAD: [Term(TermKind.LOAD, i)]}
         largest = float(data.load[used, i].max(initial=0.0))
-        for kind, options, least in (
-                (TermKind.STRIBECK, choices, size),
-                (TermKind.LOAD, [Term(TermKind.LOAD, i)], size / max(largest, 1e-12))):
-            if any((term.kind, term.joint) == (kind, i) for term in terms):
-                continue
-            best = _best(data, [*terms, *found], options, i)
-            if best is not None and best[1] > least:
-                found.append(best[0])
-                missing.pop((kind, i), None)
-            elif kind == TermKind.STRIBECK and not slow:
-                missing[kind, i] = (f'{joints[i]} does not move slowly enough: at least '
-                                    f'{np.percentile(speed, 1.0):.2g} rad/s')
-            else:
-                missing[kind, i] = NONE
+        size = _NEGLIGIBLE * levels[i]
+        least = {TermKind.STRIBECK: size, TermKind.LOAD: size / max(largest, 1e-12)}
+        while options:
+            tried = [(kind, _best(data, [*terms, *found], choices, i))
+                     for kind, choices in options.items()]
+            better = [(best, kind) for kind, best in tried
+                      if best is not None and best.value > least[kind]]
+            if not better:
+                break
+            best, kind = max(better, key=lambda x: x[0].gain)
+            found.append(best.term)
+            del options[kind]
+        for kind in options:
+            missing[kind, i] = NONE
+        if not slow:
+            missing[TermKind.STRIBECK, i] = (
+                f'{joints[i]} does not move slowly enough: at least '
+                f'{np.percentile(speed, 1.0):.2g} rad/s')
     return found
 
 
-def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int
-          ) -> tuple[Term, float] | None:
-    """Return the best of further terms of joint i with its coefficient, if it clearly helps."""
+def _level(data: Data, terms: Sequence[Term], i: int) -> float:
+    """Return about how large the Coulomb friction of joint i is [N·m]."""
     used = data.way[:, i] != 0.0
-    mine = [term for term in terms if term.joint in (i, -1)]
-    x, y = data.columns(mine)[used, i], data.residual[used, i]
+    mine = [term for term in terms if term.joint == i]
+    if not mine:
+        return 0.0
+    x = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1)
     length = np.sqrt(np.square(x).sum(axis=0))
-    basis = np.linalg.svd(x / np.where(length > 0.0, length, 1.0), full_matrices=False)[0]
+    length = np.where(length > 0.0, length, 1.0)
+    value = np.linalg.lstsq(x / length, data.residual[used, i], rcond=1e-7)[0] / length
+    levels = [v for term, v in zip(mine, value)
+              if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
+    return max(float(np.mean(levels)), 0.0)
+
+
+class _Gain(NamedTuple):
+    """A further term with its coefficient, and by how much it helps."""
+
+    term: Term
+    value: float
+    gain: float
+
+
+def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int) -> _Gain | None:
+    """Return the best of further terms of joint i, if it clearly helps."""
+    used = data.way[:, i] != 0.0
+    mine = [term for term in terms if term.joint == i]
+    x, y = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1), (
+        data.residual[used, i])
+    length = np.sqrt(np.square(x).sum(axis=0))
+    basis, sizes, _ = np.linalg.svd(x / np.where(length > 0.0, length, 1.0), full_matrices=False)
+    basis = basis[:, sizes > 1e-7 * sizes[0]]
     rest = y - basis @ (basis.T @ y)
     before = least = float(rest.dot(rest))
     best, after = None, rest
@@ -194,8 +301,9 @@ def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int
         squares = before - value ** 2 * power
         if value > 0.0 and squares < least:
             best, least, after = (option, value), squares, rest - value * column
+    least += len(y) * float(data.floor[i if len(data.floor) > 1 else 0]) ** 2
     gain = (before - least) / max(least, 1e-300) * len(y)
-    return best if gain > _GAIN * correlation_length(after) else None
+    return _Gain(*best, gain) if best and gain > _GAIN * correlation_length(after) else None
 
 
 def _refined(data: Data, terms: Sequence[Term]) -> list[Term]:
@@ -224,21 +332,6 @@ def _refined(data: Data, terms: Sequence[Term]) -> list[Term]:
 def _is_friction(terms: Sequence[Term], i: int) -> bool:
     """Return whether Coulomb friction of joint i is among the terms."""
     return Term(TermKind.FORWARDS, i) in terms or Term(TermKind.BACKWARDS, i) in terms
-
-
-def _without_small(data: Data, terms: Sequence[Term], errors: Sequence[Term]) -> list[Term]:
-    """Return those errors of the model that are clear beside the terms of friction."""
-    kept = list(errors)
-    while kept:
-        fit = solve(data, [*terms, *kept])
-        error = spread(fit, data.starts).error[len(terms):]
-        value = np.abs(fit.value[len(terms):])
-        clear = value / np.maximum(error, 1e-300)
-        weak = (clear < _CLEAR) | (value < _LEAST)
-        if not weak.any():
-            break
-        kept.pop(int(np.argmin(np.where(weak, clear, np.inf))))
-    return kept
 
 
 def _without_weak(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]

@@ -48,7 +48,7 @@ def has(stretch: Stretch, source: str) -> Array | None:
 
 
 def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: TestFunction,
-                centres: Indices, magnitude: bool = False) -> Array:
+                centres: Indices) -> Array:
     """
     Return ∫ φ tau dt over each window, shape (J, n) [N·m].
 
@@ -65,13 +65,9 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
         h [s].
     phi, centres
         Test function, and samples at the centres of the windows.
-    magnitude : bool
-        Of |tau| in place of tau.
 
     """
     filtered = lagged(values, lag, period)
-    if magnitude:
-        filtered = np.abs(filtered)
     whole = int(np.floor(delay))
     found = phi.sums(filtered, phi.over, centres - whole)
     if delay != whole:

@@ -14,7 +14,6 @@ delay.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import dataclasses
 
 from ctc_chattering.analysis.recording import Indices
@@ -30,6 +29,8 @@ from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 HALF, FEWEST = 0.05, 12
 #: Distance of two windows, as a part of half their length.
 _STEP = 0.5
+#: Most windows, roughly, and those that are evaluated at once.
+_MOST_WINDOWS, _BLOCK = 6000, 200
 #: Half the length of the polynomials that velocities come from [s], and the fewest samples.
 _SMOOTH, _FEWEST_SMOOTH = 0.012, 3
 #: Their order.
@@ -46,11 +47,17 @@ class TestFunction:
     ----------
     period : float
         h [s].
+    duration : float
+        Of all that is evaluated [s]: beyond some minutes windows lie farther apart.
 
     Attributes
     ----------
+    period : float
+        h [s].
     half : int
         Samples on each side of the centre.
+    step : int
+        Samples from one window to the next.
     at, slope : ndarray, shape (2 half + 1,)
         h φ and h φ' at the samples [1, 1/s].
     over : ndarray, shape (2 half + 1,)
@@ -60,26 +67,37 @@ class TestFunction:
 
     __test__ = False  # No test of pytest.
 
-    def __init__(self, period: float) -> None:
+    def __init__(self, period: float, duration: float = 0.0) -> None:
+        self.period = period
         self.half = max(FEWEST, round(HALF / period))
-        s = np.arange(-self.half, self.half + 1) / self.half
-        scale = 315.0 / 256.0 / self.half
-        self.at = scale * (1.0 - s * s) ** 4
-        self.slope = scale * -8.0 * s * (1.0 - s * s) ** 3 / (self.half * period)
+        self.step = max(1, round(_STEP * self.half), round(duration / period / _MOST_WINDOWS))
+        around = np.arange(-self.half, self.half + 1)
+        self.at, self.slope = self.weights(around, 1)
+        s = around / self.half
         primitive = 315.0 / 256.0 * (
             s - 4.0 * s ** 3 / 3.0 + 6.0 * s ** 5 / 5.0 - 4.0 * s ** 7 / 7.0 + s ** 9 / 9.0)
         self.over = np.append(np.diff(primitive), 0.0)
 
     def centres(self, count: int, margin: int) -> Indices:
         """Return the centres of windows over `count` samples, without `margin` at both ends."""
-        step = max(1, round(_STEP * self.half))
-        return np.arange(self.half + margin, count - self.half - margin, step)
+        return np.arange(self.half + margin, count - self.half - margin, self.step)
+
+    def weights(self, offset: Indices, step: int) -> tuple[Array, Array]:
+        """Return φ and φ' times a step of so many samples, at samples off the centre."""
+        s = np.clip(offset / self.half, -1.0, 1.0)
+        scale = step * 315.0 / 256.0 / self.half
+        return (scale * (1.0 - s * s) ** 4,
+                scale * -8.0 * s * (1.0 - s * s) ** 3 / (self.half * self.period))
 
     def sums(self, x: Array, weights: Array, centres: Indices) -> Array:
         """Return Σ weights x around each centre, shape (J, ...), of x, shape (N, ...)."""
         windows = sliding_window_view(x, 2 * self.half + 1, axis=0)
-        found: Array = windows[centres - self.half] @ weights
-        return found
+        return np.concatenate([windows[some - self.half] @ weights for some in blocks(centres)])
+
+
+def blocks(centres: Indices) -> list[Indices]:
+    """Return the centres in blocks whose samples fit into memory."""
+    return np.array_split(centres, -(-max(len(centres), 1) // _BLOCK))
 
 
 def smoothing_half(period: float) -> int:
@@ -118,18 +136,16 @@ def velocity_deviation(period: float) -> float:
 @dataclasses.dataclass(frozen=True)
 class Dynamics:
     """
-    Terms of models along a stretch, on a coarse grid: `index` of the samples, M, and G - Cᵀ dq.
+    Terms of a model along a stretch, on a coarse grid; K of its samples.
 
     Attributes
     ----------
     index : ndarray, shape (K,)
         Samples at which they were evaluated.
-    mass : ndarray, shape (models, K, n, n)
+    mass : ndarray, shape (K, n, n)
         M [kg·m²].
-    rest : ndarray, shape (models, K, n)
-        G - Cᵀ dq [N·m].
-    gravity : ndarray, shape (K, n)
-        G of the first model [N·m].
+    rest, gravity : ndarray, shape (K, n)
+        G - Cᵀ dq, and G [N·m].
     count : int
         Number of samples.
 
@@ -142,34 +158,27 @@ class Dynamics:
     count: int
 
     @classmethod
-    def along(cls, q: Array, dq: Array, period: float, models: Sequence[Model]) -> Dynamics:
-        """Evaluate `models` along a motion, each of q and dq of shape (N, n)."""
+    def along(cls, q: Array, dq: Array, period: float, model: Model) -> Dynamics:
+        """Evaluate a model along a motion, each of q and dq of shape (N, n)."""
         step = max(1, int(_GRID / period))
         index = np.append(np.arange(0, len(q) - 1, step), len(q) - 1)
         n = q.shape[1]
-        mass = np.empty((len(models), len(index), n, n))
-        rest = np.empty((len(models), len(index), n))
-        weight = np.empty((len(index), n))
-        for a, model in enumerate(models):
-            for b, k in enumerate(index):
-                M, C, G = model.evaluate(q[k], dq[k])
-                mass[a, b], rest[a, b] = M, G - C.T.dot(dq[k])
-                if not a:
-                    weight[b] = G
+        mass, rest, weight = (np.empty((len(index), *shape)) for shape in ((n, n), (n,), (n,)))
+        for b, k in enumerate(index):
+            mass[b], C, weight[b] = model.evaluate(q[k], dq[k])
+            rest[b] = weight[b] - C.T.dot(dq[k])
         return cls(index, mass, rest, weight, len(q))
 
     def weight(self, phi: TestFunction, centres: Indices) -> Array:
-        """Return the weak G of the first model, shape (J, n) [N·m]."""
+        """Return the weak G, shape (J, n) [N·m]."""
         return phi.sums(self._full(self.gravity), phi.at, centres)
 
-    def weak(self, which: int, moved: Array, phi: TestFunction, centres: Indices) -> Array:
+    def weak(self, moved: Array, phi: TestFunction, centres: Indices) -> Array:
         """
-        Return the left side of the equation of one model, without friction, shape (J, n) [N·m].
+        Return the left side of the equation, without friction, shape (J, n) [N·m].
 
         Parameters
         ----------
-        which : int
-            Index of the model.
         moved : ndarray, shape (N, n)
             Velocity at the samples [rad/s]; it may be noisy.
         phi : TestFunction
@@ -178,9 +187,9 @@ class Dynamics:
             Of the windows.
 
         """
-        momentum = np.einsum('tij,tj->ti', self._full(self.mass[which]), moved)
-        rest = self._full(self.rest[which])
-        return phi.sums(rest, phi.at, centres) - phi.sums(momentum, phi.slope, centres)
+        momentum = np.einsum('tij,tj->ti', self._full(self.mass), moved)
+        return (phi.sums(self._full(self.rest), phi.at, centres)
+                - phi.sums(momentum, phi.slope, centres))
 
     def _full(self, values: Array) -> Array:
         """Return values of the coarse grid at all samples."""

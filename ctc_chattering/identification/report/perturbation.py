@@ -92,6 +92,8 @@ def _envelope(fit: Fit, data: Data) -> Array:
         i = term.joint
         if term.kind == TermKind.MODEL:
             error += value * data.more[:, :, int(term.which)]
+        elif term.kind == TermKind.SCALE:
+            error += value * data.columns([term])[:, :, 0]
         elif term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
             level[i] = max(level[i], abs(value))
         elif term.kind == TermKind.VISCOUS:

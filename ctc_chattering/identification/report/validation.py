@@ -8,12 +8,8 @@ import dataclasses
 from ctc_chattering.analysis.recording import Recording, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.regression.delay_and_lag import Profile
 from ctc_chattering.identification.regression.identify import Identification
-from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.regression.rows import Rows
 from ctc_chattering.identification.regression.torque import has
-from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -61,8 +57,7 @@ class Validation:
         return found
 
 
-def validate(found: Identification, recording: Recording, model: Model,
-             candidates: Sequence[ModelError]) -> Validation:
+def validate(found: Identification, recording: Recording, model: Model) -> Validation:
     """
     Return how another run is predicted.
 
@@ -72,8 +67,8 @@ def validate(found: Identification, recording: Recording, model: Model,
         Of other recordings.
     recording : Recording
         Checked.
-    model, candidates
-        As `identify` has them.
+    model : Model
+        As `identify` has it.
 
     Raises
     ------
@@ -88,13 +83,10 @@ def validate(found: Identification, recording: Recording, model: Model,
     if abs(recording.period - period) > 0.02 * period:
         raise CtcError(f'{recording.name}: a period of {recording.period:.4g} s; that of the '
                        f'identified run: {period:.4g} s')
-    phi = TestFunction(period)
     parts = [part for part in stretches(recording, period)
              if len(part.q) * period > 1.0 and has(part, found.timing.source) is not None]
     if not parts:
         raise CtcError(f'{recording.name}: no second without a gap that has a torque of the '
                        f'source {found.timing.source}')
-    rows = [Rows.of(part, [model, *(x.model for x in candidates)], phi) for part in parts]
-    data = Profile(parts, rows, found.timing.source, phi).windows(found.timing)
-    base = np.concatenate([part.base for part in rows])
+    data, base = found.windows(parts, model)
     return Validation(recording.name, perturbation(found, data), base + data.residual, base)

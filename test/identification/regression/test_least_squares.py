@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ctc_chattering.identification.regression.least_squares import (
     Data,
-    dependent,
     interpolation,
     solve,
     stribeck_velocity,
@@ -70,14 +69,6 @@ def test_the_weights_are_those_of_the_noise_of_each_joint() -> None:
     used = (WAY != 0.0).sum(axis=0)
     assert 1.0 / np.sqrt(fit.weight) == pytest.approx(
         np.sqrt((fit.residual ** 2).sum(axis=0) / used), rel=0.01)
-
-
-def test_dependent_errors_of_the_model_are_found() -> None:
-    more = MORE.copy()
-    more[:, :, 1] = 2.0 * more[:, :, 0]
-    more[:, :, 2] = 0.0
-    errors = [Term(TermKind.MODEL, -1, k) for k in range(3)]
-    assert dependent(data(torque(), more), [*TERMS[:6], *errors]) == errors[1:]
 
 
 @pytest.mark.parametrize('place', [2.4, 10.6, 25.4])

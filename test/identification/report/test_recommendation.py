@@ -89,10 +89,10 @@ def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path
 
 def test_another_run_is_predicted_and_ka_holds_there() -> None:
     other = record('two_link', 7, 8.0, plant={'velocity_noise': [1e-5] * 2})
-    found = validate(FOUND, other.recording.checked(), MADE.model, candidates(MADE.model))
+    found = validate(FOUND, other.recording.checked(), MADE.model)
     ka = [float(x) for x in np.array(recommended().values['ka'][0], float)]
     verdicts = found.verdicts(FOUND.joints, ka)
     assert all(good for good, _ in verdicts), verdicts
     rough = record('two_link', 7, 8.0, plant={'coulomb_friction': [14.0, 14.0]})
-    failed = validate(FOUND, rough.recording.checked(), MADE.model, candidates(MADE.model))
+    failed = validate(FOUND, rough.recording.checked(), MADE.model)
     assert not any(good for good, _ in failed.verdicts(FOUND.joints, ka))

@@ -1,0 +1,128 @@
+"""
+Causes that an error of the model may have, each with few numbers: what is looked for by name.
+
+A cause is a function of its numbers that gives the parameters x of `ErrorColumns`, and is 0
+without it. A torque that is off by a factor is in the torque itself, and no x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import NamedTuple
+
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.identification.regression.error_columns import ErrorColumns
+from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
+
+#: In place of an index: of all joints, or all masses.
+ALL = -1
+#: Part of the size of a number by which it is changed for a derivative.
+_STEP = 1e-3
+
+
+class CauseKind(Enum):
+    """What a cause is."""
+
+    SCALE = 'torque scale'
+    MASSES = 'all masses'
+    GRAVITY = 'direction of gravity'
+    ROTOR = 'rotor inertia'
+    LINK = 'mass'
+    CENTRE = 'centre of mass'
+    BODY = 'mass, centre and inertia'
+
+
+class Cause(NamedTuple):
+    """
+    A cause.
+
+    Attributes
+    ----------
+    kind : CauseKind
+        What it is.
+    which : int
+        Joint, body or candidate; `ALL` for all.
+    size : ndarray, shape (k,)
+        How large its numbers are roughly.
+    direction : ndarray, shape (p + n + 3,)
+        x of a candidate for 1; empty for others.
+
+    """
+
+    kind: CauseKind
+    which: int
+    size: Array
+    direction: Array = np.zeros(0)
+
+    def errors(self, columns: ErrorColumns, value: Array) -> Array:
+        """Return x for these numbers, shape (p + n + 3,)."""
+        x = np.zeros(len(columns.sizes))
+        p, i = columns.count, self.which
+        body = slice(10 * i, 10 * i + 10)
+        if self.kind == CauseKind.LINK:
+            x = value[0] * self.direction
+        elif self.kind == CauseKind.MASSES:
+            x[:p] = value[0] * columns.prior[:p]
+        elif self.kind == CauseKind.ROTOR:
+            x[p + i] = value[0]
+        elif self.kind == CauseKind.BODY:
+            x[body] = value
+        elif self.kind == CauseKind.CENTRE:
+            x[body] = _moved(columns.prior[body], value) - columns.prior[body]
+        elif self.kind == CauseKind.GRAVITY:
+            down = columns.prior[-3:]
+            x[-3:] = Rotation.from_rotvec([*value, 0.0]).apply(down) - down
+        return x
+
+    def design(self, columns: ErrorColumns, value: Array) -> Array:
+        """
+        Return the coefficients of the columns for each number, shape (m, k).
+
+        For these numbers they are exact, and for others the derivative.
+        """
+        here = self.errors(columns, value)
+        slopes = [(self.errors(columns, value + step) - here) / step.sum()
+                  for step in np.diag(_STEP * self.size)]
+        jacobian = np.stack(slopes, axis=1)
+        power = float(value @ value)
+        if power > 0.0:
+            jacobian += np.outer(here - jacobian @ value, value) / power
+        return columns.coordinates(jacobian)
+
+
+def _moved(body: Array, shift: Array) -> Array:
+    """Return the ten parameters of a body whose centre of mass is moved [m]."""
+    mass, first = body[0], body[1:4]
+    after = first + mass * shift
+    if mass <= 0.0:
+        return body
+
+    def about(c: Array) -> Array:
+        inertia: Array = (c @ c * np.eye(3) - np.outer(c, c)) / mass
+        found: Array = inertia[(0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+        return found
+    return np.concatenate(([mass], after, body[4:] - about(first) + about(after)))
+
+
+def causes(columns: ErrorColumns | None, joints: int, candidates: Sequence[ModelError]
+           ) -> list[Cause]:
+    """Return all causes that are looked for, those with fewer numbers first."""
+    scales = [Cause(CauseKind.SCALE, i, np.full(1, 0.1)) for i in (ALL, *range(joints))]
+    if columns is None:
+        return []
+    p, sizes = columns.count, columns.sizes
+    found = [*scales, *(Cause(CauseKind.ROTOR, i, sizes[p + i:p + i + 1]) for i in range(joints))]
+    for k, candidate in enumerate(candidates):
+        direction = columns.direction(candidate.model)
+        if direction is not None:
+            found.append(Cause(CauseKind.LINK, k, np.full(1, 0.1), direction))
+    found.append(Cause(CauseKind.MASSES, ALL, np.full(1, 0.1)))
+    found.append(Cause(CauseKind.GRAVITY, ALL, np.full(2, 0.1)))
+    if isinstance(columns.model, UrdfModel):
+        found += [Cause(CauseKind.CENTRE, i, np.full(3, 0.01)) for i in range(joints)]
+        found += [Cause(CauseKind.BODY, i, sizes[10 * i:10 * i + 10]) for i in range(joints)]
+    return found

@@ -1,0 +1,231 @@
+"""What the errors of a model are, in numbers with intervals and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ctc_chattering.identification.regression.body_estimate import BodyEstimate
+from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
+from ctc_chattering.identification.regression.error_columns import ErrorColumns
+from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.estimated_bodies import body_estimate
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
+from ctc_chattering.identification.regression.joint_friction import JointFriction
+from ctc_chattering.identification.regression.least_squares import Term, TermKind
+from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.selection import Selected
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Least turn of gravity for which columns are made anew [rad].
+_TURN = 3e-3
+#: Half an interval of a torque scale from which on friction is in doubt.
+_UNSURE = 0.05
+#: Largest share of the load that friction may have.
+_LOAD = 0.5
+_RECORD = 'record a motion with more speed and larger accelerations of all joints'
+_CORRECT = 'correct the description'
+
+
+def tilted(selected: Selected, columns: ErrorColumns | None) -> Array | None:
+    """Return the gravity that causes name, shape (3,) [m/s²]; None where it is the model's."""
+    if columns is None or selected.explanation is None:
+        return None
+    for cause, value in zip(selected.explanation.causes, selected.explanation.values):
+        if cause.kind == CauseKind.GRAVITY and np.abs(value).max() > _TURN:
+            found: Array = (columns.prior + cause.errors(columns, value))[-3:]
+            return found
+    return None
+
+
+class ModelVerdict:
+    """
+    Causes of a model's errors.
+
+    Parameters
+    ----------
+    selected : Selected
+        The regression.
+    columns : ErrorColumns or None
+        Its columns; None for a model that has none.
+    candidates : sequence of ModelError
+        Errors of masses that were looked for.
+    joints : sequence of str, length n
+        Names.
+
+    """
+
+    def __init__(self, selected: Selected, columns: ErrorColumns | None,
+                 candidates: Sequence[ModelError], joints: Sequence[str]) -> None:
+        self._selected, self._columns, self._joints = selected, columns, joints
+        self._candidates = candidates
+        self._found: list[tuple[Cause, list[Estimate]]] = []
+        if selected.explanation is not None and selected.attributed:
+            self._found = list(self._estimates(selected.explanation.causes))
+
+    def _estimates(self, found: Sequence[Cause]) -> Iterator[tuple[Cause, list[Estimate]]]:
+        """Yield causes with their numbers."""
+        place = 0
+        for cause in found:
+            if cause.kind == CauseKind.SCALE:
+                terms = [Term(TermKind.SCALE, cause.which)]
+            else:
+                terms = [Term(TermKind.MODEL, -1, place + k) for k in range(len(cause.size))]
+                place += len(terms)
+            yield cause, [Estimate(*self._selected.interval(term)) for term in terms]
+
+    def errors(self) -> list[tuple[ModelError, Estimate]]:
+        """Return the masses that are off."""
+        return [(self._candidates[cause.which],
+                 Estimate(number.value, number.half, self._candidates[cause.which].unit))
+                for cause, (number, *_) in self._found if cause.kind == CauseKind.LINK]
+
+    def _none(self) -> Estimate:
+        """Return why a number that is not among the causes is none."""
+        if self._columns is None:
+            return Estimate.none('the model has no regressor')
+        if not self._selected.attributed:
+            return Estimate.none("the model's errors cannot be attributed")
+        return Estimate.none(NONE)
+
+    def rotor(self) -> list[Estimate]:
+        """Return the inertia of rotors that the model lacks, length n [kg·m²]."""
+        found = [self._none() for _ in self._joints]
+        for cause, (number, *_) in self._found:
+            if cause.kind == CauseKind.ROTOR:
+                found[cause.which] = Estimate(number.value, number.half, 'kg*m^2')
+        return found
+
+    def scale(self) -> list[Estimate]:
+        """Return the torque at each joint per torque of the signal, length n."""
+        found = [self._none() for _ in self._joints]
+        selected = self._selected
+        if selected.projected is not None and selected.explanation is not None:
+            for i in selected.projected.joints:
+                half = 2.0 * selected.projected.deviation(
+                    selected.explanation, Cause(CauseKind.SCALE, i, np.full(1, 0.1)))
+                if selected.attributed:
+                    found[i] = Estimate(1.0, half)
+        for cause, (number, *_) in self._found:
+            if cause.kind == CauseKind.SCALE:
+                for i in range(len(found)) if cause.which == ALL else [cause.which]:
+                    found[i] = Estimate(1.0 + number.or_zero(), number.half)
+        return found
+
+    def gravity(self) -> tuple[Estimate, ...]:
+        """Return gravity in the frame of the base, length 3 [m/s²]; empty without columns."""
+        if self._columns is None:
+            return ()
+        down = self._columns.prior[-3:]
+        for cause, numbers in self._found:
+            if cause.kind == CauseKind.GRAVITY:
+                value = np.array([x.or_zero() for x in numbers])
+                after = down + cause.errors(self._columns, value)[-3:]
+                size = float(np.linalg.norm(down))
+                halves = (size * numbers[1].half, size * numbers[0].half, 0.0)
+                return tuple(Estimate(float(x), half, 'm/s^2')
+                             for x, half in zip(after, halves))
+        return tuple(Estimate(float(x), 0.0, 'm/s^2') for x in down)
+
+    def bodies(self) -> BodyEstimate | None:
+        """Return the inertial parameters of all bodies; None for a model without these."""
+        projected = self._selected.projected
+        if projected is None:
+            return None
+        found = self._selected.explanation if self._selected.attributed else None
+        return body_estimate(projected, found, self._bodies())
+
+    def _bodies(self) -> list[str]:
+        """Return a name for the body of each joint."""
+        links = [x.name for x in self._candidates if not x.unit]
+        return links if len(links) == len(self._joints) else [
+            f'body of {name}' for name in self._joints]
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield what makes numbers doubtful."""
+        selected, joints = self._selected, self._joints
+        if self._columns is None:
+            yield Finding(Severity.CARE, ALL_JOINTS, (
+                'the model is no URDF and offers no regressor: its errors are not looked for, and '
+                'are in the friction'), 'give the robot as a URDF')
+            return
+        if selected.explanation is None:
+            return
+        for cause, numbers in self._found:
+            joint = cause.which if cause.kind in (CauseKind.SCALE, CauseKind.ROTOR) else ALL_JOINTS
+            yield Finding(Severity.CARE, joint, self._words(cause, numbers), _cure(cause))
+        if not selected.attributed:
+            likely = ', '.join(self._name(cause) for cause in selected.explanation.causes)
+            yield Finding(Severity.CARE, ALL_JOINTS, (
+                'the model has errors that no single cause explains'
+                + (f' (the most likely: {likely})' if likely else '')
+                + '; friction is identified beside all of them'),
+                f'{_CORRECT}: masses, centres of mass, rotor inertias, mounting')
+        for other in selected.alike[:3]:
+            yield Finding(Severity.CARE, ALL_JOINTS, (
+                'the torque is explained as well by: '
+                + ', '.join(self._name(cause) for cause in other.causes)
+                + '; intervals of friction contain both'), _RECORD)
+        for i, scale in enumerate(self.scale()):
+            if scale.value is not None and scale.half > _UNSURE:
+                yield Finding(Severity.CARE, i, (
+                    f'{joints[i]}: the motion shows the scale of its torque to '
+                    f'±{scale.half:.0%} only: friction is as wrong as the torque constant'), (
+                    f'{_RECORD}, or with a known payload'))
+
+    def _name(self, cause: Cause) -> str:
+        """Return a cause in words."""
+        kind, i = cause.kind, cause.which
+        if kind in (CauseKind.SCALE, CauseKind.ROTOR):
+            return f'{kind.value} of {"all joints" if i == ALL else self._joints[i]}'
+        if kind == CauseKind.LINK:
+            return f'mass of {self._candidates[i].name}'
+        if kind in (CauseKind.BODY, CauseKind.CENTRE):
+            return f'{kind.value} of {self._bodies()[i]}'
+        return str(kind.value)
+
+    def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
+        """Return what a cause does, with its numbers."""
+        first, name = numbers[0], self._name(cause)
+        if cause.kind == CauseKind.SCALE:
+            return (f'{name}: the torque is {1.0 + first.or_zero():.4g} ± {first.half:.1g} times '
+                    'the signal, a wrong torque constant or gear ratio')
+        if cause.kind == CauseKind.ROTOR:
+            return (f'{name}: {first.or_zero():.4g} ± {first.half:.1g} kg*m^2 at the joint are '
+                    'missing in the model')
+        if cause.kind == CauseKind.GRAVITY:
+            turn = np.degrees([(x.or_zero(), x.half) for x in numbers])
+            return (f'{name}: the base is turned by {turn[0, 0]:.2f} ± {turn[0, 1]:.1g} degrees '
+                    f'about x and {turn[1, 0]:.2f} ± {turn[1, 1]:.1g} about y')
+        if cause.kind == CauseKind.CENTRE:
+            shift = ', '.join(f'{x.or_zero():.4g} ± {x.half:.1g}' for x in numbers)
+            return f'{name}: off by {shift} m in x, y, z of its joint'
+        if cause.kind == CauseKind.BODY:
+            return f'{name}: not as in the model; a payload or a tool is fixed to it'
+        unit = self._candidates[cause.which].unit if cause.kind == CauseKind.LINK else ''
+        return (f'{name}: {first.or_zero():+.4g} ± {first.half:.1g} kg' if unit else
+                f'{name}: {first.or_zero():+.2%} ± {first.half:.2%}')
+
+
+def _cure(cause: Cause) -> str:
+    """Return what to do about a cause."""
+    return {CauseKind.SCALE: 'correct the torque constant of the drive, or give --effort',
+            CauseKind.GRAVITY: 'level the base, or turn the root of the description',
+            }.get(cause.kind, _CORRECT)
+
+
+def physical(friction: Sequence[JointFriction], joints: Sequence[str]) -> Iterator[Finding]:
+    """Yield numbers of friction that no joint can have."""
+    for i, one in enumerate(friction):
+        for what, number in (('Coulomb friction', one.coulomb), ('viscous friction', one.viscous)):
+            if number.value is not None and number.value < 0.0:
+                worse = number.value + number.half < 0.0
+                yield Finding(Severity.REFUSED if worse else Severity.CARE, i, (
+                    f'{joints[i]}: {what} of {number}, allowed: at least 0; the model, the '
+                    'torque signal or its side of the gear is wrong'), (
+                    'check the description and what the effort is (--effort)'))
+        load = one.load.value
+        if load is not None and not 0.0 <= load < _LOAD:
+            yield Finding(Severity.REFUSED, i, (
+                f'{joints[i]}: friction of {load:.2f} times the load, allowed: 0 to {_LOAD:g}'),
+                'check the description and what the effort is (--effort)')
