@@ -90,7 +90,7 @@ identification: $(READY)
 # The table of robots with the faults of real arms, of an independent plant; hours.
 # ARGS='--only panda,tilt' for some, --rows FILE to go on with another file.
 faults: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/identification/faults.py --seeds $(SEEDS) $(ARGS)
+	PYTHONPATH=test/support $(BIN)/python test/identification/fault_study.py --seeds $(SEEDS) $(ARGS)
 
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml

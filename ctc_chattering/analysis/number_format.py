@@ -17,7 +17,7 @@ def rounded(value: float, digits: int = 3) -> float:
 def shown(value: Any) -> str:
     """Return the value of a parameter in a sentence: numbers to four digits, several in []."""
     if isinstance(value, list):
-        return f'[{", ".join(f"{x:.4g}" for x in value)}]'
+        return f'[{", ".join("-" if x is None else f"{x:.4g}" for x in value)}]'
     return f'{value:.4g}' if isinstance(value, float) else str(value)
 
 

@@ -7,10 +7,13 @@ import csv
 from html import unescape
 import io
 import re
+from textwrap import wrap
 from typing import NamedTuple
 
 from ctc_chattering.analysis.markup import fragment, Markup
 
+#: Columns of a terminal that `fitted` and `paragraph` fill, and those of a name in a table.
+WIDTH, _NAME = 100, 40
 #: Elements of HTML that have a form in Markdown.
 _MARKS = {'b': '**', 'code': '`'}
 
@@ -92,6 +95,41 @@ def columns(rows: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*rows)]
     return ['  '.join(text.ljust(width) for text, width in zip(row, widths)).rstrip()
             for row in rows]
+
+
+def fitted(rows: Sequence[Sequence[str]], indent: int = 2) -> list[str]:
+    """
+    Return rows of as many cells each as lines of at most `WIDTH` characters.
+
+    Columns that do not fit stand below, again with the first one, of which long names are cut.
+    """
+    names = [_cut(_line(row[0]), _NAME) for row in rows]
+    room = WIDTH - indent
+    left = room - max(map(len, names))
+    parts: list[list[Sequence[str]]] = [[names]]
+    for column in zip(*(row[1:] for row in rows)):
+        cells = [_cut(_line(text), room - _NAME - 2) for text in column]
+        width = 2 + max(map(len, cells))
+        if left < width and len(parts[-1]) > 1:
+            parts.append([names])
+            left = room - max(map(len, names))
+        parts[-1].append(cells)
+        left -= width
+    blocks = (columns(list(zip(*part))) for part in parts)
+    return [f'{"":{indent}}{line}' for block in blocks for line in block]
+
+
+def paragraph(text: str, indent: int = 2) -> list[str]:
+    """Return text as lines of at most `WIDTH` characters, the first one less indented."""
+    return wrap(_line(text), WIDTH, initial_indent=' ' * indent,
+                subsequent_indent=' ' * (indent + 2), break_on_hyphens=False)
+
+
+def _cut(text: str, most: int) -> str:
+    """Return text of at most so many characters, without those in its middle."""
+    if len(text) <= most:
+        return text
+    return f'{text[:most // 2]}…{text[-((most - 1) // 2):]}'
 
 
 def print_columns(rows: Sequence[Sequence[str]]) -> None:

@@ -135,7 +135,7 @@ class Plant:
         return (np.where(robot.encoder > 0.0, step * np.floor(q / step + 0.5), q),
                 self.state.v[:n] + robot.velocity_noise * noise[1])
 
-    def step(self, command: Sequence[float]) -> None:
+    def step(self, command: Sequence[float] | Array) -> None:
         """Receive a command [N·m], and go on by a period."""
         steps = round(np.ceil(self.robot.period / _STEP))
         advance(self.robot.physics, self.state, np.array(command, float), steps,

@@ -14,7 +14,7 @@ from ctc_chattering.identification.regression.finding import Severity
 from ctc_chattering.identification.regression.identify import Identification
 from faults_of_arms import Case, case, recorded
 from faulty_bags import bag_of
-from faulty_robots import Played
+from faulty_robots import Played, sampled
 from identification_judge import judged, model_of, Number, Outcome, outcome
 import numpy as np
 import pytest
@@ -79,9 +79,9 @@ def test_a_drift_is_right_anywhere_on_its_way() -> None:
 
 def test_a_bag_with_jitter_has_what_was_recorded(tmp_path: Path) -> None:
     one, _, recording, _ = made()
-    short = dataclasses.replace(recording, **{
-        name: None if (x := getattr(recording, name)) is None else x[:600]
-        for name in ('t', 'q', 'dq', 'effort', 'command')})
+    assert recording.command is not None
+    short = Recording('bag', recording.joints, recording.t[:600], recording.q[:600],
+                      command=recording.command[:600])
     for seed in (0, 1):
         found = read_motion(bag_of(tmp_path / str(seed), short, seed), one.robot.joints
                             ).recording
@@ -97,4 +97,4 @@ def test_a_law_of_this_package_follows_an_unseen_motion_that_is_faster() -> None
     error = tracked(one.robot, model_of(one), config, route, 2)
     assert (error > 0.0).all()
     assert (error < 0.3).all()
-    assert route.times[-1] <= 3.05e9
+    assert np.abs(sampled(route, 1e-3)[:, 1, 1]).max() <= 1.5

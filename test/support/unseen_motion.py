@@ -13,25 +13,34 @@ import numpy as np
 import pinocchio as pin
 from rigid_bodies import Array, dynamics
 
-#: Parts of the limits of velocity and torque that the motion takes, and its most times faster.
-_PART, _FASTER = 0.9, 2.5
+#: Parts of the limits of velocity and torque that the motion takes.
+_PART = 0.9
+#: What Pinocchio has in place of a limit that a joint has not is above [rad/s].
+_NO_LIMIT = 100.0
+#: Acceleration over the limit of velocity [1/s], as URDFs have none.
+_ACCELERATION = 4.0
 #: Error at which a run has failed [rad].
 _FAILED = 1.5
 
 
 def fast(robot: Faulty, duration: float, seed: int) -> Route:
-    """Return a motion that was not recorded, faster until a limit is reached."""
+    """
+    Return a motion that was not recorded, as fast as the limits allow.
+
+    A joint without a limit of velocity is as fast as it was in the recorded motion.
+    """
     route = motion(arm(robot.name), duration, seed + 500)
     model: Any = pin.buildModelFromXML(description(robot.name))
     at = [model.joints[model.getJointId(name)].idx_v for name in robot.joints]
-    speed, torque = model.velocityLimit[at], model.effortLimit[at]
-    speed = np.where(speed > 0.0, speed, np.inf)
+    known = np.abs(sampled(motion(arm(robot.name), 25.0, seed), 0.01)[:, 1]).max(axis=0)
+    limit, torque = model.velocityLimit[at], model.effortLimit[at]
+    speed = np.where((limit > 0.0) & (limit < _NO_LIMIT), limit, known / _PART)
     torque = np.where(torque > 0.0, torque, np.inf)
     q, dq, ddq = sampled(route, 0.01).transpose(1, 0, 2)
-    times = float(np.clip((_PART * speed / np.abs(dq).max(axis=0)).min(), 1.0, _FASTER))
-    while times > 1.0 and (_torque(robot, q, times * dq, times ** 2 * ddq)
-                           > _PART * torque).any():
-        times = max(1.0, 0.9 * times)
+    times = min(float((_PART * speed / np.abs(dq).max(axis=0)).min()),
+                float(np.sqrt((_ACCELERATION * speed / np.abs(ddq).max(axis=0)).min())))
+    while (_torque(robot, q, times * dq, times ** 2 * ddq) > _PART * torque).any():
+        times *= 0.9
     points = [(a, tuple(times * x for x in b), tuple(times ** 2 * x for x in c))
               for a, b, c in route.points]
     return Route(route.names, [round(t / times) for t in route.times], points)
@@ -59,7 +68,9 @@ def tracked(robot: Faulty, model: Model, config: ControllerConfig, route: Route,
     total = np.zeros(robot.n)
     for k in range(len(wanted)):
         q, dq = plant.measured()
-        sample = controller.try_step(q.tolist(), dq.tolist(), *rows[k], rows[k + 1:k + 1 + delay])
+        q_d, dq_d, ddq_d = rows[k]
+        sample = controller.try_step(q.tolist(), dq.tolist(), q_d, dq_d, ddq_d,
+                                     rows[k + 1:k + 1 + delay])
         error = plant.state.x[:robot.n] - wanted[k, 0]
         if sample is None or not (np.abs(error) < _FAILED).all():
             return np.full(robot.n, np.nan)

@@ -9,18 +9,24 @@ from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare, write_text, writing
 from ctc_chattering.analysis.result import write_json
-from ctc_chattering.cli.options import add_output
+from ctc_chattering.analysis.tables import paragraph
+from ctc_chattering.cli.command_line import say
+from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
+from ctc_chattering.cli.options import add_output, numbers
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.model_errors import candidates, ModelError
 import numpy as np
 
 if TYPE_CHECKING:
     from ctc_chattering.bags.motion import RecordedMotion
+    from ctc_chattering.identification.regression.identify import Identification
+    from ctc_chattering.identification.report.recommendation import Recommendation
     from ctc_chattering.identification.report.results import IdentificationResults
 
 DETAILS = ('From bags of any recorder, with intervals of 95 %. Write identified.yaml, '
@@ -58,14 +64,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help="by default the bag's, or 9.81 [m/s²]")
     parser.add_argument('--torque', choices=('command', 'effort'),
                         help='where torques are taken from; by default what explains more')
+    add_effort_options(parser)
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
-                        help='topic of the joint states, joint_states by default')
+                        help='topic of the joint states, joint_states by default, or the only '
+                             'one that fits')
     parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
                         help='topic of the commanded torques, effort_controller/commands by '
-                             'default')
+                             'default, or the only one that fits; TOPIC:FIELD for a field of any '
+                             'message')
     parser.add_argument('--torque-rate', metavar='R',
                         help='rate that the drives allow, one number or one for each joint '
                              '[N·m/s]')
+    parser.add_argument('--trials', type=int, default=24, metavar='N',
+                        help='robots within the intervals on which gains are tried in '
+                             'simulation, 24 by default; 0 for none')
+    parser.add_argument('--seed', type=int, default=1, help='of the trials, 1 by default')
     add_output(parser, 'identified')
 
 
@@ -78,27 +91,84 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.identification.report.results import IdentificationResults
     from ctc_chattering.identification.report.validation import validate
 
+    if options.trials < 0:
+        raise UsageError(f'--trials: {options.trials} is not allowed; allowed: 0 or more')
+    side = declared(options)
     description = read_description(options.urdf) if options.urdf else ''
     joints = tuple(filter(None, (options.joints or '').split(',')))
     motions = [read_motion(bag, joints, description, options.states, options.commands)
                for bag in (*options.bags, *filter(None, [options.validate]))]
-    recordings = [motion.recording for motion in motions[:len(options.bags)]]
+    notes = [note for motion in motions for note in motion.notes]
+    for note in notes:
+        say(note)
+    *recordings, last = in_torques([motion.recording for motion in motions], options)
+    recordings += [] if options.validate else [last]
     robot = _robot(options, motions[0], description)
     rate = _rates(options.torque_rate, len(recordings[0].joints))
     names = (_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES)
     out = prepare(options.out, names, options.overwrite)
-    found = identify(recordings, robot.model, robot.candidates, options.torque or '')
+    found = identify(recordings, robot.model, robot.candidates, options.torque or '', side)
+    found = dataclasses.replace(found, findings=(*found.findings, *(
+        Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
     perturbed = perturbation(found)
     q = np.concatenate([recording.q for recording in recordings])
-    recommended = recommend(found, perturbed, robot.model, q)
-    validation = validate(found, motions[-1].recording, robot.model) if options.validate else None
+    recommended = recommend(found, perturbed, robot.model, q, rate)
+    validation = validate(found, last, robot.model) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
                                     perturbed, recommended, validation, rate)
-    _write(results, robot, q, out)
+    if robot.description:
+        write_text(out / _ROBOT, robot.description)
+    if not _missing(results):
+        results = _tried(results, robot, q, out, options)
+    missing = _missing(results)
+    _write(results, robot, q, out, bool(missing))
     print(results.text())
     print()
-    print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
+    if missing:
+        print(f'{_VALUES} is not written, since it would have no gains of all joints:')
+        for line in missing:
+            print('\n'.join(paragraph(line)))
+        print_page(out / _PAGE)
+    else:
+        print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
+    if not any(x.usable for x in results.verdicts):
+        raise CtcError(f'no joint is usable: why, and what to record, is in {out / _PAGE}')
     return 0
+
+
+def _missing(report: IdentificationResults) -> list[str]:
+    """Return for each joint that is not usable which gains are missing, and what to record."""
+    from ctc_chattering.identification.report.parameter_values import missing_gains
+
+    return missing_gains(report.verdicts)
+
+
+def _tried(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
+           options: argparse.Namespace) -> IdentificationResults:
+    """Return the results with gains that survive trial runs, which are compiled if they can be."""
+    from ctc_chattering.analysis.compilation import compile_setups
+    from ctc_chattering.identification.report.trial_runs import setups_tried, trial_runs
+
+    if not options.trials:
+        return report
+
+    def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
+        return _values(report.found, recommended, robot, q, out)
+    compile_setups(setups_tried(report.recommended, values), say)
+    tried = trial_runs(report.found, report.run, report.recommended, values, robot.gains,
+                       options.trials, options.seed)
+    return dataclasses.replace(report, recommended=tried)
+
+
+def _values(found: Identification, recommended: Recommendation, robot: _IdentifiedRobot, q: Any,
+            out: Path) -> dict[str, dict[str, Any]]:
+    """Return the values of the parameter file."""
+    from ctc_chattering.identification.report.parameter_values import parameter_values
+
+    shared = dict(robot.shared)
+    if robot.description:
+        shared['description'] = str((out / _ROBOT).resolve())
+    return parameter_values(found, recommended, robot.model, q, shared, robot.gains)
 
 
 def _robot(options: argparse.Namespace, motion: RecordedMotion, description: str
@@ -129,36 +199,26 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
     """Return the allowed rate of each joint [N·m/s] from the option; empty without."""
     if text is None:
         return ()
-    try:
-        values = [float(x) for x in text.split(',')]
-    except ValueError:
-        values = []
-    if len(values) not in (1, n) or not all(x > 0.0 for x in values):
-        raise UsageError(f'--torque-rate: {text} is not allowed; allowed: one number above 0, or '
-                         f'{n} with commas')
-    return tuple(values * n if len(values) == 1 else values)
+    return numbers('--torque-rate', text, n, 'above 0', lambda x: x > 0.0)
 
 
-def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path) -> None:
-    """Write all files."""
+def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
+           refused: bool) -> None:
+    """Write all files; the parameter file not if a joint is refused."""
     from ctc_chattering.identification.report.figures import save_identification_figures
-    from ctc_chattering.identification.report.parameter_values import parameter_values
     from ctc_chattering.identification.report.results import write_page
 
-    shared = dict(robot.shared)
-    if robot.description:
-        write_text(out / _ROBOT, robot.description)
-        shared['description'] = str((out / _ROBOT).resolve())
-    values = parameter_values(report.found, report.recommended, robot.model, q, shared,
-                              robot.gains)
-    with writing(out / _VALUES):
-        parameter_file.dump(values, out / _VALUES)
-    try:
-        parameter_file.load(out / _VALUES)
-    except CtcError as error:
-        raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
+    files = {_JSON: 'all numbers'}
+    if not refused:
+        files = {_VALUES: 'parameter file', **files}
+        values = _values(report.found, report.recommended, robot, q, out)
+        with writing(out / _VALUES):
+            parameter_file.dump(values, out / _VALUES)
+        try:
+            parameter_file.load(out / _VALUES)
+        except CtcError as error:
+            raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
     write_json(report.as_mapping(), out / _JSON)
     figures = save_identification_figures(
         report.found, report.run, report.recommended, report.validation, out / _FIGURES)
-    files = {_VALUES: 'parameter file', _JSON: 'all numbers'}
     write_page(report, figures, out / _PAGE, files)

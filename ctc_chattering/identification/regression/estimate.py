@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any
 
 from ctc_chattering.analysis.number_format import with_interval
+from ctc_chattering.errors import CtcError
 
 #: The reason where the data would show a quantity, and do not.
 NONE = 'none shows'
@@ -45,9 +46,11 @@ class Estimate:
             return NONE if self.reason == NONE else f'not identifiable: {self.reason}'
         return with_interval(self.value, self.half, self.unit)
 
-    def or_zero(self) -> float:
-        """Return the value, or 0 where there is none."""
-        return 0.0 if self.value is None else self.value
+    def number(self) -> float:
+        """Return the value, 0 if the data show that there is none; raise `CtcError` without."""
+        if self.value is None and self.reason != NONE:
+            raise CtcError(f'not identifiable: {self.reason}')
+        return self.value or 0.0
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as JSON has it."""

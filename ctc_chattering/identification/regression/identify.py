@@ -10,6 +10,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.causes import causes
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
+from ctc_chattering.identification.regression.effort_side import torque_sides
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
@@ -19,17 +20,30 @@ from ctc_chattering.identification.regression.joint_friction import joint_fricti
 from ctc_chattering.identification.regression.least_squares import Data
 from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.model_verdict import ModelVerdict, physical, tilted
+from ctc_chattering.identification.regression.physical_causes import FittedMotion
 from ctc_chattering.identification.regression.physical_consistency import ConsistentBodies
+from ctc_chattering.identification.regression.residual_tests import (
+    findings,
+    Unexplained,
+    unexplained,
+    widened,
+)
 from ctc_chattering.identification.regression.rows import Rows
 from ctc_chattering.identification.regression.selection import select, Selected
 from ctc_chattering.identification.regression.sensor_noise import (
     Clock,
     clock,
     encoder_step,
+    stamp_findings,
     velocity_noise,
+)
+from ctc_chattering.identification.regression.timing_findings import (
+    rate_limits,
+    timing_findings,
 )
 from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has
 from ctc_chattering.identification.regression.weak_form import TestFunction
+from ctc_chattering.identification.regression.window_states import WindowStates
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -37,6 +51,8 @@ import numpy as np
 _BETTER = 0.5
 #: Part that the weight or the inertial torque may be off by without being named.
 _LEFT = 0.01
+#: Part of a period by which rounding it may move the last sample.
+_ROUNDED = 0.1
 #: Shortest recording that is used [s].
 _SHORTEST = 2.0
 
@@ -85,6 +101,8 @@ class Identification:
         What the effort is.
     columns : ErrorColumns or None
         Errors of the model that the regression has; `selected.mixing` is about these.
+    unexplained : tuple of (Unexplained or None), length n
+        What the residuals depend on.
 
     """
 
@@ -110,6 +128,7 @@ class Identification:
     rate: list[Estimate] = dataclasses.field(default_factory=list)
     side: str = ''
     columns: ErrorColumns | None = None
+    unexplained: tuple[Unexplained | None, ...] = ()
 
     def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
         """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
@@ -121,7 +140,7 @@ class Identification:
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '') -> Identification:
+             source: str = '', side: str = '') -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -135,6 +154,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         Errors of it that are looked for.
     source : {'', 'command', 'effort'}
         Where torques are taken from; empty for the one that explains the motion better.
+    side : {'', 'motor', 'link', 'current'}
+        What the effort is; empty for what it looks like.
 
     Raises
     ------
@@ -151,8 +172,13 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
                        f'{_SHORTEST:g} s are needed')
     phi = TestFunction(period, duration)
     columns = ErrorColumns.of(model)
-    parts, rows, found = _timed(parts, model, columns, phi, source, recordings[0].name)
     joints = recordings[0].joints
+    rows = [Rows.of(part, model, phi, columns) for part in parts]
+    if not any((part.way != 0.0).sum() for part in rows):
+        raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
+                       f'{2 * phi.half * phi.period:g} s in one direction')
+    sides = torque_sides(parts, rows, phi, joints, side, source)
+    parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
 
     def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
         data = Profile(parts, rows, found.source, phi).windows(found)
@@ -172,14 +198,28 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     data = data.loaded(selected.levels).mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
     bodies, impossible = judged(named.bodies(), joints)
-    return Identification(
+    noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
+               *sides.findings, *named.findings(), *physical(friction, joints),
+               *impossible)
+    return _tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration,
-        findings=(*named.findings(), *physical(friction, joints), *impossible),
+        selected, base, weight, duration, noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        columns=columns)
+        rate=rate_limits(found, joints), side=sides.side, columns=columns),
+        WindowStates.of(parts, rows, phi))
+
+
+def _tested(found: Identification, states: WindowStates) -> Identification:
+    """Return an identification with what its residuals show, and intervals that have it."""
+    motion = FittedMotion(found.data, found.selected.fit, found.base, found.weight, states)
+    left = [unexplained(motion, i) for i in range(len(found.joints))]
+    return dataclasses.replace(
+        found, unexplained=tuple(left), findings=(*found.findings, *(
+            x for i, what in enumerate(left) if what for x in findings(i, what))),
+        friction=[widened(motion, i, x, what) if what else x
+                  for i, (x, what) in enumerate(zip(found.friction, left))])
 
 
 def _common_period(recordings: Sequence[Recording]) -> float:
@@ -194,16 +234,13 @@ def _common_period(recordings: Sequence[Recording]) -> float:
                            f'{first.name}: {first.period:.4g} s')
     period = first.period
     nearest = round(period * 1e6) * 1e-6
-    return nearest if abs(nearest - period) < 1e-3 * period else period
+    # Rounded only where the grid does not drift from the stamps by that.
+    return nearest if abs(nearest - period) * len(first.t) < _ROUNDED * period else period
 
 
-def _timed(parts: list[Stretch], model: Model, columns: ErrorColumns | None, phi: TestFunction,
-           source: str, name: str) -> tuple[list[Stretch], list[Rows], Timing]:
+def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: str, name: str
+           ) -> tuple[list[Stretch], list[Rows], Timing]:
     """Return the stretches that have the torque of the better source, and its timing."""
-    rows = [Rows.of(part, model, phi, columns) for part in parts]
-    if not any((part.way != 0.0).sum() for part in rows):
-        raise CtcError(f'{name}: no joint moves for longer than {2 * phi.half * phi.period:g} s '
-                       'in one direction')
     options = []
     for kind in (COMMAND, EFFORT):
         mine = [(part, row) for part, row in zip(parts, rows) if has(part, kind) is not None]

@@ -109,7 +109,7 @@ class ModelVerdict:
         for cause, (number, *_) in self._found:
             if cause.kind == CauseKind.SCALE:
                 for i in range(len(found)) if cause.which == ALL else [cause.which]:
-                    found[i] = Estimate(1.0 + number.or_zero(), number.half)
+                    found[i] = Estimate(1.0 + (number.value or 0.0), number.half)
         return found
 
     def gravity(self) -> tuple[Estimate, ...]:
@@ -119,7 +119,7 @@ class ModelVerdict:
         down = self._columns.prior[-3:]
         for cause, numbers in self._found:
             if cause.kind == CauseKind.GRAVITY:
-                value = np.array([x.or_zero() for x in numbers])
+                value = np.array([(x.value or 0.0) for x in numbers])
                 after = down + cause.errors(self._columns, value)[-3:]
                 size = float(np.linalg.norm(down))
                 halves = (size * numbers[1].half, size * numbers[0].half, 0.0)
@@ -187,24 +187,25 @@ class ModelVerdict:
     def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
         """Return what a cause does, with its numbers."""
         first, name = numbers[0], self._name(cause)
+        size = first.value or 0.0
         if cause.kind == CauseKind.SCALE:
-            return (f'{name}: the torque is {1.0 + first.or_zero():.4g} ± {first.half:.1g} times '
+            return (f'{name}: the torque is {1.0 + size:.4g} ± {first.half:.1g} times '
                     'the signal, a wrong torque constant or gear ratio')
         if cause.kind == CauseKind.ROTOR:
-            return (f'{name}: {first.or_zero():.4g} ± {first.half:.1g} kg*m^2 at the joint are '
+            return (f'{name}: {size:.4g} ± {first.half:.1g} kg*m^2 at the joint are '
                     'missing in the model')
         if cause.kind == CauseKind.GRAVITY:
-            turn = np.degrees([(x.or_zero(), x.half) for x in numbers])
+            turn = np.degrees([((x.value or 0.0), x.half) for x in numbers])
             return (f'{name}: the base is turned by {turn[0, 0]:.2f} ± {turn[0, 1]:.1g} degrees '
                     f'about x and {turn[1, 0]:.2f} ± {turn[1, 1]:.1g} about y')
         if cause.kind == CauseKind.CENTRE:
-            shift = ', '.join(f'{x.or_zero():.4g} ± {x.half:.1g}' for x in numbers)
+            shift = ', '.join(f'{(x.value or 0.0):.4g} ± {x.half:.1g}' for x in numbers)
             return f'{name}: off by {shift} m in x, y, z of its joint'
         if cause.kind == CauseKind.BODY:
             return f'{name}: not as in the model; a payload or a tool is fixed to it'
         unit = self._candidates[cause.which].unit if cause.kind == CauseKind.LINK else ''
-        return (f'{name}: {first.or_zero():+.4g} ± {first.half:.1g} kg' if unit else
-                f'{name}: {first.or_zero():+.2%} ± {first.half:.2%}')
+        return (f'{name}: {size:+.4g} ± {first.half:.1g} kg' if unit else
+                f'{name}: {size:+.2%} ± {first.half:.2%}')
 
 
 def _cure(cause: Cause) -> str:

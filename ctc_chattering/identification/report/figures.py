@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
@@ -26,8 +27,8 @@ def save_identification_figures(found: Identification, run: MeasuredPerturbation
                                 directory: Path) -> list[FigureFile]:
     """Write all figures as SVG into `directory`, and return them."""
     ka = np.asarray(recommended.values['ka'][0], float)
-    figures = [_friction(found), _perturbation(found, run, ka), _residual(found, run),
-               _spectrum(found, run)]
+    figures = [_friction(found), _perturbation(found, run, ka), *_dependence(found),
+               _residual(found, run), _spectrum(found, run)]
     if validation is not None:
         figures.append(_validation(found, validation))
     return save(((stem, fit_titles(figure), caption) for stem, figure, caption in figures),
@@ -102,6 +103,26 @@ def _residual(found: Identification, run: MeasuredPerturbation) -> _Named:
         axes.plot(run.t, run.measured[:, i] - run.predicted[:, i], color=_MEASURED, linewidth=0.8)
     return 'residual', figure, ('Measured P less friction and errors of the model as identified, '
                                 'where the joint slides.')
+
+
+def _dependence(found: Identification) -> Iterator[_Named]:
+    """Yield on what the unexplained torque depends, for the joints with such a finding."""
+    shown = [(joint, effect) for joint, left in zip(found.joints, found.unexplained)
+             if left and (effect := left.shown())]
+    if not shown:
+        return
+    figure, grid = sheet('What the unexplained torque depends on', (len(shown) + 1) // 2,
+                         (1.0, 1.0), 2.0)
+    for k, (joint, effect) in enumerate(shown):
+        axes = panel(figure, grid[k // 2, k % 2], joint, 'torque [N·m]')
+        x = effect.cause.variable
+        axes.plot(x, effect.before, '.', markersize=2.0, color=_MEASURED,
+                  rasterized=len(x) > 5000)
+        axes.plot(x, effect.torque, '.', markersize=2.0, color=_FIT, rasterized=len(x) > 5000)
+        axes.set_xlabel(f'{effect.cause.against} [{effect.cause.unit}]')
+    yield 'dependence', figure, ('Blue: what friction and masses leave. Orange: the part of it '
+                                 'that depends on what stands below, by the columns of the cause '
+                                 'in the verdict.')
 
 
 def _spectrum(found: Identification, run: MeasuredPerturbation) -> _Named:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.joint_friction import JointFriction
+from ctc_chattering.identification.regression.weak_form import position_noise
 from ctc_chattering.identification.report.recommendation import GAINS, Recommendation
+from ctc_chattering.identification.report.verdict import Verdict
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +20,20 @@ import numpy.typing as npt
 _PART = 0.5
 #: Duration of the run, and of its smooth start [s].
 _DURATION, _START = 10.0, 2.0
+#: Variance of the rounding to a step, by its square; noise of positions that is none [rad].
+_STEP_NOISE, _LEAST_NOISE = 1.0 / 12.0, 1e-8
 #: Frequencies of the joints [Hz]: least and most.
 _SLOWEST, _FASTEST = 0.2, 1.0
+
+
+def missing_gains(verdicts: Sequence[Verdict]) -> list[str]:
+    """
+    Return for each joint that is not usable which gains are missing, and what to record.
+
+    A parameter file has values for all joints of a robot: with one of these there is none.
+    """
+    return [f'{x.joint}: no ka, friction_level, torque_rate_limit, nor friction of the plant: '
+            + '; '.join(x.reasons) for x in verdicts if not x.usable]
 
 
 def parameter_values(found: Identification, recommended: Recommendation, model: Model, q: Array,
@@ -42,6 +57,11 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
     gains : (kp, kv) or None
         Of the recorded run.
 
+    Raises
+    ------
+    CtcError
+        If the friction of a joint is not known.
+
     """
     low, high = np.percentile(q, (2.0, 98.0), axis=0)
     limits = getattr(model, 'position_limits', None)
@@ -57,35 +77,58 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
         '/**': {'joint_names': list(found.joints), 'control_period': round(found.clock.period, 9),
                 **shared},
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
-                  'initial_position': _rounded(start), **_plant(found)},
+                  'initial_position': _rounded(start), **_plant(found, q)},
         'controller': controller,
         'reference': {'start_duration': _START, **_reference(found, low, high)}}
 
 
-def _plant(found: Identification) -> dict[str, Any]:
+def _plant(found: Identification, q: Array) -> dict[str, Any]:
     """Return the friction, the sensors and the drives of the plant."""
     friction = found.friction
-    coulomb = [max(0.0, x.coulomb.or_zero()) for x in friction]
+    coulomb = [max(0.0, x.coulomb.number()) for x in friction]
     delay, lag, _ = found.timing.drive
     values: dict[str, Any] = {
         'coulomb_friction': _rounded(coulomb),
-        'viscous_friction': _rounded([max(0.0, x.viscous.or_zero()) for x in friction]),
+        # What is not told from Coulomb friction is in it.
+        'viscous_friction': _rounded([max(0.0, x.viscous.value or 0.0) for x in friction]),
         'fault_damping': _rounded([max(5.0 * x, 1e-3) for x in coulomb]),
-        'encoder_resolution': _rounded([x.or_zero() for x in found.encoder]),
-        'velocity_noise': _rounded([x.or_zero() for x in found.noise]),
         'input_delay': int(delay) if np.isfinite(delay) else 0,
-        'actuator_lag': _rounded(lag)}
+        'actuator_lag': _rounded(lag), **_sensors(found, q)}
     if any(x.stribeck.value for x in friction):
-        values['stribeck_friction'] = _rounded([x.stribeck.or_zero() for x in friction])
+        values['stribeck_friction'] = _rounded([max(x.stribeck.value or 0.0, 0.0)
+                                                for x in friction])
         values['stribeck_velocity'] = _rounded([
             x.stribeck_velocity.value or 0.05 for x in friction])
     if any(x.load.value for x in friction):
-        values['load_friction'] = _rounded([min(x.load.or_zero(), 0.9) for x in friction])
-    uneven = [x.offset.or_zero() / k if k and abs(x.offset.or_zero()) > max(
-        x.offset.half, 0.01 * k) else 0.0 for x, k in zip(friction, coulomb)]
+        values['load_friction'] = _rounded(np.clip([x.load.value or 0.0 for x in friction],
+                                                   0.0, 0.9))
+    uneven = [_uneven(x, k) for x, k in zip(friction, coulomb)]
     if any(uneven):
         values['friction_asymmetry'] = _rounded(np.clip(uneven, -1.0, 1.0))
+    if any(x.value is not None for x in found.rate):
+        values['torque_rate_limit'] = [np.inf if x.value is None else rounded(x.value, 6)
+                                       for x in found.rate]
     return values
+
+
+def _sensors(found: Identification, q: Array) -> dict[str, Any]:
+    """Return encoders and velocities: positions have a step, or noise; velocities may lack."""
+    step = np.array([x.value or 0.0 for x in found.encoder])
+    values: dict[str, Any] = {'encoder_resolution': _rounded(step)}
+    noise = np.square(position_noise(q, found.clock.period)) - _STEP_NOISE * np.square(step)
+    noise = np.sqrt(np.where(noise > _STEP_NOISE * np.square(step), noise, 0.0))
+    if (noise > _LEAST_NOISE).any():
+        values['position_noise'] = _rounded(noise)
+    if any(x.value is None for x in found.noise):
+        return {**values, 'velocity_sensor': 'difference'}
+    return {**values, 'velocity_noise': _rounded([x.number() for x in found.noise])}
+
+
+def _uneven(friction: JointFriction, coulomb: float) -> float:
+    """Return which part of its Coulomb friction that of a joint differs by, if it clearly does."""
+    offset = friction.offset
+    clear = offset.value is not None and abs(offset.value) > max(offset.half, 0.01 * coulomb)
+    return offset.number() / coulomb if coulomb and clear else 0.0
 
 
 def _reference(found: Identification, low: Array, high: Array) -> dict[str, Any]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import dataclasses
 
+from ctc_chattering.identification.regression.finding import Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import (
     Data,
@@ -15,8 +17,18 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import numpy.typing as npt
 
+Flags = npt.NDArray[np.bool_]
 #: Part of the friction that an unexplained torque may have on a run not used for the fit.
 _GOOD = 0.05
+#: Kinds of friction; all other terms are errors of the model. Slopes are 0 in a fit.
+_FRICTION = (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS, TermKind.STRIBECK,
+             TermKind.STRIBECK_SLOPE, TermKind.LOAD, TermKind.LAG_SLOPE)
+#: An outlier is this many times beyond the bound of what is unexplained, and this part of P.
+_FAR, _SEEN = 3.0, 0.1
+#: Windows beside an outlier that share samples with it.
+_BESIDE = 4
+#: Fewest windows of which a tail is told.
+_ENOUGH = 100
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +46,11 @@ class MeasuredPerturbation:
     envelope : ndarray, shape (J, n)
         Largest |P| that what was identified allows at the state of a window, at a stop or
         a break-away as well [N·m].
+    trusted : ndarray of bool, shape (J,)
+        Windows that are no outliers of any joint, nor beside one.
+    tail, error : ndarray, shape (n,)
+        Bound of what is not predicted in trusted windows, and largest error of the model there
+        [N·m].
 
     """
 
@@ -41,12 +58,39 @@ class MeasuredPerturbation:
     measured: Array
     predicted: Array
     envelope: Array
+    trusted: Flags
+    tail: Array
+    error: Array
 
     @property
     def peak(self) -> Array:
-        """Largest |P| of each joint, measured or allowed, shape (n,) [N·m]."""
-        found: Array = np.maximum(np.abs(self.measured).max(axis=0), self.envelope.max(axis=0))
+        """
+        Largest |P| of each joint, shape (n,) [N·m].
+
+        That of the envelope with what is not predicted, and what was measured where the joint
+        does not slide, before it breaks away.
+        """
+        slides = np.isfinite(self.predicted) & self.trusted[:, None]
+        known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
+        held = [tail_bound(np.abs(x[self.trusted & ~mine]))
+                for x, mine in zip(self.measured.T, slides.T)]
+        found: Array = np.maximum(known, held)
         return found
+
+    def outliers(self) -> Iterator[Finding]:
+        """Yield for each joint which windows were left out of the peak."""
+        rest = np.abs(self.measured - self.predicted)
+        far = np.where(np.isfinite(rest), rest, 0.0) > _FAR * self.tail
+        far &= ~self.trusted[:, None]
+        for i in range(self.measured.shape[1]):
+            size = np.where(far[:, i], rest[:, i], 0.0)
+            if size.any():
+                k = int(np.argmax(size))
+                yield Finding(
+                    Severity.CARE, i, f'{int(far[:, i].sum())} windows of 0.1 s have a torque '
+                    f'that nothing explains, up to {size[k]:.3g} N*m at {self.t[k]:.2f} s: a '
+                    'contact, or wrong stamps; they are not in the largest |P|',
+                    'look at the recording there')
 
     def misfit(self) -> tuple[Array, Array]:
         """Return the RMS of P and of what is not predicted of it, each of shape (n,) [N·m]."""
@@ -57,14 +101,15 @@ class MeasuredPerturbation:
         return (np.sqrt(np.square(whole).sum(axis=0) / count),
                 np.sqrt(np.square(rest).sum(axis=0) / count))
 
-    def good(self) -> npt.NDArray[np.bool_]:
+    def good(self) -> Flags:
         """Return for which joints what was identified predicts P, shape (n,)."""
         whole, rest = self.misfit()
-        found: npt.NDArray[np.bool_] = rest <= _GOOD * whole
+        found: Flags = rest <= _GOOD * whole
         return found
 
 
-def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
+def perturbation(found: Identification, data: Data | None = None, corrected: bool = False
+                 ) -> MeasuredPerturbation:
     """
     Return P of the identified run, or of another one.
 
@@ -74,27 +119,68 @@ def perturbation(found: Identification, data: Data | None = None) -> MeasuredPer
         What was identified.
     data : Data, optional
         Windows of the other run, with the same joints and errors of the model.
+    corrected : bool
+        Whether the controller gets the corrected model: errors of the model are then not in P.
 
     """
     fit, data = found.selected.fit, data or found.data
+    columns, used = data.columns(fit.terms), data.used()
+    error = _error(fit, data, columns)
     # The slopes of Stribeck columns are 0, and in the fit for the sake of intervals.
-    predicted = np.where(data.used(), data.columns(fit.terms) @ fit.value, np.nan)
-    return MeasuredPerturbation(data.t, data.residual, predicted, _envelope(fit, data))
+    rest = np.where(used, np.abs(data.residual - columns @ fit.value), np.nan)
+    bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
+    size = np.array([np.median(np.abs(x[mine])) if mine.any() else 0.0
+                     for x, mine in zip(data.residual.T, used.T)])
+    far: Flags = np.any(rest > np.maximum(_FAR * bound, bound + _SEEN * size), axis=1)
+    trusted = ~_widened(far)
+    tail = np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T])
+    known = error if corrected else np.zeros_like(error)
+    left = error - known
+    return MeasuredPerturbation(
+        data.t, data.residual - known, np.where(used, columns @ fit.value - known, np.nan),
+        np.abs(left) + _friction(fit, data), trusted, tail,
+        np.abs(left[trusted]).max(axis=0, initial=0.0))
 
 
-def _envelope(fit: Fit, data: Data) -> Array:
-    """Return the largest |P| that the fit allows in each window, shape (J, n)."""
+def tail_bound(sizes: Array) -> float:
+    """
+    Return what about the largest of these magnitudes is, shape (N,), without single outliers.
+
+    From the quantiles of 90 and 99 % on, the logarithm of the part beyond is taken as straight,
+    which is right for exponential tails and too much for lighter ones.
+    """
+    largest = float(sizes.max(initial=0.0))
+    if len(sizes) < _ENOUGH:
+        return largest
+    most, high = np.percentile(sizes, (90.0, 99.0)).tolist()
+    return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
+
+
+def _widened(far: Flags) -> Flags:
+    """Return the windows that are far, or beside one that is."""
+    found: Flags = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') > 0.5
+    return found
+
+
+def _error(fit: Fit, data: Data, columns: Array) -> Array:
+    """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
+    errors = [k for k, term in enumerate(fit.terms) if term.kind not in _FRICTION]
+    error: Array = columns[:, :, errors] @ fit.value[errors]
+    for i, used in enumerate(data.used().T):
+        if errors and used.any():
+            # Of a window in which the joint does not slide: between those in which it does.
+            error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
+    return error
+
+
+def _friction(fit: Fit, data: Data) -> Array:
+    """Return the largest friction that the fit allows in each window, shape (J, n) [N·m]."""
     n = data.way.shape[1]
-    error = np.zeros_like(data.way)
     friction = np.zeros_like(data.way)
     level = np.zeros(n)
     for term, value in zip(fit.terms, fit.value):
         i = term.joint
-        if term.kind == TermKind.MODEL:
-            error += value * data.more[:, :, int(term.which)]
-        elif term.kind == TermKind.SCALE:
-            error += value * data.columns([term])[:, :, 0]
-        elif term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
+        if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
             level[i] = max(level[i], abs(value))
         elif term.kind == TermKind.VISCOUS:
             friction[:, i] += value * np.abs(data.velocity[:, i])
@@ -103,4 +189,4 @@ def _envelope(fit: Fit, data: Data) -> Array:
         elif term.kind == TermKind.STRIBECK:
             speed = np.abs(data.velocity[:, i]) / stribeck_velocity(term.which)
             friction[:, i] += value * np.exp(-np.square(speed))
-    return np.abs(error) + friction + level
+    return friction + level

@@ -8,8 +8,10 @@ M σ / h that enters the chattering term, ω T ≤ 0.3 for the observer, and tho
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 import dataclasses
 from math import floor, isfinite, log10
+from typing import Any
 
 from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.control.recommended_gains import (
@@ -18,26 +20,33 @@ from ctc_chattering.control.recommended_gains import (
     lateness,
     SLOWNESS,
 )
-from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.weak_form import position_noise
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.report.perturbation_bound import perturbation_bound
+from ctc_chattering.identification.report.torque_steps import (
+    longest_lag,
+    torque_rate,
+    torque_steps,
+)
+from ctc_chattering.identification.report.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: ka over the largest |P|.
-_MARGIN = 1.2
 #: Deviations of noise that must have room between |P| and ka.
 _ROOM = 2.0
 #: Largest product of observer bandwidth and lag, and bandwidth without a lag [rad/s].
 _LAG, _BANDWIDTH = 0.3, 1200.0
 #: A lag above this part of a period, or a delay, asks for observer_feedback.
 _SHORT_LAG = 0.25
-#: Half the boundary layer that steps are computed with [rad/s].
-_BOUNDARY_LAYER = 0.05
 #: Positions at which inertias are looked up.
 _POSITIONS = 200
+#: Parts of the fastest pole that are tried in turn.
+SLOWER = (1.0, 0.7, 0.5, 0.35, 0.25)
+#: Parameters of the controller, each with a reason.
+Gains = dict[str, tuple[object, str]]
 #: Gains of the laws of the paper, where those of the run are not known.
 GAINS = (100.0, 50.0)
 
@@ -63,21 +72,36 @@ class Recommendation:
         Largest torque step per period to be expected, by switching [N·m].
     period : float
         h [s].
+    findings : tuple of Finding
+        What makes gains doubtful.
+    options : tuple of dict
+        `values`, and more careful ones, each more than the one before.
+    trials : tuple of str
+        What trial runs showed; empty where there were none.
 
     """
 
     law: str
     switching: str
-    values: dict[str, tuple[object, str]]
+    values: Gains
     noise_torque: Array
     allowed: list[bool]
     verdicts: list[str]
     steps: dict[str, Array]
     period: float
+    findings: tuple[Finding, ...] = ()
+    options: tuple[Gains, ...] = ()
+    trials: tuple[str, ...] = ()
+
+    @property
+    def ka(self) -> list[float | None]:
+        """Return ka of each joint [N·m]; None for one that is not usable."""
+        ka: Any = self.values['ka'][0]
+        return list(ka)
 
 
-def recommend(found: Identification, run: MeasuredPerturbation, model: Model, positions: Array
-              ) -> Recommendation:
+def recommend(found: Identification, run: MeasuredPerturbation, model: Model, positions: Array,
+              rate: Sequence[float] = (), corrected: bool = False) -> Recommendation:
     """
     Return gains.
 
@@ -91,23 +115,46 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
         The controller's.
     positions : ndarray, shape (N, n)
         Of the run [rad].
+    rate : sequence of float, shape (n,), optional
+        Rate that the drives allow [N·m/s].
+    corrected : bool
+        Whether the controller gets the corrected model, as in `perturbation`.
 
     """
-    period, peak = found.clock.period, run.peak
+    period = found.clock.period
     noise = _noise_torque(found, model, positions)
-    ka = np.array([_rounded_up(_MARGIN * p) for p in peak])
-    verdicts, allowed = [], []
+    bound = perturbation_bound(found, run, model, corrected)
+    ka, peak, drives = bound.ka, bound.peak, torque_rate(found, bound.fastest.change, rate)
+    texts, allowed = [], []
     for name, k, p, w in zip(found.joints, ka, peak, noise):
         fits = bool(w <= (k - p) / _ROOM * 1.001)
         allowed.append(fits)
-        verdicts.append(_verdict(name, k, p, w, period, fits))
-    delay, lag, _ = found.timing.drive
-    slow = not isfinite(delay) or bool(lag.max() > _SHORT_LAG * period)
+        texts.append(_verdict(name, k, p, w, period, fits))
+    delay, rates = found.timing.drive[0], drives.known
+    resolution = _resolution(found, positions)
+    steps = torque_steps(found, ka, noise, GAINS[1], drives.value)
+    slow = (not isfinite(delay) or bool(longest_lag(found).max() > _SHORT_LAG * period)
+            or bool((steps['implicit_observer'] > period * rates).any()))
     law = 'observer_feedback' if slow or not all(allowed) else 'chattering'
-    values = _values(found, law, ka, peak, _resolution(found, positions))
-    kv = values['kv'][0][0] if 'kv' in values else GAINS[1]  # type: ignore[index]
-    return Recommendation(law, 'implicit_observer', values, noise, allowed, verdicts,
-                          _steps(found, ka, noise, kv), period)
+    shared: Gains = {
+        'ka': (_usable(found, ka), bound.reason),
+        'friction_level': (_usable(found, [max(0.0, x.coulomb.value or 0.0)
+                                           for x in found.friction]), 'the Coulomb friction'),
+        'torque_rate_limit': (_usable(found, drives.value), drives.reason)}
+    why = _law_reason(found, law, all(allowed))
+    laws = [(law, why)] if law == 'chattering' else []
+    laws += [('observer_feedback', why if law != 'chattering' else 'the next one')]
+    options = [_drive_values(found) | shared | _law_values(found, *one, resolution, slower)
+               for one in laws for slower in (SLOWER if one[0] != 'chattering' else (1.0,))]
+    return Recommendation(law, 'implicit_observer', options[0], noise, allowed, texts, steps,
+                          period, (*run.outliers(), *bound.findings, *drives.findings),
+                          tuple(options))
+
+
+def _usable(found: Identification, values: Iterable[float]) -> list[float | None]:
+    """Return gains, None for a joint that is not usable."""
+    return [rounded(float(x), 6) if of.usable else None
+            for x, of in zip(values, verdicts(found))]
 
 
 def _noise_torque(found: Identification, model: Model, positions: Array) -> Array:
@@ -124,7 +171,7 @@ def _noise_torque(found: Identification, model: Model, positions: Array) -> Arra
 def _resolution(found: Identification, positions: Array) -> float:
     """Return the coarsest step of an encoder, or the noise of positions, if that is more [rad]."""
     return max(float(position_noise(positions, found.clock.period).max()),
-               *(x.or_zero() for x in found.encoder))
+               *(x.value or 0.0 for x in found.encoder))
 
 
 def _verdict(name: str, ka: float, peak: float, noise: float, period: float, fits: bool) -> str:
@@ -140,47 +187,36 @@ def _verdict(name: str, ka: float, peak: float, noise: float, period: float, fit
             f'{noise:.3g} N*m, exceed {room}; it is from control_period = {least:.2g} s on')
 
 
-def _values(found: Identification, law: str, ka: Array, peak: Array, resolution: float
-            ) -> dict[str, tuple[object, str]]:
-    """Return the parameters of the controller with their reasons."""
+def _drive_values(found: Identification) -> Gains:
+    """Return what the controller knows of the drives, with its reasons."""
     delay, lag, _ = found.timing.drive
-    whole, period = int(delay) if isfinite(delay) else 0, found.clock.period
-    values: dict[str, tuple[object, str]] = {
-        'law': (law, _law_reason(found, law)),
-        'ka': ([float(x) for x in ka], _ka_reason(found, peak)),
-        'input_delay': (whole, _delay_reason(found)),
-        'switching': ('implicit_observer', 'estimates P; docs/theory.md')}
-    possible = found.timing.delays or {whole: lag}
-    longest = max(float(x.max()) for x in possible.values())
+    longest = float(longest_lag(found).max())
     bandwidth = min(_BANDWIDTH, _LAG / longest) if longest else _BANDWIDTH
-    values['observer_bandwidth'] = (_rounded_down(bandwidth), (
-        f'{_LAG:g} / T with the longest lag of the drives that is possible, T = {longest:.3g} s'
-        if longest else 'no lag of the drives shows'))
-    values['friction_level'] = ([max(0.0, x.coulomb.or_zero()) for x in found.friction],
-                                'the Coulomb friction')
-    values['actuator_lag'] = ([rounded(x) for x in lag], 'the lag of the drives')
-    if law == 'observer_feedback':
-        late, slowest, most = max((lateness(float(x.max()), period, d), float(x.max()), d)
-                                  for d, x in possible.items())
-        pole = _rounded_down(largest_pole(late))
-        why = (f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = {pole * late:.2g} ≤ '
-               f'{SLOWNESS:g} with T = {slowest:.3g} s, h = {period:g} s, d = {most}')
-        values['kp'] = ([pole ** 2] * len(ka), why)
-        values['kv'] = ([2.0 * pole] * len(ka), why)
-        ratio = estimator_bandwidth(1.0, resolution)
-        values['estimator_bandwidth'] = (
-            ratio * pole, f'{ratio:g} p for positions to {resolution:.2g} rad')
-    return values
+    return {
+        'input_delay': (int(delay) if isfinite(delay) else 0, _delay_reason(found)),
+        'actuator_lag': ([rounded(x) for x in lag], 'the lag of the drives'),
+        'switching': ('implicit_observer', 'estimates P; docs/theory.md'),
+        'observer_bandwidth': (_rounded_down(bandwidth), (
+            f'{_LAG:g} / T with the longest lag of the drives that is possible, '
+            f'T = {longest:.3g} s' if longest else 'no lag of the drives shows'))}
 
 
-def _ka_reason(found: Identification, peak: Array) -> str:
-    """Return where ka comes from, and for which joints the run does not show it."""
-    text = 'the largest |P| of the run, ' + ', '.join(
-        f'{p:.3g} N*m' for p in peak) + f', times {_MARGIN:g}'
-    unknown = [name for name, x in zip(found.joints, found.friction) if x.coulomb.value is None]
-    if unknown:
-        text += f'; friction of {", ".join(unknown)} is not known, so its ka is only a least value'
-    return text
+def _law_values(found: Identification, law: str, why: str, resolution: float, slower: float
+                ) -> Gains:
+    """Return a law and its own gains with their reasons, the pole as a part of the fastest."""
+    if law == 'chattering':
+        return {'law': (law, why)}
+    period, lag, n = found.clock.period, found.timing.drive[1], len(found.joints)
+    possible = found.timing.delays or {0: lag}
+    late, slowest, most = max((lateness(float(x.max()), period, d), float(x.max()), d)
+                              for d, x in possible.items())
+    pole = _rounded_down(slower * largest_pole(late))
+    text = (f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = {pole * late:.2g} ≤ '
+            f'{SLOWNESS:g} with T = {slowest:.3g} s, h = {period:g} s, d = {most}')
+    ratio = estimator_bandwidth(1.0, resolution)
+    return {'law': (law, why), 'kp': ([pole ** 2] * n, text), 'kv': ([2.0 * pole] * n, text),
+            'estimator_bandwidth': (ratio * pole,
+                                    f'{ratio:g} p for positions to {resolution:.2g} rad')}
 
 
 def _delay_reason(found: Identification) -> str:
@@ -193,46 +229,18 @@ def _delay_reason(found: Identification) -> str:
     return f'the torque of a sample moves the joints {int(delay)} samples later'
 
 
-def _law_reason(found: Identification, law: str) -> str:
-    """Return why a law is recommended."""
+def _law_reason(found: Identification, law: str, quiet: bool) -> str:
+    """Return why a law is recommended; `quiet` is whether noise leaves room for the term."""
     if law == 'chattering':
         return 'period, noise and drives allow a chattering term on every joint'
     if not isfinite(found.timing.drive[0]):
         return 'the delay of the torque is not known; this law needs no velocities'
-    if found.timing.drive[1].max() > _SHORT_LAG * found.clock.period:
+    if longest_lag(found).max() > _SHORT_LAG * found.clock.period:
         return 'the drives have a lag, which this law inverts'
+    if quiet:
+        return 'the drives are slower than the steps of a chattering term; this law knows that'
     return ('the noise of the velocities leaves no room for a chattering term; this law observes '
             'the velocity from positions')
-
-
-def _steps(found: Identification, ka: Array, noise: Array, kv: float) -> dict[str, Array]:
-    """
-    Return the largest torque step per period of each switching, shape (n,) [N·m].
-
-    With `sign` the term jumps by 2 ka; with `boundary_layer` by ka / φ times the noise of v; with
-    the others by what the friction changes at a reversal, twice Coulomb and Stribeck friction,
-    and by the noise M σ / h, but never by more than 2 ka. The noise of the feedback, M kv σ, comes
-    to all of them. Six deviations of noise are counted.
-    """
-    most = 2.0 * ka
-    loud = np.where(np.isfinite(noise), 6.0 * noise, most)
-    sigma = np.array([x.value if x.value is not None else np.inf for x in found.noise])
-    feedback = 6.0 * found.clock.period * kv * np.where(np.isfinite(noise), noise, 0.0)
-    friction = np.array([2.0 * (max(abs(x.forwards.or_zero()), abs(x.backwards.or_zero()))
-                                + x.stribeck.or_zero()) for x in found.friction])
-    soft = ka / _BOUNDARY_LAYER * np.where(np.isfinite(sigma), 6.0 * sigma, np.inf)
-    both = np.minimum(most, friction + loud)
-    steps = {'sign': most, 'boundary_layer': np.minimum(most, soft), 'implicit': both,
-             'implicit_observer': both}
-    return {name: steps.get(name, most) + feedback for name in SWITCHINGS}
-
-
-def _rounded_up(value: float) -> float:
-    """Return a value with three digits, at least as large."""
-    if value <= 0.0:
-        return 0.0
-    unit = 10.0 ** (floor(log10(value)) - 2)
-    return rounded(float(np.ceil(value / unit - 1e-9) * unit), 6)
 
 
 def _rounded_down(value: float) -> float:

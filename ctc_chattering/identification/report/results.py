@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
+from functools import cached_property
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -11,20 +12,21 @@ from typing import Any
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.number_format import shown
 from ctc_chattering.analysis.report import write_sections
-from ctc_chattering.analysis.tables import columns, Table
+from ctc_chattering.analysis.tables import fitted, paragraph, Table
 from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.timing_findings import drives_in_words
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
+from ctc_chattering.identification.report.result_tables import missing, tables
 from ctc_chattering.identification.report.validation import Validation
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.identification.report.verdict import of_all_joints, Verdict, verdicts, WORDS
 import numpy as np
 
-#: Friction in the order of the table: field and heading.
-_FRICTION = (('coulomb', 'Coulomb'), ('forwards', 'forwards'), ('backwards', 'backwards'),
-             ('viscous', 'viscous'), ('stribeck', 'Stribeck'),
-             ('stribeck_velocity', 'Stribeck velocity'), ('load', 'of the load'))
+#: Template of the page, beside this file.
+_TEMPLATE = 'page.html'
 _LEAD = ('Friction, delays and errors of the model from a recorded run, with intervals of 95 %, '
          'and the gains that follow.')
 #: Offset that is named, as a part of the Coulomb friction.
@@ -56,46 +58,56 @@ class IdentificationResults:
     validation: Validation | None
     rate: tuple[float, ...] = ()
 
+    @cached_property
+    def verdicts(self) -> list[Verdict]:
+        """Return what the numbers of each joint are good for."""
+        more = self.validation.findings(self.recommended.ka) if self.validation else ()
+        return verdicts(self.found, (*self.recommended.findings, *more))
+
     def tables(self) -> Iterator[tuple[str, list[list[str]]]]:
         """Yield headings and tables, the first row of each having the names of the columns."""
-        found, joints = self.found, self.found.joints
-        yield 'Friction', [
-            ['joint', *(name for _, name in _FRICTION)],
-            *([joint, *(str(getattr(friction, key)) for key, _ in _FRICTION)]
-              for joint, friction in zip(joints, found.friction))]
-        _, lag, error = found.timing.drive
-        yield 'Sensors and drives', [
-            ['joint', 'encoder step', 'velocity noise', 'lag of the velocity', 'lag of the drive'],
-            *([joint, str(a), str(b), str(c), _lag(t, e)] for joint, a, b, c, t, e in zip(
-                joints, found.encoder, found.noise, found.velocity_lag, lag, error))]
-        whole, rest = self.run.misfit()
-        yield 'Perturbation', [
-            ['joint', 'largest |P| [N*m]', 'ka [N*m]', 'RMS P [N*m]', 'unexplained [N*m]'],
-            *([joint, f'{p:.4g}', f'{k:.4g}', f'{a:.3g}', f'{b:.2g}'] for joint, p, k, a, b in zip(
-                joints, self.run.peak, _ka(self.recommended), whole, rest))]
-        yield 'Largest torque step per period, at most [N*m]', [
-            ['joint', *self.recommended.steps, *(['allowed'] if self.rate else [])],
-            *([joint, *(self._step(values, i) for values in self.recommended.steps.values()),
-               *([f'{self.rate[i] * found.clock.period:.3g}'] if self.rate else [])]
-              for i, joint in enumerate(joints))]
+        return tables(self.found, self.verdicts, self.run, self.recommended, self.rate)
 
-    def _step(self, values: Array, i: int) -> str:
-        """Return a step of the torque, marked where the drives do not allow it."""
-        beyond = self.rate and values[i] > self.rate[i] * self.found.clock.period
-        return f'{values[i]:.3g}' + (' (too fast)' if beyond else '')
+    def verdict_lines(self) -> Iterator[str]:
+        """Yield the verdicts, and before them the reasons that all joints share."""
+        for severity in (Severity.REFUSED, Severity.CARE):
+            for reason in of_all_joints(self.verdicts, severity):
+                yield f'all joints: {WORDS[severity]}: {reason}'
+        for verdict in self.verdicts:
+            yield f'{verdict.joint}: {verdict.apart()}'
 
     def sentences(self) -> Iterator[tuple[str, list[str]]]:
         """Yield headings and sentences."""
+        notes = [*of_all_joints(self.verdicts, Severity.NOTE), *(
+            f'{x.joint}: {note.reason}' for x in self.verdicts for note in x.findings
+            if note.severity == Severity.NOTE and note.joint != ALL_JOINTS),
+            *missing(self.found, self.verdicts)]
+        if notes:
+            yield 'Notes', notes
         yield 'Time', list(self._time())
         yield 'Model', list(self._model())
-        yield 'Chattering term', list(self.recommended.verdicts)
-        yield 'Gains', [f'{name} = {shown(value)}: {why}'
+        yield 'Chattering term', [text for text, x in zip(
+            self.recommended.verdicts, self.verdicts) if x.usable]
+        yield 'Gains', [f'{name} = {shown(self._usable(value))}: {why}'
                         for name, (value, why) in self.recommended.values.items()]
+        yield 'Trial runs', list(self.recommended.trials) or ['not tried']
         if self.validation:
             yield f'Validation on {self.validation.name}', [
                 ('holds: ' if good else 'FAILS: ') + text
-                for good, text in self.validation.verdicts(
-                    self.found.joints, _ka(self.recommended))]
+                for (good, text), x in zip(self._validated(), self.verdicts)
+                if x.usable or not good]
+
+    def _usable(self, value: object) -> object:
+        """Return a parameter with None for the joints that are not usable."""
+        if not isinstance(value, list) or len(value) != len(self.verdicts):
+            return value
+        return [x if verdict.usable else None for x, verdict in zip(value, self.verdicts)]
+
+    def _validated(self) -> list[tuple[bool, str]]:
+        """Return whether each joint is predicted on the other run, and why."""
+        assert self.validation is not None
+        return self.validation.verdicts(self.found.joints, [
+            np.nan if x is None else x for x in self.recommended.ka])
 
     def _time(self) -> Iterator[str]:
         """Yield what the stamps say, and the delay."""
@@ -109,39 +121,37 @@ class IdentificationResults:
         if not isfinite(delay):
             yield 'delay not identifiable: no commanded torque in the bag'
         elif len(timing.delays) > 1:
-            yield 'delay not identifiable; the motion fits as well to ' + '; to '.join(
-                f'{delay} sample{"s"[:delay != 1]} with '
-                + (f'lags of {shown(lags.tolist())} s' if lags.any() else 'no lag')
-                for delay, lags in timing.delays.items())
+            yield ('delay and lag are not told apart; the motion fits to '
+                   + drives_in_words(timing, self.found.joints))
         else:
             yield f'delay of the torque: {int(delay)} samples'
         yield f'torques are taken from the {timing.source}'
 
     def _model(self) -> Iterator[str]:
         """Yield errors of the model, offsets and what is left."""
-        yield from (error_sentence(*pair) for pair in self.found.errors)
-        for joint, friction in zip(self.found.joints, self.found.friction):
+        found = self.found
+        yield from (error_sentence(*pair) for pair in found.errors)
+        if found.tilt:
+            yield 'gravity in the frame of the base: ' + ', '.join(map(str, found.tilt))
+        for joint, friction, verdict in zip(found.joints, found.friction, self.verdicts):
             offset = friction.offset
-            if offset.value is not None and abs(offset.value) > max(
-                    offset.half, _OFFSET * abs(friction.coulomb.or_zero())):
+            if verdict.usable and offset.value is not None and abs(offset.value) > max(
+                    offset.half, _OFFSET * abs(friction.coulomb.value or 0.0)):
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
-        yield from self.found.left
-        whole, rest = self.run.misfit()
-        for joint, a, b in zip(self.found.joints, whole, rest):
-            if b > 0.05 * a:
-                yield (f'{joint}: {b:.3g} N*m RMS, {b / a:.0%} of P, is not explained by friction '
-                       'and masses: the intervals above do not contain that')
-        if not any(number.value is not None for _, number in self.found.errors):
+        yield from found.left
+        if not any(number.value is not None for _, number in found.errors):
             yield 'no error of a mass shows'
 
     def text(self) -> str:
-        """Return it for a terminal."""
-        lines = []
+        """Return it for a terminal, in lines of at most `WIDTH` characters."""
+        lines = ['Verdict', *(line for text in self.verdict_lines() for line in paragraph(text)),
+                 '']
         for title, rows in self.tables():
-            lines += [title, *(f'  {line}' for line in columns(rows)), '']
+            lines += [*paragraph(title, 0), *fitted(rows), '']
         for title, texts in self.sentences():
-            lines += [title, *(f'  {line}' for line in columns([[x] for x in texts])), '']
+            lines += [*paragraph(title, 0),
+                      *(line for text in texts for line in paragraph(text)), '']
         return '\n'.join(lines).rstrip()
 
     def as_mapping(self) -> dict[str, Any]:
@@ -155,25 +165,38 @@ class IdentificationResults:
             'torque_from': timing.source,
             'delay_samples': int(delay) if isfinite(delay) and len(timing.delays) == 1
             else None,
-            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags.tolist()}
+            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags[1].tolist(),
+                                 'actuator_lag_interval_95_s': lags[[0, 2]].T.tolist()}
                                 for delay, lags in timing.delays.items()],
+            'torque_rate_limit_nm_per_s': [x.as_mapping() for x in found.rate],
             'actuator_lag_s': lag.tolist(), 'actuator_lag_error_s': error.tolist(),
-            'friction': [{name: x.as_mapping() for name, x in vars(friction).items()}
-                         for friction in found.friction],
+            'verdicts': [{'joint': x.joint, 'verdict': x.word, 'findings': [
+                {'severity': WORDS[y.severity], 'reason': y.reason, 'cure': y.cure}
+                for y in x.findings]} for x in self.verdicts],
+            'friction': [_of_joint(vars(friction), verdict)
+                         for friction, verdict in zip(found.friction, self.verdicts)],
             **{key: [x.as_mapping() for x in getattr(found, name)] for key, name in (
                 ('encoder_step_rad', 'encoder'), ('velocity_noise_rad_per_s', 'noise'),
                 ('velocity_lag_s', 'velocity_lag'))},
+            **{key: [_of_joint({'x': x}, verdict)['x'] for x, verdict in zip(
+                getattr(found, name), self.verdicts)] for key, name in (
+                ('torque_scale', 'scale'), ('rotor_inertia_kgm2', 'rotor'),
+                ('torque_rate_nm_per_s', 'rate'))},
+            'gravity_mps2': [x.as_mapping() for x in found.tilt],
+            'effort_side': found.side,
             'model_errors': [{'name': error.name, 'unit': error.unit, **number.as_mapping()}
                              for error, number in found.errors],
-            'left': found.left, 'peak_perturbation_nm': self.run.peak.tolist(),
-            'noise_torque_nm': recommended.noise_torque.tolist(),
+            'left': found.left,
+            'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
+            'noise_torque_nm': self._usable(recommended.noise_torque.tolist()),
             'chattering_term_possible': recommended.allowed,
-            'torque_steps_nm': {k: v.tolist() for k, v in recommended.steps.items()},
-            'recommended': {name: {'value': value, 'reason': why}
+            'torque_steps_nm': {k: self._usable(v.tolist())
+                                for k, v in recommended.steps.items()},
+            'recommended': {name: {'value': self._usable(value), 'reason': why}
                             for name, (value, why) in recommended.values.items()},
+            'trial_runs': list(self.recommended.trials),
             'validation': self.validation and [
-                {'holds': good, 'reason': text} for good, text in self.validation.verdicts(
-                    found.joints, _ka(recommended))]}
+                {'holds': good, 'reason': text} for good, text in self._validated()]}
 
 
 def error_sentence(candidate: ModelError, number: Estimate) -> str:
@@ -211,16 +234,16 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
                    [(name, f'{name} ({what})') for name, what in files.items()], _LEAD,
                    tables=[Table(title, head, rows, len(head))
                            for title, (head, *rows) in report.tables()],
-                   lists=report.sentences())
+                   lists=report.sentences(), package=__package__, template=_TEMPLATE,
+                   verdicts=report.verdicts, common=[
+                       (WORDS[x], of_all_joints(report.verdicts, x))
+                       for x in (Severity.REFUSED, Severity.CARE)])
 
 
-def _ka(recommended: Recommendation) -> list[float]:
-    """Return ka of each joint [N·m]."""
-    return [float(x) for x in np.asarray(recommended.values['ka'][0], float)]
-
-
-def _lag(lag: float, error: float) -> str:
-    """Return the lag of a drive in words."""
-    if not isfinite(error):
-        return 'not identifiable'
-    return f'{lag:.4g} ± {2.0 * error:.1g} s' if lag else f'none, within {2.0 * error:.1g} s'
+def _of_joint(numbers: Mapping[str, Estimate], verdict: Verdict) -> dict[str, Any]:
+    """Return numbers as JSON has them; under `refused` those of a joint that is not usable."""
+    values = {name: x.as_mapping() for name, x in numbers.items()}
+    if verdict.usable:
+        return values
+    return {**{name: {'value': None, 'reason': verdict.word} for name in values},
+            'refused': values}

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import dataclasses
 
 from ctc_chattering.analysis.recording import Recording, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.regression.finding import Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.torque import has
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+
+#: Part of P above which a run that is not predicted says that the numbers are wrong.
+_WRONG = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +41,34 @@ class Validation:
     run: MeasuredPerturbation
     torque: Array
     model: Array
+
+    def findings(self, ka: Sequence[float | None]) -> Iterator[Finding]:
+        """
+        Yield what this run says against the numbers of a joint.
+
+        Parameters
+        ----------
+        ka : sequence of float or None, shape (n,)
+            Recommended [N·m]; None for a joint that is not usable.
+
+        """
+        whole, rest = self.run.misfit()
+        good, peak = self.run.good(), self.run.peak
+        moved = np.isfinite(self.run.predicted).sum(axis=0) > 0
+        for i, most in enumerate(ka):
+            if not moved[i]:
+                yield Finding(Severity.NOTE, i, f'it hardly moves in {self.name}')
+                continue
+            if not good[i]:
+                part = rest[i] / max(whole[i], 1e-12)
+                yield Finding(
+                    Severity.REFUSED if part > _WRONG else Severity.CARE, i,
+                    f'{part:.0%} of P, {rest[i]:.3g} N*m RMS, are not predicted in {self.name}',
+                    'record a motion like that one too, and give both bags')
+            if most is not None and peak[i] > most:
+                yield Finding(
+                    Severity.REFUSED, i, f'|P| reaches {peak[i]:.3g} N*m in {self.name}, beyond '
+                    f'ka = {most:.3g} N*m', 'record a motion like that one too')
 
     def verdicts(self, joints: Sequence[str], ka: Sequence[float]) -> list[tuple[bool, str]]:
         """Return for each joint whether prediction and ka hold, and why."""

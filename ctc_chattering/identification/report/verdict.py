@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
-from ctc_chattering.identification.regression.identify import Identification, JointFriction
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.rows import STRIBECK
 from ctc_chattering.identification.regression.torque import EFFORT
 
@@ -15,6 +17,8 @@ WORDS = {Severity.NOTE: 'usable', Severity.CARE: 'usable with care',
          Severity.REFUSED: 'not usable'}
 #: Part of the Coulomb friction by which both directions may differ before care is due.
 _UNEVEN = 0.5
+#: Half an interval of Coulomb friction as a part of it, above which care is due.
+_WIDE = 0.2
 #: Part of the range of Stribeck velocities that counts as its end.
 _END = 0.97
 #: A longer lag is none of a drive that takes torques; the scan goes on to 39 ms [s].
@@ -61,6 +65,22 @@ class Verdict(NamedTuple):
         """Return the verdict with its reasons."""
         return ': '.join([self.word, *(['; '.join(self.reasons)] if self.reasons else [])])
 
+    def own(self) -> tuple[Finding, ...]:
+        """Return what was noticed of this joint, without notes."""
+        return tuple(x for x in self.findings
+                     if x.joint != ALL_JOINTS and x.severity > Severity.NOTE)
+
+    def apart(self) -> str:
+        """Return the verdict, without the reasons that hold for all joints."""
+        return str(self._replace(findings=self.own()))
+
+
+def of_all_joints(verdicts: Sequence[Verdict], severity: Severity) -> list[str]:
+    """Return what was noticed for all joints, with this severity."""
+    found = dict.fromkeys(x for verdict in verdicts for x in verdict.findings
+                          if x.joint == ALL_JOINTS and x.severity == severity)
+    return [f'{x.reason}; {x.cure}' if x.cure else x.reason for x in found]
+
 
 def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdict]:
     """
@@ -77,7 +97,9 @@ def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdic
     everything = [*found.findings, *_bounds(found), *more]
     verdicts = []
     for i, name in enumerate(found.joints):
-        mine = sorted(dict.fromkeys(x for x in everything if x.joint in (i, ALL_JOINTS)),
+        # The name stands before the verdict.
+        mine = sorted(dict.fromkeys(x._replace(reason=x.reason.removeprefix(f'{name}: '))
+                                    for x in everything if x.joint in (i, ALL_JOINTS)),
                       key=lambda x: -x.severity)
         verdicts.append(Verdict(name, max((x.severity for x in mine), default=Severity.NOTE),
                                 tuple(mine)))
@@ -87,7 +109,10 @@ def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdic
 def _bounds(found: Identification) -> Iterator[Finding]:
     """Yield what is beyond a physical bound, or at the end of what was looked for."""
     for i, (friction, lag) in enumerate(zip(found.friction, found.timing.drive[1])):
-        yield from _friction_bounds(i, friction, found.timing.source)
+        left = found.unexplained[i] if found.unexplained else None
+        yield from _friction_bounds(i, friction)
+        yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT,
+                             left is not None and left.off > 0.0)
         if lag >= _LONGEST_LAG:
             yield Finding(
                 Severity.REFUSED, i, f'the lag of the drive would be {lag:.3g} s; drives have at '
@@ -95,22 +120,13 @@ def _bounds(found: Identification) -> Iterator[Finding]:
                 'correct inertia and rotor inertia of the model')
 
 
-def _friction_bounds(i: int, friction: JointFriction, source: str) -> Iterator[Finding]:
+def _friction_bounds(i: int, friction: JointFriction) -> Iterator[Finding]:
     """Yield which numbers of the friction of a joint cannot be."""
-    coulomb, viscous, offset = friction.coulomb, friction.viscous, friction.offset
+    coulomb, offset = friction.coulomb, friction.offset
     if coulomb.value is None:
         yield Finding(Severity.REFUSED, i, coulomb.reason, _EXCITE)
         return
-    for name, number in (('Coulomb', coulomb), ('viscous', viscous), ('Stribeck',
-                                                                      friction.stribeck)):
-        if number.value is not None and number.value + number.half < 0.0:
-            yield Finding(Severity.REFUSED, i, f'{name} friction is {number}; it cannot be below '
-                          '0, so the model or the torque is wrong', 'check URDF and torque')
-    if abs(coulomb.value) <= coulomb.half:
-        severity = Severity.REFUSED if source == EFFORT else Severity.CARE
-        yield Finding(severity, i, f'no friction shows: Coulomb friction is {coulomb}',
-                      'say where the torque is measured; behind the gear friction is not in it')
-    elif offset.value is not None and abs(offset.value) - offset.half > _UNEVEN * coulomb.value:
+    if offset.value is not None and abs(offset.value) - offset.half > _UNEVEN * coulomb.value:
         yield Finding(Severity.CARE, i, f'both directions differ by twice {offset}, Coulomb '
                       f'friction is {coulomb}: more likely a constant torque that the model '
                       'lacks', 'check the model and the offset of the torque sensor')
@@ -118,3 +134,19 @@ def _friction_bounds(i: int, friction: JointFriction, source: str) -> Iterator[F
     if speed is not None and not STRIBECK[0] / _END < speed < STRIBECK[-1] * _END:
         yield Finding(Severity.CARE, i, f'the Stribeck velocity is {speed:.3g} rad/s, at the end '
                       f'of {STRIBECK[0]:g} to {STRIBECK[-1]:.3g} rad/s', _EXCITE)
+
+
+def _how_well(i: int, coulomb: Estimate, measured: bool, unexplained: bool) -> Iterator[Finding]:
+    """Yield that the Coulomb friction of a joint is not known well."""
+    if coulomb.value is None:
+        return
+    if abs(coulomb.value) <= coulomb.half and unexplained:
+        yield Finding(Severity.REFUSED, i, f'Coulomb friction is not known: {coulomb} with what '
+                      'is not explained', _EXCITE)
+    elif abs(coulomb.value) <= coulomb.half:
+        yield Finding(Severity.REFUSED if measured else Severity.CARE, i, 'no friction shows: '
+                      f'Coulomb friction is {coulomb}', 'say where the torque is measured; behind '
+                      'the gear friction is not in it')
+    elif coulomb.half > _WIDE * abs(coulomb.value) and not unexplained:
+        yield Finding(Severity.CARE, i, f'Coulomb friction is known to {coulomb} only',
+                      'record a longer motion')

@@ -8,7 +8,8 @@ from typing import Any, cast
 
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
-from ctc_chattering.identification.regression.identify import Identification, JointFriction
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.report.verdict import verdicts
 import numpy as np
 import pytest
@@ -23,7 +24,8 @@ def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command'
     """Return what `verdicts` reads of an identification of two joints."""
     timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
     return cast(Identification, SimpleNamespace(
-        joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings))
+        joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings,
+        unexplained=()))
 
 
 def test_a_joint_without_findings_is_usable() -> None:
@@ -31,12 +33,9 @@ def test_a_joint_without_findings_is_usable() -> None:
 
 
 @pytest.mark.parametrize('change, lag, source, severity, reason', [
-    ({'coulomb': Estimate(-3.8, 0.1, 'N*m')}, 0.0, 'command', Severity.REFUSED, '-3.8'),
     ({'coulomb': Estimate(-0.05, 0.1, 'N*m')}, 0.0, 'command', Severity.CARE, 'no friction'),
     ({'coulomb': Estimate(0.0, 0.003, 'N*m')}, 0.0, 'effort', Severity.REFUSED, 'gear'),
     ({'coulomb': Estimate.none('b hardly moves')}, 0.0, 'command', Severity.REFUSED, 'excite'),
-    ({'viscous': Estimate(-1.0, 0.1)}, 0.0, 'command', Severity.REFUSED, 'viscous'),
-    ({'viscous': Estimate(-0.05, 0.1)}, 0.0, 'command', Severity.NOTE, ''),
     ({'offset': Estimate(4.0, 0.1)}, 0.0, 'command', Severity.CARE, 'directions'),
     ({'stribeck_velocity': Estimate(0.005, 0.1)}, 0.0, 'command', Severity.CARE, 'Stribeck'),
     ({}, 0.0389, 'command', Severity.REFUSED, '0.0389 s')])

@@ -1,0 +1,84 @@
+"""The motion in each window, on which a torque may depend that the regression lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+
+from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.identification.regression.rows import Rows, sliding
+from ctc_chattering.identification.regression.weak_form import smoothed, TestFunction
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Ways after a reversal in which a torque may build up [rad].
+BUILD_UP = (3e-4, 1e-3, 3e-3, 1e-2)
+
+
+@dataclasses.dataclass(frozen=True)
+class WindowStates:
+    """
+    Motion of all windows of all stretches; J windows, n joints.
+
+    Attributes
+    ----------
+    position : ndarray, shape (J, n)
+        Mean position [rad].
+    acceleration : ndarray, shape (J, n)
+        Mean acceleration [rad/s²], by differences of positions and parts.
+    build_up : ndarray, shape (J, n, len(BUILD_UP))
+        Mean of sgn(dq) exp(-x / d) for these d, x the way since the direction changed.
+
+    """
+
+    position: Array
+    acceleration: Array
+    build_up: Array
+
+    @property
+    def way(self) -> Array:
+        """Return the way since the direction changed, up to some 0.1 rad, shape (J, n) [rad]."""
+        longest = BUILD_UP[-1]
+        found: Array = -longest * np.log(np.clip(np.abs(self.build_up[:, :, -1]), 1e-5, 1.0))
+        return found
+
+    @classmethod
+    def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
+           ) -> WindowStates:
+        """Return the motion in the windows of stretches."""
+        found = [cls._of(part, row, phi) for part, row in zip(parts, rows)]
+        return cls(*(np.concatenate(x) for x in zip(*found)))
+
+    @staticmethod
+    def _of(part: Stretch, rows: Rows, phi: TestFunction) -> tuple[Array, Array, Array]:
+        q, dq, _ = smoothed(part.q, part.period)
+        moved = np.gradient(part.q, part.period, axis=0)
+        ways = way_since_reversal(q, sliding(part.q, dq, part.period))
+        columns = [phi.sums(np.sign(dq) * np.exp(-ways / d), phi.at, rows.centres)
+                   for d in BUILD_UP]
+        return (phi.sums(q, phi.at, rows.centres), -phi.sums(moved, phi.slope, rows.centres),
+                np.stack(columns, axis=2))
+
+
+def way_since_reversal(q: Array, slide: Array) -> Array:
+    """
+    Return how far each joint has come since its direction changed; inf before, shape (N, n) [rad].
+
+    Parameters
+    ----------
+    q : ndarray, shape (N, n)
+        Positions [rad].
+    slide : ndarray, shape (N, n)
+        Direction, 0 at rest; a rest between the same directions is no reversal.
+
+    """
+    found = np.full_like(q, np.inf)
+    for i, (x, way) in enumerate(zip(q.T, slide.T)):
+        moving = np.flatnonzero(way)
+        turns = np.flatnonzero(np.diff(way[moving])) if len(moving) else moving
+        # The last sample of one direction is where the next one begins.
+        ends = moving[turns]
+        which = np.searchsorted(ends, np.arange(len(x))) - 1
+        after = which >= 0
+        found[after, i] = np.abs(x[after] - x[ends[which[after]]])
+    return found

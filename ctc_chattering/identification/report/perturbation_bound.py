@@ -1,0 +1,97 @@
+"""The chattering gain ka that holds |P| of the recorded run, and as fast as the limits allow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import floor, log10
+from typing import NamedTuple
+
+from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.regression.finding import Finding, Severity
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.report.fastest_motion import (
+    fastest_perturbation,
+    FastestPerturbation,
+)
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: ka over the largest |P|.
+MARGIN = 1.2
+#: Ratio of both peaks above which the gain of the recorded motion is named as well.
+_FAR = 2.0
+
+
+class PerturbationBound(NamedTuple):
+    """
+    ka with its parts; arrays of shape (n,) [N·m].
+
+    Attributes
+    ----------
+    ka, peak : ndarray
+        The gain, and the largest |P| it is for.
+    fastest : FastestPerturbation
+        As fast as the limits allow.
+    reason : str
+        The parts.
+    findings : tuple of Finding
+        Where a drive cannot give as much.
+
+    """
+
+    ka: Array
+    peak: Array
+    fastest: FastestPerturbation
+    reason: str
+    findings: tuple[Finding, ...]
+
+
+def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model,
+                       corrected: bool = False) -> PerturbationBound:
+    """Return ka for motions within the limits, from what was identified and P of the run."""
+    fastest = fastest_perturbation(found, run, model, corrected)
+    recorded = run.peak
+    peak = np.maximum(recorded, fastest.peak)
+    effort = fastest.limits.effort
+    ka = np.array([_rounded_up(MARGIN * p) for p in peak])
+    return PerturbationBound(np.minimum(ka, effort), peak, fastest,
+                             _reason(fastest, recorded, peak), tuple(_beyond(peak, ka, effort)))
+
+
+def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array) -> str:
+    """Return the parts of ka in words."""
+    limits = fastest.limits
+    how = 'at the limits of the description' if limits.known.all() else (
+        'at the speed of the run, for no limit of it is known' if not limits.known.any() else
+        'at the limits of the description, or the speed of the run where there is none')
+    text = (f'{MARGIN:g} times the largest |P| {how}, {_list(limits.velocity)} rad/s: friction '
+            f'{_list(fastest.friction)}, errors of the model {_list(fastest.error)}, unexplained '
+            f'{_list(fastest.unexplained)} N*m; in the run |P| is at most {_list(recorded)} N*m')
+    if (peak > _FAR * recorded).any():
+        least = np.array([_rounded_up(MARGIN * p) for p in recorded])
+        text += f', for which {_list(least)} would do'
+    return text
+
+
+def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
+    """Yield the joints whose drive cannot give ka."""
+    for i, (p, k, most) in enumerate(zip(peak, ka, effort)):
+        if k > most:
+            yield Finding(Severity.CARE, i, f'|P| reaches {p:.3g} N*m as fast as the limits '
+                          f'allow; ka = {k:.3g} N*m is cut to its effort limit, {most:.3g} N*m',
+                          'correct the model, or move more slowly')
+
+
+def _list(values: Array) -> str:
+    """Return numbers with commas."""
+    return ', '.join(f'{x:.3g}' for x in values)
+
+
+def _rounded_up(value: float) -> float:
+    """Return a value with three digits, at least as large."""
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (floor(log10(value)) - 2)
+    return rounded(float(np.ceil(value / unit - 1e-9) * unit), 6)

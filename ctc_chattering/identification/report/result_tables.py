@@ -1,0 +1,104 @@
+"""Tables of what was identified; a joint that is not usable has no numbers in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import isfinite
+
+from ctc_chattering.analysis.number_format import with_interval
+from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.report.recommendation import Recommendation
+from ctc_chattering.identification.report.verdict import Verdict
+
+#: In place of a number that there is none of; why stands in the verdict or below the table.
+NO_NUMBER = '-'
+#: Friction in the order of the table: field and heading.
+FRICTION = (('coulomb', 'Coulomb [N*m]'), ('forwards', 'forwards'), ('backwards', 'backwards'),
+            ('viscous', 'viscous [N*m*s/rad]'), ('stribeck', 'Stribeck [N*m]'),
+            ('stribeck_velocity', 'its velocity [rad/s]'), ('load', 'of the load'))
+#: Further quantities of a joint: field of the identification and heading.
+_MORE = (('scale', 'torque per torque unit'), ('rotor', 'rotor inertia [kg*m2]'),
+         ('rate', 'rate of the drive [N*m/s]'))
+Rows = list[list[str]]
+
+
+def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPerturbation,
+           recommended: Recommendation, rate: Sequence[float]) -> Iterator[tuple[str, Rows]]:
+    """
+    Yield headings and tables, the first row of each having the names of the columns.
+
+    Parameters
+    ----------
+    found, run, recommended
+        What was identified, P, and what follows.
+    verdicts : sequence of Verdict, length n
+        Of the joints.
+    rate : sequence of float, shape (n,)
+        Allowed rate of the torque of each joint [N·m/s]; empty where it is not known.
+
+    """
+    joints, usable = found.joints, [x.usable for x in verdicts]
+
+    def rows(heads: Sequence[str], *columns: Sequence[str]) -> Rows:
+        return [['joint', *heads], *(
+            [joint, *(cells if good else [NO_NUMBER] * len(cells))]
+            for joint, good, *cells in zip(joints, usable, *columns))]
+    yield 'Friction', rows([name for _, name in FRICTION], *(
+        [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
+    _, lag, error = found.timing.drive
+    sensors = rows(['lag of the drive [s]'], list(map(_lag, lag, error)))
+    yield 'Sensors and drives', [
+        ['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]',
+         *sensors[0][1:]],
+        *([joint, cell(a), cell(b), cell(c), *more] for (joint, *more), a, b, c in zip(
+            sensors[1:], found.encoder, found.noise, found.velocity_lag))]
+    more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
+    if more:
+        yield 'Motors and drives', rows([name for name, _ in more], *(
+            [cell(x) for x in values] for _, values in more))
+    whole, rest = run.misfit()
+    yield 'Perturbation', rows(
+        ['largest |P| [N*m]', 'ka [N*m]', 'RMS P [N*m]', 'unexplained [N*m]'],
+        [f'{x:.4g}' for x in run.peak],
+        [NO_NUMBER if x is None else f'{x:.4g}' for x in recommended.ka],
+        [f'{x:.3g}' for x in whole], [f'{x:.2g}' for x in rest])
+    allowed = [x * found.clock.period for x in rate]
+    steps = [[f'{x:.3g}' + (' (too fast)' if allowed and x > allowed[i] else '')
+              for i, x in enumerate(values)] for values in recommended.steps.values()]
+    yield 'Largest torque step per period, at most [N*m]', rows(
+        [*recommended.steps, *(['allowed'] if rate else [])], *steps,
+        *([[f'{x:.3g}' for x in allowed]] if rate else []))
+
+
+def cell(number: Estimate) -> str:
+    """Return a number with its interval, `none` where it would show, `NO_NUMBER` without."""
+    if number.value is None:
+        return 'none' if number.reason == NONE else NO_NUMBER
+    return with_interval(number.value, number.half)
+
+
+def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]:
+    """Yield why a joint that is usable lacks a number."""
+    for i, (joint, verdict) in enumerate(zip(found.joints, verdicts)):
+        if not verdict.usable:
+            continue
+        named = [(name, getattr(found.friction[i], key)) for key, name in FRICTION]
+        named += [('encoder step', found.encoder[i]), ('velocity noise', found.noise[i]),
+                  ('lag of the velocity', found.velocity_lag[i])]
+        named += [(name, getattr(found, key)[i]) for key, name in _MORE if getattr(found, key)]
+        reasons: dict[str, list[str]] = {}
+        for name, number in named:
+            if number.value is None and number.reason != NONE:
+                reasons.setdefault(number.reason, []).append(name.split(' [')[0])
+        for reason, names in reasons.items():
+            own = reason.removeprefix(f'{joint} ')
+            yield f'{joint}, {", ".join(names)}: not identifiable: {own}'
+
+
+def _lag(lag: float, error: float) -> str:
+    """Return the lag of a drive in words."""
+    if not isfinite(error):
+        return NO_NUMBER
+    return f'{lag:.4g} ± {2.0 * error:.1g}' if lag else f'none, within {2.0 * error:.1g}'

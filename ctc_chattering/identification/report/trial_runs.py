@@ -1,0 +1,253 @@
+"""
+Trial runs: recommended gains on the identified robot in simulation, as uncertain as it is.
+
+A draw is a robot within all intervals. The first ones are corners: each delay that is possible
+with its lags, a model that is too light or too heavy, most or least friction. Gains survive a draw
+if no joint is worse than under law `compensation` with the gains of the run, nor at its torque
+limit. Of several options the first is taken that survives all draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import dataclasses
+from typing import Any, NamedTuple
+
+from ctc_chattering.analysis.result import simulated
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.report.recommendation import GAINS, Gains, Recommendation
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+Values = dict[str, dict[str, Any]]
+#: Draws, unless another number is asked for.
+COUNT = 24
+#: Smooth start and duration [s], and the slowest motion [Hz]: with it all joints reverse.
+_START, _DURATION, _SLOWEST = 1.0, 2.5, 1.0
+#: Part of M, C and G that may be wrong in any case, and at most.
+_MODEL, _MOST = 0.05, 0.2
+#: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
+_UNEXPLAINED = (2.0, 20.0)
+#: Part of the samples that may be at the limit of the torque, and how near that is.
+_SATURATED, _NEAR = 0.02, 0.999
+#: Part of the amplitude that an error may be, and steps of the encoder that are no error.
+_TRACKS, _STEPS = 0.5, 3.0
+
+
+class Draw(NamedTuple):
+    """A robot within the intervals: in words, and values of plant and controller."""
+
+    text: str
+    values: Values
+
+
+class _TriedRun(NamedTuple):
+    """Errors of a run, shape (n,) [rad], or why there are none."""
+
+    rms: Array | None
+    saturated: Array
+    failure: str
+
+
+def trial_runs(found: Identification, run: MeasuredPerturbation, recommended: Recommendation,
+               values_of: Callable[[Recommendation], Values],
+               gains: tuple[Any, Any] | None = None, count: int = COUNT, seed: int = 1
+               ) -> Recommendation:
+    """
+    Return the recommendation that survives all draws, with what the runs showed.
+
+    Parameters
+    ----------
+    found, run
+        What was identified, and P of the run.
+    recommended : Recommendation
+        With its options.
+    values_of : callable
+        Returns the parameter file of a recommendation.
+    gains : (kp, kv) or None
+        Of the recorded run.
+    count, seed : int
+        Number of draws, and their seed.
+
+    """
+    values = values_of(recommended)
+    draws = list(draw_robots(found, run, values['plant'], count, seed))
+    plain = _plain(values, gains or GAINS)
+    usual = [_run(plain, draw) for draw in draws]
+    said = []
+    for option in recommended.options:
+        tried = dataclasses.replace(
+            recommended, law=str(option['law'][0]), values=option)
+        text, survived = _tried(values_of(tried), draws, usual)
+        said.append(f'{_name(option)}: {text}')
+        if survived:
+            return dataclasses.replace(tried, trials=tuple(said))
+    return dataclasses.replace(recommended, trials=tuple(said), findings=(
+        *recommended.findings, Finding(
+            Severity.REFUSED, ALL_JOINTS, 'no gains survive the trial runs: ' + said[-1],
+            'record a longer motion of `ctc excite`, so that intervals are shorter')))
+
+
+def setups_tried(recommended: Recommendation, values_of: Callable[[Recommendation], Values]
+                 ) -> Iterator[Setup]:
+    """Yield a setup with each law that trial runs may need; arguments as of `trial_runs`."""
+    for option in recommended.options:
+        values = values_of(dataclasses.replace(recommended, values=option))
+        yield parameter_file.load(None, values)
+    yield parameter_file.load(None, _plain(values, GAINS))
+
+
+def _plain(values: Values, gains: tuple[Any, Any]) -> Values:
+    """Return values with law `compensation` and these kp and kv."""
+    n = len(values['/**']['joint_names'])
+    return {**values, 'controller': {
+        'law': 'compensation', 'input_delay': values['controller']['input_delay'],
+        **{name: np.broadcast_to(x, max(n, np.size(x))).tolist()
+           for name, x in zip(('kp', 'kv'), gains)}}}
+
+
+def _name(option: Gains) -> str:
+    """Return law and pole of an option."""
+    law = str(option['law'][0])
+    kv: Any = option['kv'][0] if 'kv' in option else None
+    return law if kv is None else f'{law} with p = {0.5 * kv[0]:g} rad/s'
+
+
+def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping[str, Any],
+                count: int, seed: int) -> Iterator[Draw]:
+    """
+    Yield robots within the intervals.
+
+    Parameters
+    ----------
+    found, run
+        What was identified, and P of the run.
+    plant : mapping
+        The plant of the parameter file.
+    count, seed : int
+        Number of draws, and their seed.
+
+    """
+    rng = np.random.default_rng(seed)
+    lag = found.timing.drive[1]
+    drives = list(found.timing.delays.items()) or [(plant['input_delay'], np.tile(lag, (3, 1)))]
+    part = _model_part(found)
+    for k in range(count):
+        # Corners of model and friction, for every delay in turn; then within the intervals.
+        corner = k < 4 * len(drives)
+        which, signs = divmod(k, 4) if corner else (int(rng.integers(len(drives))), 0)
+        model, friction = (2 * (signs & 1) - 1, (signs & 2) - 1) if corner else rng.uniform(
+            -1.0, 1.0, 2)
+        samples, lags = drives[which]
+        late = lags[0] + (lags[2] - lags[0]) * rng.uniform(size=len(lag))
+        scale = 1.0 + part * float(model)
+        text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
+                f'friction {friction:+.2g} of its interval')
+        yield Draw(text, {
+            'plant': {**_friction(found, plant, float(friction)), **_rate(found, plant, rng),
+                      'input_delay': int(samples), 'actuator_lag': late.tolist(),
+                      'disturbance.amplitude': (run.tail + run.error).tolist(),
+                      'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
+                      'noise_seed': int(rng.integers(2 ** 31))},
+            'controller': {'inertia_scale': scale, 'gravity_scale': scale}})
+
+
+def _model_part(found: Identification) -> float:
+    """Return by which part the model may be wrong: intervals of masses; the rest is in d(t)."""
+    return min(_MOST, max([_MODEL, *(x.half for error, x in found.errors
+                                     if x.value is not None and not error.unit)]))
+
+
+def _friction(found: Identification, plant: Mapping[str, Any], at: float) -> dict[str, Any]:
+    """Return friction at a place within its intervals, from -1 to 1."""
+    def moved(name: str, numbers: Sequence[Estimate]) -> list[float]:
+        return [max(0.0, x + at * of.half) for x, of in zip(plant[name], numbers)]
+    values = {f'{name}_friction': moved(f'{name}_friction', [
+        getattr(x, name) for x in found.friction])
+        for name in ('coulomb', 'viscous', 'stribeck', 'load') if f'{name}_friction' in plant}
+    if 'load_friction' in values:
+        values['load_friction'] = [min(x, 0.9) for x in values['load_friction']]
+    return values
+
+
+def _rate(found: Identification, plant: Mapping[str, Any], rng: np.random.Generator
+          ) -> dict[str, Any]:
+    """Return the rate of the drives within its interval, where it is known."""
+    if 'torque_rate_limit' not in plant:
+        return {}
+    return {'torque_rate_limit': [
+        x if of.value is None else max(x + of.half * float(z), 0.1 * x)
+        for x, of, z in zip(plant['torque_rate_limit'], found.rate,
+                            rng.uniform(-1.0, 1.0, len(found.rate)))]}
+
+
+def _tried(values: Values, draws: Sequence[Draw], usual: Sequence[_TriedRun]) -> tuple[str, bool]:
+    """Return how many draws gains survive, in words, and whether all."""
+    gains, worst = [], 0.0
+    for k, (draw, other) in enumerate(zip(draws, usual)):
+        trial = _run(values, draw)
+        failure = trial.failure or _worse(values, trial, other)
+        if failure:
+            return f'fails in draw {k + 1} of {len(draws)} ({draw.text}): {failure}', False
+        assert trial.rms is not None
+        worst = max(worst, float(trial.rms.max()))
+        if other.rms is not None:
+            gains.append(float((other.rms / np.maximum(trial.rms, 1e-12)).min()))
+    than = f', {min(gains):.2g} times less than `compensation` or better' if gains else ''
+    return (f'{len(draws)} of {len(draws)} draws survived; RMS errors at most {worst:.2g} rad'
+            f'{than}'), True
+
+
+def _worse(values: Values, trial: _TriedRun, other: _TriedRun) -> str:
+    """Return in which way a run is none to recommend; empty if it is."""
+    names = values['/**']['joint_names']
+    assert trial.rms is not None
+    amplitude = np.array(_motion(values)['amplitude'])
+    step = _STEPS * np.array(values['plant']['encoder_resolution'])
+    most = np.maximum(_TRACKS * amplitude if other.rms is None else np.minimum(
+        other.rms, _TRACKS * amplitude), step)
+    for name, rms, limit, part in zip(names, trial.rms, most, trial.saturated):
+        if not rms <= limit:
+            return f'RMS error of {name} {rms:.2g} rad, `compensation` {limit:.2g} rad'
+        if part > _SATURATED:
+            return f'{name} is at its torque limit for {part:.0%} of the time'
+    return ''
+
+
+def _motion(values: Values) -> dict[str, Any]:
+    """Return the reference: as fast as that of the file, with more reversals."""
+    reference = values['reference']
+    frequency = np.array(reference['frequency'])
+    faster = np.maximum(frequency, _SLOWEST * np.linspace(0.8, 1.0, len(frequency)))
+    return {**reference, 'frequency': faster.tolist(), 'start_duration': _START,
+            'amplitude': (np.array(reference['amplitude']) * frequency / faster).tolist()}
+
+
+def _run(values: Values, draw: Draw) -> _TriedRun:
+    """Return a run from the centre of the motion."""
+    motion = _motion(values)
+    n = len(motion['center'])
+    plant = {**values['plant'], **draw.values['plant'], 'duration': _DURATION,
+             'initial_position': motion['center']}
+    controller = {**values['controller'], **draw.values['controller']}
+    setup: Setup | None = None
+    try:
+        setup = parameter_file.load(None, {
+            '/**': values['/**'], 'plant': plant, 'controller': controller, 'reference': motion})
+        run = simulated(setup, truth=True).run
+    except CtcError as error:
+        if setup is None:
+            raise
+        return _TriedRun(None, np.zeros(n), str(error))
+    late = run.t >= _START
+    model = kept_model_of(setup.controller, setup.descriptions.get('controller', ''))
+    limit = _NEAR * np.array(setup.controller.largest_torque(model.effort_limits))
+    return _TriedRun(np.sqrt(np.square(run.q[late] - run.q_d[late]).mean(axis=0)),
+                     (np.abs(run.tau[late]) >= limit).mean(axis=0), '')

@@ -1,0 +1,99 @@
+"""What is printed, shown and written of an identification, whose numbers are made up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+from ctc_chattering.analysis.tables import WIDTH
+from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
+from ctc_chattering.identification.regression.joint_friction import JointFriction
+from ctc_chattering.identification.regression.sensor_noise import Clock
+from ctc_chattering.identification.report.results import IdentificationResults, write_page
+import numpy as np
+
+NAMES = tuple(f'left_manipulator_of_the_second_cell_joint_{k}' for k in range(7))
+#: A number that is only of the joint that is refused.
+SECRET = 7.654321
+WHY = ('31.4% of the friction, 1.2 N*m RMS, depends on the way since a reversal: backlash, an '
+       'elastic joint, or friction that builds up over a way')
+
+
+def results(refused: int = 2) -> IdentificationResults:
+    """Return results of seven joints of long names, one of which is not usable."""
+    n = len(NAMES)
+    none = Estimate.none(NONE)
+
+    def friction(i: int) -> JointFriction:
+        one = Estimate(SECRET if i == refused else 5.12345 + i, 0.01, 'N*m')
+        return JointFriction(one, one, one, Estimate(0.0, 0.01), one, none, none, none)
+    size = np.full(n, 1.0)
+    size[refused] = SECRET
+    numbers = [Estimate(x, 0.1) for x in size]
+    lags = np.full(n, 1e-3)
+    timing = SimpleNamespace(drive=(1.0, lags, 0.1 * lags), source='command', delays={1: lags})
+    findings = (Finding(Severity.REFUSED, refused, WHY, 'reduce the backlash'),
+                Finding(Severity.CARE, 3, WHY), Finding(Severity.CARE, ALL_JOINTS, 'base tilted'),
+                Finding(Severity.NOTE, 1, 'a note'))
+    found = SimpleNamespace(
+        joints=NAMES, friction=[friction(i) for i in range(n)], timing=timing, findings=findings,
+        unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, velocity_lag=[
+            Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers, rate=[],
+        tilt=(), bodies=None, side='', errors=[], left=[], duration=20.0,
+        clock=Clock(1e-3, 0.0, 1e-3, 0, ()))
+    steps = {'sign': 2.0 * size, 'implicit': size, 'observer_feedback': size}
+    recommended = SimpleNamespace(
+        findings=(), ka=size.tolist(), verdicts=[f'{x}: possible: {s}' for x, s in zip(
+            NAMES, size)], values={'ka': (size.tolist(), 'of the largest |P|')}, trials=(),
+        noise_torque=0.1 * size, allowed=[True] * n, steps=steps)
+    run = SimpleNamespace(peak=size, misfit=lambda: (size, 0.01 * size))
+    return IdentificationResults('run', cast(Any, found), cast(Any, run),
+                                 cast(Any, recommended), None, (100.0,) * n)
+
+
+def test_lines_of_the_terminal_are_short_and_verdicts_come_first() -> None:
+    lines = results().text().splitlines()
+    assert max(map(len, lines)) <= WIDTH == 100
+    assert lines[0] == 'Verdict'
+    assert lines[1] == '  all joints: usable with care: base tilted'
+    assert lines[2].strip() == f'{NAMES[0]}: usable with care'
+    assert any(line.startswith(f'  {NAMES[2]}: not usable: 31.4% of the') for line in lines)
+    # The cut names still tell the joints apart.
+    rows = [line for line in lines if '…' in line]
+    assert len({row.split()[0] for row in rows}) == 7
+
+
+def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:
+    one = results()
+    page = tmp_path / 'index.html'
+    write_page(one, [], page, {})
+    for text in (one.text(), page.read_text()):
+        assert '5.12' in text and str(SECRET)[:4] not in text
+        assert 'not usable' in text and 'reduce the backlash' in text
+    found = one.as_mapping()
+    assert [x['verdict'] for x in found['verdicts']] == [
+        *['usable with care'] * 2, 'not usable', *['usable with care'] * 4]
+    bad = found['friction'][2]
+    assert bad['coulomb'] == {'value': None, 'reason': 'not usable'}
+    assert bad['refused']['coulomb']['value'] == SECRET
+    for values in (found['peak_perturbation_nm'], found['recommended']['ka']['value'],
+                   found['torque_steps_nm']['implicit'], found['noise_torque_nm']):
+        assert values[2] is None and values[0] is not None
+    assert found['torque_scale'][2]['value'] is None
+
+
+def test_the_page_has_the_verdicts_before_the_numbers(tmp_path: Path) -> None:
+    page = tmp_path / 'index.html'
+    write_page(results(), [], page, {})
+    text = page.read_text()
+    assert text.index('severity2') < text.index('<h2>Numbers')
+    assert '<p class="attention">All joints are usable with care: base tilted</p>' in text
+
+
+def test_notes_and_why_a_number_lacks_stand_below_the_tables() -> None:
+    text = ' '.join(results().text().split())
+    assert f'{NAMES[1]}: a note' in text
+    assert f'{NAMES[0]}, lag of the velocity: not identifiable: it hardly accelerates' in text
+    assert f'{NAMES[2]}, lag' not in text
