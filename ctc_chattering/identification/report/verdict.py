@@ -23,6 +23,8 @@ _WIDE = 0.2
 _END = 0.97
 #: A longer lag is none of a drive that takes torques; the scan goes on to 39 ms [s].
 _LONGEST_LAG = 0.025
+#: A lag of a drive that is rare [s].
+_LONG_LAG = 0.008
 _EXCITE = 'record a motion of `ctc excite`'
 
 
@@ -118,6 +120,11 @@ def _bounds(found: Identification) -> Iterator[Finding]:
                 Severity.REFUSED, i, f'the lag of the drive would be {lag:.3g} s; drives have at '
                 f'most {_LONGEST_LAG:g} s: an inertia that the model lacks looks like that',
                 'correct inertia and rotor inertia of the model')
+        elif lag >= _LONG_LAG:
+            yield Finding(
+                Severity.CARE, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
+                'have: an elastic joint or backlash looks like that',
+                'measure the position behind the gear, or know that the drive is so slow')
 
 
 def _friction_bounds(i: int, friction: JointFriction) -> Iterator[Finding]:
