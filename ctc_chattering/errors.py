@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import difflib
 
@@ -77,6 +77,12 @@ def near(value: object, known: Iterable[str]) -> str:
     names = {name.lower(): name for name in known if name != value}
     found = difflib.get_close_matches(str(value).lower(), names, 1)
     return f'; did you mean {names[found[0]]}?' if found else ''
+
+
+def shortened(names: Sequence[str], most: int = 12) -> str:
+    """Return the first of some names, with commas, and how many more there are."""
+    more = f', … ({len(names)} in all)' if len(names) > most else ''
+    return ', '.join(name[:_LONGEST // most] for name in names[:most]) + more
 
 
 @contextmanager

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 import dataclasses
 
+from ctc_chattering.analysis.time_stamps import Indices, ordered, StampBreak
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
-
-Indices = npt.NDArray[np.intp]
 
 #: Most samples missing at a stretch that are interpolated.
 BRIDGED = 5
+#: Jitter of stamps that does not matter [periods].
+_EVEN = 0.02
+#: Part of a period by which stamps may drift from a grid, and samples over which that is seen.
+_DRIFT, _SMOOTH = 0.3, 101
 #: Fewest samples of a run.
 _FEWEST = 200
-#: Part of all samples that may repeat a stamp with other contents.
-_CONFLICTS = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +40,10 @@ class Recording:
         Velocities [rad/s] and torques [N·m] of the same messages; None if they have none.
     command : ndarray, shape (N, n), or None
         Torque commanded in answer to each state [N·m], nan where it is unknown; None without any.
+    late : tuple of (float, float)
+        Samples by which commands may be later than they stand here, at least and at most.
+    breaks : tuple of StampBreak
+        Where the stamps do not go on; known of a checked one.
 
     """
 
@@ -50,16 +54,18 @@ class Recording:
     dq: Array | None = None
     effort: Array | None = None
     command: Array | None = None
+    late: tuple[float, float] = (0.0, 0.0)
+    breaks: tuple[StampBreak, ...] = ()
 
     def checked(self) -> Recording:
         """
-        Return it sorted by time, each stamp once.
+        Return it sorted by time, each stamp once, as `ordered` does it.
 
         Raises
         ------
         CtcError
-            If positions are not finite, two publishers seem to have sent states, there is no
-            torque, or there are too few samples.
+            If positions are not finite, two publishers seem to have sent states, stamps run back
+            too often, there is no torque, or there are too few samples.
 
         """
         bad = ~np.isfinite(self.q)
@@ -69,34 +75,18 @@ class Recording:
                 f'{self.name}: {int(bad.any(axis=1).sum())} of {len(self.t)} states have a '
                 f'position that is not finite, the first of {self.joints[i]} at '
                 f'{self.t[k]:.3f} s')
-        order = np.argsort(self.t, kind='stable')
-        step = np.diff(self.t[order])
-        same = step == 0.0
-        other = same & (self.q[order][1:] != self.q[order][:-1]).any(axis=1)
-        if other.sum() > max(1.0, _CONFLICTS * len(step)):
-            raise CtcError(f'{self.name}: {int(other.sum())} stamps stand in two states with '
-                           'different positions: are there two publishers of joint states?')
-        keep = order[np.append(True, ~same)]
+        order = ordered(self.name, self.t, self.q if self.dq is None else np.column_stack(
+            (self.q, self.dq)))
+        keep = order.keep
         if len(keep) < _FEWEST:
             raise CtcError(f'{self.name}: {len(keep)} states; at least {_FEWEST} are needed')
-        found = Recording(
-            self.name, self.joints, self.t[keep], self.q[keep], _known(self.dq, keep),
-            _known(self.effort, keep), _known(self.command, keep))
+        found = dataclasses.replace(
+            self, t=order.t, q=self.q[keep], dq=_known(self.dq, keep),
+            effort=_known(self.effort, keep), command=_known(self.command, keep),
+            breaks=order.breaks)
         if found.effort is None and found.command is None:
             raise CtcError(f'{self.name}: no torque: neither effort in the states nor commands')
-        found._check_one_publisher()
         return found
-
-    def _check_one_publisher(self) -> None:
-        """Raise `CtcError` if the stamps are those of two interleaved series."""
-        step = np.diff(self.t)
-        # Two series with the period h and a phase: the steps a, h - a, a, h - a, ...
-        two = 0.5 * (step[:-1] + step[1:])
-        uneven = np.abs(step[:-1] - step[1:]) > 0.2 * two
-        if uneven.mean() > 0.8 and np.std(two) < 0.2 * np.mean(two):
-            low, high = np.percentile(step, (25.0, 75.0))
-            raise CtcError(f'{self.name}: the stamps have no period: steps of {low:.2e} s and '
-                           f'{high:.2e} s in turn; are there two publishers of joint states?')
 
     @property
     def period(self) -> float:
@@ -126,6 +116,8 @@ class Stretch:
         Positions [rad].
     effort, command : ndarray, shape (N, n), or None
         Torques [N·m].
+    late : tuple of (float, float)
+        Samples by which commands may be later than they stand here, at least and at most.
 
     """
 
@@ -134,6 +126,14 @@ class Stretch:
     q: Array
     effort: Array | None
     command: Array | None
+    late: tuple[float, float] = (0.0, 0.0)
+
+    def cut(self, first: int, last: int) -> Stretch:
+        """Return its samples from `first` to before `last`."""
+        effort, command = (None if x is None else x[first:last]
+                           for x in (self.effort, self.command))
+        return dataclasses.replace(self, t0=self.t0 + self.period * first,
+                                   q=self.q[first:last], effort=effort, command=command)
 
     @property
     def t(self) -> Array:
@@ -143,16 +143,17 @@ class Stretch:
 
 def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
     """
-    Yield the parts of a checked recording between gaps, on a grid with the step `period` [s].
+    Yield the parts of a checked recording without gaps, on a grid with the step `period` [s].
 
-    Up to `BRIDGED` missing samples are interpolated; torques hold their last value there.
+    Up to `BRIDGED` missing samples are interpolated; torques hold their last value there. Stamps
+    that drift away from the grid, as while a clock is adjusted, are moved back.
     """
     t = recording.t
     ends = np.flatnonzero(np.diff(t) > (BRIDGED + 1.5) * period) + 1
     for part in np.split(np.arange(len(t)), ends):
         if len(part) < 4:
             continue
-        at = t[part]
+        at = _without_drift(t[part], period)
         count = round(float(at[-1] - at[0]) / period) + 1
         grid = at[0] + period * np.arange(count)
         # As near to the stamps as one grid comes.
@@ -161,5 +162,31 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
         effort, command = (None if x is None else x[part][held]
                            for x in (recording.effort, recording.command))
-        yield Stretch(float(grid[0]), period, CubicSpline(at, recording.q[part])(grid),
-                      effort, command)
+        yield Stretch(float(grid[0]), period, _at(grid, at, recording.q[part]), effort, command,
+                      recording.late)
+
+
+def _at(grid: Array, t: Array, q: Array) -> Array:
+    """
+    Return positions on a grid of times, shape (N, n) [rad].
+
+    Stamps may jitter because states are taken at uneven times, or because they are stamped late;
+    the positions are smoother with what is true.
+    """
+    period = grid[1] - grid[0]
+    place, first = np.unique(np.rint((t - grid[0]) / period), return_index=True)
+    found: Array = CubicSpline(t, q)(grid)
+    if np.std(t[first] - grid[0] - period * place) < _EVEN * period:
+        return found
+    even: Array = CubicSpline(grid[0] + period * place, q[first])(grid)
+    rough, less = (np.median(np.abs(np.diff(x, 3, axis=0)), axis=0) for x in (found, even))
+    return even if (less < rough).sum() > 0.5 * len(rough) else found
+
+
+def _without_drift(t: Array, period: float) -> Array:
+    """Return stamps [s] less what they slowly drift away from a grid, if that is much."""
+    turns = np.exp(2j * np.pi * (t - t[0]) / period)
+    kernel = np.ones(min(_SMOOTH, len(t)))
+    phase = np.unwrap(np.angle(np.convolve(turns, kernel, 'same'))) / (2.0 * np.pi)
+    found = t - period * (phase - phase[0])
+    return found if np.ptp(phase) > _DRIFT and (np.diff(found) > 0.0).all() else t

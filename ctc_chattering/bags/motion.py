@@ -7,27 +7,41 @@ enough.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.bags.repair import open_bag
-from ctc_chattering.bags.topics import BagTopics, nanoseconds
+from ctc_chattering.bags.signals import (
+    COMMAND_FIELDS,
+    JOINT_STATE,
+    MULTI_ARRAY,
+    Signal,
+    Signals,
+    SignalTopic,
+    STATE_FIELDS,
+)
+from ctc_chattering.bags.topics import BagTopics
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import CtcError, near, refused_as
+from ctc_chattering.errors import CtcError, near, refused_as, shortened
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import seconds
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.topics import COMMANDS, JOINT_STATES, ROBOT_DESCRIPTION
 import numpy as np
 
 #: Commands for each state from which on there must be two publishers.
 _TOO_MANY = 1.5
+#: Fewest messages for each state with a torque that the robot reports.
+_TOO_FEW = 0.8
 #: Periods after which a command is no longer held.
 _HELD = 20
+#: Difference from positions or velocities, as a part of their deviation, of what is no torque.
+_LIKE_MOTION = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,12 +57,15 @@ class RecordedMotion:
         Text of the URDF; empty for none.
     controller : ControllerConfig or None
         Of the first sample, in bags of this package.
+    notes : tuple of str
+        What was chosen, or left out.
 
     """
 
     recording: Recording
     description: str
     controller: ControllerConfig | None
+    notes: tuple[str, ...] = ()
 
 
 def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
@@ -68,7 +85,8 @@ def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
         Text of the URDF; empty for that in the bag.
     states, commands : str
         Topics of the joint states and of the commanded torques; without a slash in front, in any
-        namespace.
+        namespace. Behind a colon may be the field that has the numbers. In place of the defaults,
+        the only topic that fits is taken.
 
     Raises
     ------
@@ -76,6 +94,9 @@ def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
         If there is no bag, it cannot be read, or `Recording.checked` refuses it.
 
     """
+    if len(set(joints)) < len(joints):
+        twice = next(name for name, count in Counter(joints).items() if count > 1)
+        raise CtcError(f'--joints: {twice} stands there more than once')
     with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
         return _MotionTopics(reader, path).motion(joints, description, (states, commands))
 
@@ -86,95 +107,147 @@ class _MotionTopics(BagTopics):
     def motion(self, joints: Sequence[str], description: str, topics: tuple[str, str]
                ) -> RecordedMotion:
         """Return the motion; arguments as `read_motion` has them."""
+        self._signals = Signals(self._reader, self.path)
+        self._notes: list[str] = []
         history = self.parameters('controller', ControllerConfig)
         controller = history[0][1] if history else None
         description = (description or self.description()
                        or self.description(ROBOT_DESCRIPTION))
-        states = list(self.messages(topics[0], '--states'))
-        if not states:
-            raise CtcError(f'{self.path}: no message on {topics[0]}')
-        orders = list(self.messages(topics[1], '--commands'))
-        names = tuple(joints) or self._joints(controller, states[0][1], orders, description)
-        logged, recording = self._recording(names, states)
-        command = self._command(names, logged, orders, topics[1])
-        return RecordedMotion(dataclasses.replace(recording, command=command).checked(),
-                              description, controller)
+        states = self._states(topics[0])
+        orders = self._signals.named(topics[1], '--commands', COMMAND_FIELDS)
+        if orders is None and topics[1] != COMMANDS:
+            raise self._signals.missing(topics[1], '--commands', COMMAND_FIELDS)
+        names = tuple(joints) or self._joints(controller, states, orders, description)
+        motion = self._signals.read(states, names)
+        if not len(motion.logged):
+            known = self._signals.all_names(states)
+            raise CtcError(
+                f'{self.path}: no state has the joints {shortened(names)}; joints of the bag: '
+                f'{", ".join(known)}{"".join(near(x, known) for x in names[:3])}')
+        if orders is None:
+            orders = self._only_command(names, states)
+        command = self._command(names, motion, orders) if orders else None
+        return RecordedMotion(self._recording(names, motion, command).checked(), description,
+                              controller, tuple(self._notes))
 
-    def _joints(self, controller: ControllerConfig | None, state: Any,
-                orders: Sequence[tuple[int, Any]], description: str) -> tuple[str, ...]:
+    def _states(self, text: str) -> SignalTopic:
+        """Return the topic of the joint states."""
+        if ':' in text:
+            raise CtcError(f'--states: {text} is not allowed; allowed: a topic without a field')
+        found = self._signals.named(text, '--states', STATE_FIELDS)
+        if found is None:
+            fit = self._signals.topics(STATE_FIELDS) if text == JOINT_STATES else []
+            fit = [x for x in fit if x.kind == JOINT_STATE] or fit
+            if len(fit) != 1:
+                raise self._signals.missing(text, '--states', STATE_FIELDS)
+            (found,) = fit
+            self._notes.append(f'joint states are those of {found}')
+        return found
+
+    def _only_command(self, names: tuple[str, ...], states: SignalTopic) -> SignalTopic | None:
+        """Return the only topic that may have the commands; None if there is none, or several."""
+        fit = [x for x in self._signals.topics(COMMAND_FIELDS)
+               if self._signals.may_command(x, names, states)]
+        if len(fit) == 1:
+            self._notes.append(f'no message on {COMMANDS}; commands are those of {fit[0]}')
+            return fit[0]
+        if fit:
+            self._notes.append(f'no message on {COMMANDS}, and no commands are used; they may be '
+                               f'those of {" or ".join(map(str, fit))}: --commands TOPIC')
+        return None
+
+    def _joints(self, controller: ControllerConfig | None, states: SignalTopic,
+                orders: SignalTopic | None, description: str) -> tuple[str, ...]:
         """Return the joints where none are asked for."""
         if controller is not None:
             return tuple(controller.joint_names)
-        labels = [dim.label for dim in orders[0][1].layout.dim] if orders else []
-        if labels and set(labels) <= set(state.name):
-            return tuple(labels)
-        if description:
-            found = tuple(name for name in Tree(description).movable if name in state.name)
-        else:
-            found = tuple(state.name)
-        if orders and len(orders[0][1].data) != len(found):
+        in_states, _ = self._signals.names(states)
+        labels, count = self._signals.names(orders) if orders else ((), 0)
+        if labels and set(labels) <= set(in_states):
+            return labels
+        found = tuple(name for name in Tree(description).movable
+                      if name in in_states) if description else in_states
+        if count and not labels and count != len(found):
             raise CtcError(
-                f'{self.path}: {len(orders[0][1].data)} commanded torques for '
-                f'{len(found)} joints, {", ".join(found)}; name them in the order of the '
-                'commands: --joints')
+                f'{self.path}: {count} commanded torques for {len(found)} joints, '
+                f'{", ".join(found)}; name them in the order of the commands: --joints')
         return found
 
-    def _recording(self, names: tuple[str, ...], states: Sequence[tuple[int, Any]]
-                   ) -> tuple[Array, Recording]:
-        """Return log times [ns], and the recording without commands."""
-        rows: dict[str, list[Array]] = {'position': [], 'velocity': [], 'effort': []}
-        stamps, logged = [], []
-        for t, message in states:
-            place = {name: k for k, name in enumerate(message.name)}
-            if not set(names) <= set(place):
-                if set(names) & set(place):
-                    raise CtcError(
-                        f'{self.path}: states have the joints {list(message.name)}; needed: '
-                        f'each of {list(names)}')
-                continue
-            order = [place[name] for name in names]
-            for key, column in rows.items():
-                values = getattr(message, key)
-                column.append(np.asarray(values, float)[order] if len(values) == len(place)
-                              else np.full(len(names), np.nan))
-            stamps.append(nanoseconds(message.header.stamp))
-            logged.append(t)
-        if not stamps:
-            known = sorted({name for _, message in states for name in message.name})
-            raise CtcError(f'{self.path}: no state has the joints {list(names)}; joints of the '
-                           f'bag: {", ".join(known)}{"".join(near(x, known) for x in names)}')
-        times = np.array([seconds(x - stamps[0]) for x in stamps])
-        if len(times) > 1 and not np.any(np.diff(times)):
-            times = np.array([seconds(x - logged[0]) for x in logged])
-        q, dq, effort = (np.array(rows[key]) for key in ('position', 'velocity', 'effort'))
-        return np.array(logged), Recording(
-            self.path.resolve().name, names, times, q, _if_any(dq), _if_any(effort))
+    def _recording(self, names: tuple[str, ...], motion: Signal, command: Array | None
+                   ) -> Recording:
+        """Return the recording."""
+        times = motion.stamps
+        if not np.ptp(times):
+            times = motion.logged
+        q, dq, effort = motion.values
+        known = np.isfinite(effort).any(axis=0).reshape(-1).tolist()
+        if any(known) and not all(known):
+            without = ', '.join(name for name, has in zip(names, known) if not has)
+            self._notes.append(f'the effort is not used: there is none of {without}')
+        return Recording(self.path.resolve().name, names, (times - times[0]) / NANOSECONDS, q,
+                         _if_any(dq), _if_any(effort), command)
 
-    def _command(self, names: tuple[str, ...], logged: Array,
-                 orders: Sequence[tuple[int, Any]], topic: str) -> Array | None:
+    def _command(self, names: tuple[str, ...], motion: Signal, topic: SignalTopic) -> Array | None:
         """Return the torque commanded in answer to each state, shape (N, n), nan for unknown."""
-        values, times = [], []
-        for t, message in orders:
-            labels = [dim.label for dim in message.layout.dim] or list(names)
-            data = np.asarray(message.data, float)
-            if len(labels) == len(data) and set(names) <= set(labels) and np.isfinite(data).all():
-                values.append(data[[labels.index(name) for name in names]])
-                times.append(t)
-        if not values:
+        found = self._signals.read(topic, names)
+        known = np.isfinite(found.values[0]).all(axis=1)
+        values = found.values[0] if known.all() else found.values[0][known]
+        count = len(motion.logged)
+        if not len(values):
+            labels, width = self._signals.names(topic)
+            if width:
+                self._notes.append(f'commands are not used: {topic} has no torques of all of '
+                                   f'{shortened(names)}, but {width} of {shortened(labels)}')
             return None
-        if len(values) > _TOO_MANY * len(logged):
-            raise CtcError(f'{self.path}: {len(values)} commands on {topic} for {len(logged)} '
+        if len(values) > _TOO_MANY * count:
+            raise CtcError(f'{self.path}: {len(values)} commands on {topic.name} for {count} '
                            'states: are there two publishers of commands?')
-        if len(values) == len(logged):
-            return np.array(values)
-        # In force at the end of the period that a state begins, if it is not too old.
-        period = float(np.median(np.diff(logged)))
-        until = np.append(logged[1:], logged[-1] + period)
-        last = np.searchsorted(times, until) - 1
-        found = np.array(values)[np.maximum(last, 0)]
-        age = logged - np.array(times, float)[np.maximum(last, 0)]
-        found[(last < 0) | (age > _HELD * period)] = np.nan
-        return found
+        is_report = topic.kind != MULTI_ARRAY
+        if is_report and len(values) < _TOO_FEW * count:
+            raise CtcError(
+                f'{self.path}: {len(values)} torques on {topic.name} for {count} states: a torque '
+                'that is reported less often than the state is not known between; raise its rate '
+                '(state_publish_rate), or record what it is made from')
+        stamps, logged = found.stamps[known], found.logged[known]
+        if is_report and _overlap(stamps, motion.stamps):
+            times, at = stamps, motion.stamps
+        elif not is_report and len(values) == count:
+            return self._checked(values, motion, topic)
+        else:
+            times, at = logged, motion.logged
+        if topic.is_late:  # What is reported with a state was in force before it.
+            times = times - int(np.median(np.diff(at)))
+        return self._checked(_in_force(values, times, at), motion, topic)
+
+    def _checked(self, command: Array, motion: Signal, topic: SignalTopic) -> Array:
+        """Return commands; raise `CtcError` if they are positions or velocities."""
+        for values, what in zip(motion.values, ('positions', 'velocities')):
+            known = np.isfinite(command).all(axis=1) & np.isfinite(values).all(axis=1)
+            difference = np.abs(command[known] - values[known])
+            if known.any() and (difference.mean(axis=0)
+                                < _LIKE_MOTION * values[known].std(axis=0)).any():
+                raise CtcError(f'{self.path}: the commands on {topic.name} are {what}, no torques')
+        return command
+
+
+def _in_force(values: Array, times: Indices, at: Indices) -> Array:
+    """Return the value in force at the end of the period that each state begins, nan if old."""
+    if (np.diff(times) < 0).any():
+        order = np.argsort(times, kind='stable')
+        values, times = values[order], times[order]
+    period = int(np.median(np.diff(at)))
+    until = np.append(at[1:], at[-1] + period)
+    last = np.searchsorted(times, until) - 1
+    found = values[np.maximum(last, 0)]
+    age = at - times[np.maximum(last, 0)]
+    found[(last < 0) | (age > _HELD * period)] = np.nan
+    return found
+
+
+def _overlap(a: Indices, b: Indices) -> bool:
+    """Return whether two series of stamps are of one clock."""
+    both = min(a.max(), b.max()) - max(a.min(), b.min())
+    return bool(a.min() > 0 and both > 0.5 * (b.max() - b.min()))
 
 
 def _if_any(values: Array) -> Array | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from importlib.util import find_spec
 import os
 from pathlib import Path
@@ -12,7 +13,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import given_by_user
+from ctc_chattering.errors import given_by_user, UsageError
 from ctc_chattering.parameters import Parameter
 
 #: Options that override a parameter file, and the sections of their parameters.
@@ -87,6 +88,20 @@ def check(option: str, value: float, minimum: float, exclusive: bool = False) ->
     with given_by_user([option]):
         Parameter(option, type(value).__name__, None, '', minimum=minimum,
                   exclusive=exclusive).check(value, 0)
+
+
+def numbers(option: str, text: str, n: int, allowed: str, is_allowed: Callable[[float], bool]
+            ) -> tuple[float, ...]:
+    """Return n numbers of an option, one for each or one for all; else raise `UsageError`."""
+    try:
+        values = [float(x) for x in text.split(',')]
+    except ValueError:
+        values = []
+    if len(values) not in (1, n) or not all(is_allowed(x) for x in values):
+        shown = text if len(text) < 100 else f'{text[:100]}…'
+        raise UsageError(f'{option}: {shown} is not allowed; allowed: one number {allowed}, or '
+                         f'{n} with commas')
+    return tuple(values * n if len(values) == 1 else values)
 
 
 def number_of_jobs(number: int | None) -> int:

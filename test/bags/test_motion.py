@@ -66,7 +66,7 @@ def test_refusals(tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no message on joint_states'):
         read_motion(write(tmp_path / 'empty', messages_of(
             x.t[:0], x.joints, x.q, None, None, None, urdf=urdfs.two_links())))
-    with pytest.raises(CtcError, match=r"no state has the joints \['elbow'\]; "
+    with pytest.raises(CtcError, match=r'no state has the joints elbow; '
                                        r'joints of the bag: joint1, joint2$'):
         read_motion(recorded_bag(tmp_path / 'others', made()), ('elbow',))
     with pytest.raises(CtcError, match=r'did you mean joint1\?'):
@@ -94,7 +94,7 @@ def test_two_publishers_of_commands_or_states(tmp_path: Path) -> None:
         read_motion(write(tmp_path / 'states', sorted(
             [*messages, *other], key=lambda message: message[1])))
     renamed = [('/left' + topic, t, message) for topic, t, message in messages]
-    with pytest.raises(CtcError, match='several topics: /joint_states, /left/joint_states'):
+    with pytest.raises(CtcError, match=r'several topics: /joint_states .*, /left/joint_states '):
         read_motion(write(tmp_path / 'topics', [*messages, *renamed]))
     found = read_motion(tmp_path / 'topics', states='/left/joint_states',
                         commands='/effort_controller/commands')

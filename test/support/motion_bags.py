@@ -8,7 +8,7 @@ from typing import Any
 
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -38,15 +38,30 @@ def torques(values: Array, names: Sequence[str] = ()) -> Any:
 
 
 def write(path: Path, messages: Sequence[tuple[str, int, Any]],
-          storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
-    """Write messages (topic, log time [ns], message) into a bag."""
-    with Writer(path, version=9, storage_plugin=storage) as writer:
-        connections: dict[str, Any] = {}
+          storage: StoragePlugin = StoragePlugin.MCAP, typestore: Any = _STORE,
+          compression: str = '') -> Path:
+    """
+    Write messages (topic, log time [ns], message) into a bag.
+
+    Parameters
+    ----------
+    storage : StoragePlugin
+    typestore : Typestore
+        Types of the messages.
+    compression : {'', 'message', 'file', 'storage'}
+        What zstd compresses.
+
+    """
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if compression:
+        writer.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
+    with writer:
+        connections: dict[tuple[str, str], Any] = {}
         for topic, t, message in messages:
             kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=_STORE)
-            writer.write(connections[topic], t, _STORE.serialize_cdr(message, kind))
+            if (topic, kind) not in connections:
+                connections[topic, kind] = writer.add_connection(topic, kind, typestore=typestore)
+            writer.write(connections[topic, kind], t, typestore.serialize_cdr(message, kind))
     return path
 
 

@@ -11,13 +11,15 @@ from ctc_chattering.analysis.output import prepare, write_text, writing
 from ctc_chattering.analysis.result import write_json
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.options import add_output
+from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
+from ctc_chattering.cli.options import add_output, numbers
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.model_errors import candidates, ModelError
 import numpy as np
 
@@ -62,11 +64,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help="by default the bag's, or 9.81 [m/s²]")
     parser.add_argument('--torque', choices=('command', 'effort'),
                         help='where torques are taken from; by default what explains more')
+    add_effort_options(parser)
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
-                        help='topic of the joint states, joint_states by default')
+                        help='topic of the joint states, joint_states by default, or the only '
+                             'one that fits')
     parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
                         help='topic of the commanded torques, effort_controller/commands by '
-                             'default')
+                             'default, or the only one that fits; TOPIC:FIELD for a field of any '
+                             'message')
     parser.add_argument('--torque-rate', metavar='R',
                         help='rate that the drives allow, one number or one for each joint '
                              '[N·m/s]')
@@ -88,20 +93,27 @@ def run(options: argparse.Namespace) -> int:
 
     if options.trials < 0:
         raise UsageError(f'--trials: {options.trials} is not allowed; allowed: 0 or more')
+    side = declared(options)
     description = read_description(options.urdf) if options.urdf else ''
     joints = tuple(filter(None, (options.joints or '').split(',')))
     motions = [read_motion(bag, joints, description, options.states, options.commands)
                for bag in (*options.bags, *filter(None, [options.validate]))]
-    recordings = [motion.recording for motion in motions[:len(options.bags)]]
+    notes = [note for motion in motions for note in motion.notes]
+    for note in notes:
+        say(note)
+    *recordings, last = in_torques([motion.recording for motion in motions], options)
+    recordings += [] if options.validate else [last]
     robot = _robot(options, motions[0], description)
     rate = _rates(options.torque_rate, len(recordings[0].joints))
     names = (_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES)
     out = prepare(options.out, names, options.overwrite)
-    found = identify(recordings, robot.model, robot.candidates, options.torque or '')
+    found = identify(recordings, robot.model, robot.candidates, options.torque or '', side)
+    found = dataclasses.replace(found, findings=(*found.findings, *(
+        Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
     perturbed = perturbation(found)
     q = np.concatenate([recording.q for recording in recordings])
     recommended = recommend(found, perturbed, robot.model, q, rate)
-    validation = validate(found, motions[-1].recording, robot.model) if options.validate else None
+    validation = validate(found, last, robot.model) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
                                     perturbed, recommended, validation, rate)
     if robot.description:
@@ -187,14 +199,7 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
     """Return the allowed rate of each joint [N·m/s] from the option; empty without."""
     if text is None:
         return ()
-    try:
-        values = [float(x) for x in text.split(',')]
-    except ValueError:
-        values = []
-    if len(values) not in (1, n) or not all(x > 0.0 for x in values):
-        raise UsageError(f'--torque-rate: {text} is not allowed; allowed: one number above 0, or '
-                         f'{n} with commas')
-    return tuple(values * n if len(values) == 1 else values)
+    return numbers('--torque-rate', text, n, 'above 0', lambda x: x > 0.0)
 
 
 def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,

@@ -12,10 +12,11 @@ import dataclasses
 from math import nan
 
 from ctc_chattering.analysis.recording import Stretch
-from ctc_chattering.identification.regression.intervals import correlation_length
+from ctc_chattering.identification.regression.drive_scan import DriveScan
+from ctc_chattering.identification.regression.drive_set import DriveSearch
 from ctc_chattering.identification.regression.least_squares import Data, Term, TermKind
-from ctc_chattering.identification.regression.rows import Rows, STRIBECK
-from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has, weak_torque
+from ctc_chattering.identification.regression.rows import Rows, SETTLING, STRIBECK
+from ctc_chattering.identification.regression.torque import COMMAND, has, weak_torque
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -25,13 +26,11 @@ Flags = npt.NDArray[np.bool_]
 #: Longest delay that is looked for [samples], and [s].
 _MOST, _LONGEST = 20, 0.05
 #: Lags of the scan [s].
-_LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(12)))
-#: Steps of the search between them.
-_STEPS = 18
-#: Twice the logarithm of the likelihood ratio that a delay or a lag must be better by.
-_CLEAR = 12.0
-#: What a lag costs in the same measure: the logarithm of some hundred independent windows.
-_PER_LAG = 7.0
+LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(13)))
+#: Delays on both sides of the best one that are looked at, and lags above the best ones.
+_BELOW, _ABOVE, _LAGS_ABOVE = 4, 2, 4
+#: Longest part of the recording that delay and lag are taken from, in pieces so long [s].
+_ENOUGH, _PIECE = 60.0, 5.0
 #: Alignments of a measured effort: of the period before, at the instant, of the period after.
 _ALIGNMENTS = (-1.0, -0.5, 0.0)
 #: Part of a lag by which it is changed for a derivative.
@@ -55,10 +54,15 @@ class Timing:
         T of each drive [s]; 0 where none shows.
     lag_error : ndarray, shape (n,)
         Standard error [s]; inf where the data do not tell.
-    delays : dict of int to ndarray, shape (n,)
-        The delays that the data allow with their lags [s]; one if it is identified.
+    delays : dict of int to ndarray, shape (3, n)
+        The delays that the data allow, each with the lowest, the best and the highest lag of each
+        drive [s]; one delay if it is identified.
     misfit : ndarray, shape (n,)
         Mean square that is left in each joint [(N·m)²].
+    rate : ndarray, shape (3, n)
+        Lowest, best and highest rate limit of each drive [N·m/s]; inf where none shows.
+    moving : ndarray of bool, shape (n,)
+        Joints that have enough windows.
     commands : Timing or None
         That of the commands, where the source is the effort; None without commands.
 
@@ -70,12 +74,19 @@ class Timing:
     lag_error: Array
     delays: dict[int, Array]
     misfit: Array
+    rate: Array
+    moving: Flags
     commands: Timing | None = None
 
     @property
+    def of_commands(self) -> Timing | None:
+        """Return that of the commands; None without commands."""
+        return self if self.source == COMMAND else self.commands
+
+    @property
     def drive(self) -> tuple[float, Array, Array]:
-        """Delay [samples], lag and its error [s] from the command on; nan where not known."""
-        known = self if self.source == COMMAND else self.commands
+        """Return delay [samples], lag and its error [s] from the command on; nan if not known."""
+        known = self.of_commands
         if known is None:
             return nan, np.zeros_like(self.lag), np.full_like(self.lag, np.inf)
         return known.delay, known.lag, known.lag_error
@@ -107,13 +118,15 @@ class Profile:
         found: Array = u[:, s > 1e-7 * s.max(initial=1.0)]
         return found
 
-    def torque(self, part: Stretch, rows: Rows, delay: float, lag: float | Array) -> Array:
+    def torque(self, part: Stretch, rows: Rows, delay: float = 0.0, lag: Array | float = 0.0,
+               rate: Array | float = np.inf) -> Array:
         """Return the weak torque of a stretch, nan where it is not known."""
         values = has(part, self._source)
         assert values is not None
         known = np.isfinite(values)
         filled = np.where(known, values, 0.0)
-        found = weak_torque(filled, delay, np.asarray(lag), part.period, self._phi, rows.centres)
+        found = weak_torque(filled, delay, np.asarray(lag), part.period, self._phi, rows.centres,
+                            rate)
         if not known.all():
             reach = self._phi.sums((~known).astype(float), np.ones(2 * self._phi.half + 1),
                                    rows.centres)
@@ -123,34 +136,26 @@ class Profile:
     def windows(self, at: Timing) -> Data:
         """Return all windows with the torques of a timing."""
         pairs = list(zip(self._parts, self._rows))
-        torques = [self.torque(part, rows, at.delay, at.lag) for part, rows in pairs]
+        rate = at.rate[1]
+        torques = [self.torque(part, rows, at.delay, at.lag, rate) for part, rows in pairs]
         step = np.where(at.lag > 0.0, _LAG_STEP * at.lag, 1.0)
-        late = [(self.torque(part, rows, at.delay, at.lag + step * (at.lag > 0.0)) - tau) / step
+        later = at.lag + step * (at.lag > 0.0)
+        late = [(self.torque(part, rows, at.delay, later, rate) - tau) / step
                 for (part, rows), tau in zip(pairs, torques)] if at.lag.any() else None
         return Data.of(self._rows, torques, late)
 
-    def weak(self, delay: float, lag: float | Array) -> Array:
-        """Return the residual torque of all windows, shape (J, n); 0 in rows not used."""
-        y = np.concatenate([self.torque(part, rows, delay, lag) - rows.base
-                            for part, rows in zip(self._parts, self._rows)])
-        return np.where(self.data.used() & np.isfinite(y), y, 0.0)
-
-    def rest(self, y: Array, i: int) -> Array:
-        """Return what is left of joint i, in its rows."""
-        mine = y[self.data.used()[:, i], i]
-        rest: Array = mine - self._bases[i] @ (self._bases[i].T @ mine)
+    def unexplained(self, torque: Array, i: int) -> Array:
+        """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""
+        rest: Array = torque - self._bases[i] @ (self._bases[i].T @ torque)
         return rest
 
-    def squares(self, delay: float, lag: float | Array) -> Array:
-        """Return the sum of squares of each joint, shape (n,) [(N·m)²]."""
-        y = self.weak(delay, lag)
-        return np.array([np.square(self.rest(y, i)).sum() for i in range(y.shape[1])])
-
-    def correlation(self, delay: float, lag: Array) -> Array:
-        """Return over how many windows the residuals of each joint correlate, shape (n,)."""
-        y = self.weak(delay, lag)
-        return np.array([correlation_length(self.rest(y, i)) if self.count[i] > 2 else 1.0
-                         for i in range(y.shape[1])])
+    def squares(self, delay: float) -> Array:
+        """Return the sum of squares of each joint without a lag, shape (n,) [(N·m)²]."""
+        y = np.concatenate([self.torque(part, rows, delay) - rows.base
+                            for part, rows in zip(self._parts, self._rows)])
+        y = np.where(np.isfinite(y), y, 0.0)
+        return np.array([np.square(self.unexplained(y[used, i], i)).sum()
+                         for i, used in enumerate(self.data.used().T)])
 
 
 def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: TestFunction
@@ -168,77 +173,94 @@ def timing(parts: Sequence[Stretch], rows: Sequence[Rows], source: str, phi: Tes
         φ.
 
     """
+    if source == COMMAND:
+        return _of_commands(*pieces(parts, rows, phi), phi)
     profile = Profile(parts, rows, source, phi)
-    n = len(profile.count)
     moving: Flags = profile.count >= _FEWEST
-    if source == EFFORT:
-        table = np.array([profile.squares(delay, 0.0) for delay in _ALIGNMENTS])
-        scale = np.where(moving, table.min(axis=0), 1.0)
-        best = int(np.argmin(np.where(moving, table / scale, 0.0).sum(axis=1)))
-        return Timing(source, _ALIGNMENTS[best], np.zeros(n), np.full(n, np.inf), {},
-                      table[best] / np.maximum(profile.count, 1))
+    table = np.array([profile.squares(delay) for delay in _ALIGNMENTS])
+    scale = np.where(moving, table.min(axis=0), 1.0)
+    best = int(np.argmin(np.where(moving, table / scale, 0.0).sum(axis=1)))
+    n = len(moving)
+    return Timing(source, _ALIGNMENTS[best], np.zeros(n), np.full(n, np.inf), {},
+                  table[best] / np.maximum(profile.count, 1), _any_rate(n), moving)
+
+
+def pieces(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction
+           ) -> tuple[list[Stretch], list[Rows]]:
+    """Return stretches, or evenly distributed pieces of them, and their windows."""
+    period = parts[0].period
+    duration = period * sum(len(part.q) for part in parts)
+    if duration <= 1.2 * _ENOUGH:
+        return list(parts), list(rows)
+    found: list[tuple[Stretch, Rows]] = []
+    length = round(_PIECE / period)
+    settled = phi.half + round(SETTLING / period)
+    for part, mine in zip(parts, rows):
+        count = max(1, round(_ENOUGH / _PIECE * len(part.q) * period / duration))
+        for first in np.linspace(0, max(len(part.q) - length, 0), count).astype(int):
+            last = min(first + length, len(part.q))
+            use = (mine.centres >= first + settled) & (mine.centres < last - settled)
+            if use.any():
+                found.append((part.cut(int(first), int(last)), mine.cut(use, int(first))))
+    return [part for part, _ in found], [mine for _, mine in found]
+
+
+def _any_rate(n: int) -> Array:
+    """Return rate limits of which nothing is known, shape (3, n) [N·m/s]."""
+    return np.tile(np.array([[0.0], [np.inf], [np.inf]]), n)
+
+
+def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction) -> Timing:
+    """Return the timing of commands."""
+    profile = Profile(parts, rows, COMMAND, phi)
+    moving: Flags = profile.count >= _FEWEST
+    n = len(moving)
+    if not moving.any():
+        return Timing(COMMAND, 0.0, np.zeros(n), np.full(n, np.inf), {}, np.zeros(n),
+                      _any_rate(n), moving)
+    delays, lags = _region(profile, parts, rows, phi, moving)
+    late = [min(part.late[0] for part in parts), max(part.late[1] for part in parts)]
+    shifts = sorted({late[0], 0.0, late[1]})
+    while True:
+        search = DriveSearch(DriveScan(parts, rows, profile, phi, delays, LAGS[:lags]), moving,
+                             shifts)
+        fastest = _fastest(parts)
+        search.search_rates(fastest)
+        found = search.found(fastest)
+        longest = max(float(x[2].max()) for x in found.delays.values())
+        if lags == len(LAGS) or longest < 0.99 * LAGS[lags - 1]:
+            break
+        lags = len(LAGS)
+    mine = found.delays[found.best]
+    error = np.where(moving & (len(found.delays) == 1), 0.25 * (mine[2] - mine[0]), np.inf)
+    return Timing(COMMAND, float(found.best), mine[1], error, found.delays, found.misfit,
+                  found.rate, moving)
+
+
+def _region(profile: Profile, parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction,
+            moving: Flags) -> tuple[range, int]:
+    """Return delays among which the true one is, and how many of the lags."""
     most = min(_MOST, int(_LONGEST / profile.period))
-    alone = np.array([profile.squares(delay, 0.0) for delay in range(most + 1)])
+    alone = np.array([profile.squares(delay) for delay in range(most + 1)])
     scale = np.where(moving & (alone.min(axis=0) > 0.0), alone.min(axis=0), np.inf)
     # A lag can only take the place of a part of the delay that is best without one.
-    delays = range(min(most, int(np.argmin((alone / scale).sum(axis=1))) + 2) + 1)
-    table = np.array([[profile.squares(delay, lag) for delay in delays] for lag in _LAGS])
-    return _of_commands(profile, table, moving)
+    last = min(most, int(np.argmin((alone / scale).sum(axis=1))) + _ABOVE)
+    level = DriveScan(parts, rows, profile, phi, range(last + 1), LAGS).level(
+        np.full(len(moving), np.inf))
+    table = np.stack([x.diagonal().reshape(last + 1, -1) for x in level.products], axis=2)
+    scale = np.where(moving & (table.min(axis=(0, 1)) > 0.0), table.min(axis=(0, 1)), np.inf)
+    best = int(np.argmin((table / scale).min(axis=1).sum(axis=1)))
+    first = max(0, best - _BELOW)
+    lag = int(table[first:, :, moving].argmin(axis=1).max())
+    return range(first - 1, min(last, best + _ABOVE) + 2), min(lag + _LAGS_ABOVE, len(LAGS))
 
 
-def _of_commands(profile: Profile, table: Array, moving: Flags) -> Timing:
-    """Return the timing of commands from sums of squares, shape (lags, delays, n)."""
-    least = table.min(axis=(0, 1))
-    scale = np.where(moving & (least > 0.0), least, np.inf)
-    coarse = (table / scale).min(axis=0).sum(axis=1)
-    best = int(np.argmin(coarse))
-    found = {d: _lags(profile, d, table[:, d], moving)
-             for d in range(max(0, best - 2), min(len(coarse), best + 3))}
-    sums = {d: np.where(moving, squares, 0.0) for d, (_, squares) in found.items()}
-    best = min(sums, key=lambda d: float((sums[d] / scale).sum()))
-    lag, squares = found[best]
-    noise = np.where(moving, squares / np.maximum(profile.count, 1), 1.0) * np.where(
-        moving, profile.correlation(best, lag), 1.0)
-    noise = np.where(noise > 0.0, noise, np.inf)
-    shown = {d: moving & ((table[0, d] - squares) / noise > _CLEAR)
-             for d, (_, squares) in found.items()}
-    # A lag that another delay makes superfluous must explain more than its part in chance.
-    cost = {d: float((sums[d] / noise).sum()) + _PER_LAG * int(shown[d].sum()) for d in sums}
-    best = min(cost, key=lambda d: cost[d])
-    lag, squares = found[best]
-    allowed = {d: np.where(shown[d], found[d][0], 0.0)
-               for d in cost if cost[d] - cost[best] < _CLEAR}
-    error = _lag_errors(profile, best, lag, noise)
-    return Timing(COMMAND, float(best), allowed[best],
-                  np.where(moving & (len(allowed) == 1), error, np.inf), allowed,
-                  squares / np.maximum(profile.count, 1))
-
-
-def _lags(profile: Profile, delay: int, squares: Array, moving: Flags) -> tuple[Array, Array]:
-    """Return the best lag of each joint, shape (n,) [s], and its sum of squares."""
-    n = squares.shape[1]
-    at = np.argmin(squares, axis=0)
-    grid = np.array([*_LAGS, 1.5 * _LAGS[-1]])
-    low, high = grid[np.maximum(at - 1, 0)], grid[at + 1]
-    golden = 0.5 * (5.0 ** 0.5 - 1.0)
-    a, b = high - golden * (high - low), low + golden * (high - low)
-    fa, fb = profile.squares(delay, a), profile.squares(delay, b)
-    for _ in range(_STEPS):
-        left = fa < fb
-        low, high = np.where(left, low, a), np.where(left, b, high)
-        a_new = np.where(left, high - golden * (high - low), b)
-        b_new = np.where(left, a, low + golden * (high - low))
-        fresh = profile.squares(delay, np.where(left, a_new, b_new))
-        fa, fb = np.where(left, fresh, fb), np.where(left, fa, fresh)
-        a, b = a_new, b_new
-    lag, best = 0.5 * (low + high), np.minimum(fa, fb)
-    none = squares[0] <= best
-    return np.where(none | ~moving, 0.0, lag), np.where(none, squares[0], best).reshape(n)
-
-
-def _lag_errors(profile: Profile, delay: int, lag: Array, noise: Array) -> Array:
-    """Return the standard error of each lag from the sensitivity of the torque, shape (n,)."""
-    step = np.maximum(0.05 * lag, 2e-5)
-    change = (profile.weak(delay, lag + step) - profile.weak(delay, lag)) / step
-    power = np.array([np.square(profile.rest(change, i)).sum() for i in range(len(lag))])
-    return np.sqrt(np.where(power > 0.0, noise / np.where(power > 0.0, power, 1.0), np.inf))
+def _fastest(parts: Sequence[Stretch]) -> Array:
+    """Return the fastest change of the commands of each joint, shape (n,) [N·m/s]."""
+    changes = []
+    for part in parts:
+        values = has(part, COMMAND)
+        assert values is not None
+        changes.append(np.nan_to_num(np.abs(np.diff(values, axis=0))).max(axis=0) / part.period)
+    found: Array = np.max(changes, axis=0)
+    return found

@@ -27,7 +27,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: Sides of a measured effort.
-MOTOR, LINK, CURRENT = SIDES = 'motor', 'link', 'current'
+MOTOR, LINK, CURRENT = 'motor', 'link', 'current'
 #: Friction of an effort behind the gear, as a part of that of the commands, or of the torque.
 _BEHIND_GEAR, _HARDLY_ANY = 0.5, 0.01
 #: Least ratio of the frictions of two signals that both show all of it.

@@ -33,7 +33,12 @@ from ctc_chattering.identification.regression.sensor_noise import (
     Clock,
     clock,
     encoder_step,
+    stamp_findings,
     velocity_noise,
+)
+from ctc_chattering.identification.regression.timing_findings import (
+    rate_limits,
+    timing_findings,
 )
 from ctc_chattering.identification.regression.torque import COMMAND, EFFORT, has
 from ctc_chattering.identification.regression.weak_form import TestFunction
@@ -45,6 +50,8 @@ import numpy as np
 _BETTER = 0.5
 #: Part that the weight or the inertial torque may be off by without being named.
 _LEFT = 0.01
+#: Part of a period by which rounding it may move the last sample.
+_ROUNDED = 0.1
 #: Shortest recording that is used [s].
 _SHORTEST = 2.0
 
@@ -164,11 +171,11 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
                        f'{_SHORTEST:g} s are needed')
     phi = TestFunction(period, duration)
     columns = ErrorColumns.of(model)
+    joints = recordings[0].joints
     rows = [Rows.of(part, model, phi, columns) for part in parts]
     if not any((part.way != 0.0).sum() for part in rows):
         raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
-                       f'{2 * phi.half * period:g} s in one direction')
-    joints = recordings[0].joints
+                       f'{2 * phi.half * phi.period:g} s in one direction')
     sides = torque_sides(parts, rows, phi, joints, side, source)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
 
@@ -189,14 +196,16 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     friction = [joint_friction(selected, i) for i in range(len(joints))]
     data = data.loaded(selected.levels).mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
+    noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
+               *sides.findings, *named.findings(), *physical(friction, joints))
     return _tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration,
-        findings=(*sides.findings, *named.findings(), *physical(friction, joints)),
+        selected, base, weight, duration, noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=named.bodies(),
-        side=sides.side, columns=columns), WindowStates.of(parts, rows, phi))
+        rate=rate_limits(found, joints), side=sides.side, columns=columns),
+        WindowStates.of(parts, rows, phi))
 
 
 def _tested(found: Identification, states: WindowStates) -> Identification:
@@ -222,7 +231,8 @@ def _common_period(recordings: Sequence[Recording]) -> float:
                            f'{first.name}: {first.period:.4g} s')
     period = first.period
     nearest = round(period * 1e6) * 1e-6
-    return nearest if abs(nearest - period) < 1e-3 * period else period
+    # Rounded only where the grid does not drift from the stamps by that.
+    return nearest if abs(nearest - period) * len(first.t) < _ROUNDED * period else period
 
 
 def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: str, name: str

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.analysis.recording import Indices, Stretch
+from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.weak_form import (
@@ -19,6 +20,7 @@ from ctc_chattering.identification.regression.weak_form import (
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+import numpy.typing as npt
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
 STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
@@ -95,6 +97,11 @@ def _sides(place: Array, dq: Array, moved: Array, model: Model, phi: TestFunctio
     more = errors.weak(place, dq, moved, phi, part.start, centres) if errors else np.empty(
         (len(centres), place.shape[1], 0))
     return dynamics.weak(moved[part], phi, at), dynamics.weight(phi, at), more
+
+    def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
+        """Return some windows of a stretch from which the samples before `first` are cut off."""
+        mine = {field.name: getattr(self, field.name)[use] for field in dataclasses.fields(self)}
+        return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
 def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 import dataclasses
 
 from ctc_chattering.analysis.recording import BRIDGED, Recording
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.weak_form import (
     position_noise,
     smoothed,
@@ -21,6 +23,8 @@ _MULTIPLES = 0.98
 _ROUNDING = 1e-13
 #: Shortest lag of a velocity that is named, in periods: the smoothing's own errors are less.
 _SHORTEST = 0.03
+#: Part by which a period may change during a run.
+_DRIFT = 0.005
 #: Samples that the noise is computed from, at most.
 _ENOUGH = 200_000
 
@@ -51,12 +55,38 @@ class Clock:
 def clock(recording: Recording) -> Clock:
     """Return what the stamps of a checked recording say."""
     step, period = np.diff(recording.t), recording.period
-    lost = np.maximum(np.rint(step / period) - 1, 0)
     near = step[np.abs(step - period) < 0.5 * period]
-    long = np.flatnonzero(step > (BRIDGED + 1.5) * period)
     begin = recording.t[0]
-    return Clock(period, float(near.std()), float(step.max()), int(lost.sum()),
+    # Where stamps run back or a part is left out, nothing is missing.
+    cut = np.zeros(len(step), bool)
+    for one in recording.breaks:
+        if one.length > 0.0:
+            after = np.searchsorted(recording.t[1:] - begin, one.time + 0.5 * period)
+            cut[after:after + 1] = True
+    long = np.flatnonzero((step > (BRIDGED + 1.5) * period) & ~cut)
+    missing = round(float(step[~cut].sum()) / period) - int((~cut).sum())
+    return Clock(period, float(near.std()), float(step[~cut].max()), max(missing, 0),
                  tuple((float(recording.t[k] - begin), float(step[k])) for k in long))
+
+
+def stamp_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Yield what is wrong with the stamps of checked recordings."""
+    for recording in recordings:
+        for one in recording.breaks:
+            what = (f'{one.samples} states are left out' if one.samples else
+                    'what follows is a part of its own')
+            yield Finding(Severity.NOTE, ALL_JOINTS, f'{recording.name}, at {one.time:.4g} s: '
+                          f'{one.reason}; {what}')
+        step, period = np.diff(recording.t), recording.period
+        near = np.where(np.abs(step - period) < 0.5 * period, step, np.nan)
+        tenths = np.array([np.nanmean(x) for x in np.array_split(near, 10)
+                           if np.isfinite(x).any()])
+        drift = float(np.ptp(tenths)) / period
+        chance = np.nanstd(near) / period / np.sqrt(0.1 * len(step))
+        if drift > _DRIFT + 5.0 * chance:
+            yield Finding(Severity.CARE, ALL_JOINTS, f'{recording.name}: the period drifts by '
+                          f'{drift:.2%} during the run: delays in samples and times do not agree',
+                          'stamp the states with the clock of the control loop')
 
 
 def encoder_step(q: Array) -> Estimate:

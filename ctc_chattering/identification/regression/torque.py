@@ -2,34 +2,49 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.recording import Indices, Stretch
+from collections.abc import Iterator
+
+from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 #: Sources of the torque.
 COMMAND, EFFORT = 'command', 'effort'
+#: Samples that are computed one by one, all parts of a stretch at once; time before [s], and the
+#: fewest samples, after which it does not matter where they began.
+_CHUNK, _BEFORE, _FEWEST_BEFORE = 400, 0.5, 60
+#: Torques that are computed at once.
+_AT_ONCE = 1e6
+#: In place of no rate limit [N·m/s].
+_UNLIMITED = 1e12
 
 
-def lagged(values: Array, lag: Array, period: float) -> Array:
+def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Array:
     """
-    Return the mean torque of drives with a lag over each period, shape (N, n) [N·m].
+    Return the mean torque of drives with a lag and a rate limit over each period, shape (N, n).
 
     A command is held for a period h, and the torque follows it with the lag T; with a = exp(-h/T)
     the mean over a period is c[k] + (T/h) (1 - a) (τ[k] - c[k]), and τ[k+1] = a τ[k] + (1-a) c[k].
+    With a rate limit R it is that of (DM1).
 
     Parameters
     ----------
     values : ndarray, shape (N, n)
         Commands c [N·m].
-    lag : ndarray, shape (n,)
-        T [s].
+    lag, rate : ndarray, shape (n,)
+        T [s], and R [N·m/s], inf for none.
     period : float
         h [s].
 
     """
     lag = np.broadcast_to(lag, values.shape[1:])
+    rate = np.broadcast_to(rate, values.shape[1:])
+    if np.isfinite(rate).any():
+        return _limited(values, lag, rate, period)
     if not lag.any():
         return values
     ratio = period / np.maximum(lag, 1e-3 * period)
@@ -42,13 +57,53 @@ def lagged(values: Array, lag: Array, period: float) -> Array:
     return np.where(lag > 0.0, mean, values)
 
 
+def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
+    """
+    Return the mean torque over each period where a rate is limited, shape (..., N, n) [N·m].
+
+    Lags of shape (..., n) are computed all at once.
+    """
+    n = values.shape[1]
+    warm = max(_FEWEST_BEFORE, round(_BEFORE / period))
+    chunks = -(-len(values) // _CHUNK)
+    last = np.repeat(values[-1:], chunks * _CHUNK - len(values), axis=0)
+    padded = np.concatenate((np.repeat(values[:1], warm, axis=0), values, last))
+    # All chunks at once, each from so long before that the drives have caught up.
+    pieces = sliding_window_view(padded, warm + _CHUNK, axis=0)[::_CHUNK].transpose(2, 0, 1)
+    rate = np.minimum(rate, _UNLIMITED)
+    lag = np.maximum(lag, 1e-9 * period)[..., None, :]
+    mean = np.empty((*lag.shape[:-2], chunks, _CHUNK, n))
+    tau = np.broadcast_to(pieces[0], (*lag.shape[:-2], chunks, n))
+    for k, command in enumerate(pieces):
+        gap = command - tau
+        ramp = np.minimum(np.maximum(np.abs(gap) / rate - lag, 0.0), period)
+        risen = np.copysign(rate * ramp, gap)
+        left = gap - risen
+        end = left * np.exp((ramp - period) / lag)
+        if k >= warm:
+            mean[..., k - warm, :] = command - (
+                ramp * (gap - 0.5 * risen) + lag * (left - end)) / period
+        tau = command - end
+    return mean.reshape(*lag.shape[:-2], -1, n)[..., :len(values), :]
+
+
+def driven_by_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
+    """Yield `driven` for each lag of shape (K,) [s], the same of all joints."""
+    if not np.isfinite(rate).any():
+        yield from (driven(values, lag, rate, period) for lag in lags)
+        return
+    several = max(1, int(_AT_ONCE / values.size))
+    for part in np.split(lags, range(several, len(lags), several)):
+        yield from _limited(values, np.repeat(part[:, None], len(rate), axis=1), rate, period)
+
+
 def has(stretch: Stretch, source: str) -> Array | None:
     """Return the torques of a source in a stretch, shape (N, n); None without."""
     return stretch.command if source == COMMAND else stretch.effort
 
 
 def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: TestFunction,
-                centres: Indices) -> Array:
+                centres: Indices, rate: Array | float = np.inf) -> Array:
     """
     Return ∫ φ tau dt over each window, shape (J, n) [N·m].
 
@@ -65,9 +120,11 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
         h [s].
     phi, centres
         Test function, and samples at the centres of the windows.
+    rate : ndarray, shape (n,)
+        R [N·m/s], inf for none.
 
     """
-    filtered = lagged(values, lag, period)
+    filtered = driven(values, lag, rate, period)
     whole = int(np.floor(delay))
     found = phi.sums(filtered, phi.over, centres - whole)
     if delay != whole:

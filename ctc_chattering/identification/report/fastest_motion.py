@@ -26,8 +26,10 @@ import numpy as np
 
 #: Random states, and speeds at which friction is looked up.
 _STATES, _SPEEDS = 600, 60
-#: Acceleration by velocity [1/s], where there is no limit of it.
-_ACCELERATION = 4.0
+#: Least and most acceleration by velocity [1/s].
+_ACCELERATION, _MOST = 4.0, 15.0
+#: How often, and by which factor, states are slowed down that need more than the drives give.
+_SLOWED, _SLOWER = 8, 0.7
 #: Range of a joint without limits [rad].
 _RANGE = (-pi, pi)
 
@@ -67,6 +69,8 @@ class FastestPerturbation:
         Of these motions.
     friction, error, unexplained : ndarray
         Friction, errors of the model, and what no term explains.
+    change : ndarray
+        How fast the model's torque changes [N·m/s].
 
     """
 
@@ -74,6 +78,7 @@ class FastestPerturbation:
     friction: Array
     error: Array
     unexplained: Array
+    change: Array
 
     @property
     def peak(self) -> Array:
@@ -84,16 +89,26 @@ class FastestPerturbation:
 
 def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
                   ) -> MotionLimits:
-    """Return the limits that a model has from its description; of the run where it has none."""
+    """
+    Return the limits that a model has from its description; of the run where it has none.
+
+    The acceleration is that of the recorded motion, played until the velocity is at its limit.
+    """
     n = model.n
-    fastest = np.abs(found.data.velocity[run.trusted]).max(axis=0, initial=0.0)
+    recorded = np.where(run.trusted[:, None], found.data.velocity, 0.0)
+    fastest = np.abs(recorded).max(axis=0, initial=0.0)
     velocity = _array(getattr(model, 'velocity_limits', None), n)
     known = np.isfinite(velocity)
     velocity = np.where(known, velocity, fastest)
+    step = np.median(np.diff(run.t))
+    near = run.trusted[1:] & run.trusted[:-1] & (np.abs(np.diff(run.t)) < 1.5 * step)
+    change = np.abs(np.diff(recorded, axis=0)[near]).max(axis=0, initial=0.0) / step
+    ratio = change * velocity / np.maximum(np.square(fastest), 1e-12)
     low, high = np.array(getattr(model, 'position_limits', None) or [_RANGE] * n, float).T
     return MotionLimits(np.where(np.isfinite(low), low, _RANGE[0]),
                         np.where(np.isfinite(high), high, _RANGE[1]), velocity,
-                        _ACCELERATION * velocity, _array(model.effort_limits, n), known)
+                        np.clip(ratio, _ACCELERATION, _MOST) * velocity,
+                        _array(model.effort_limits, n), known)
 
 
 def _array(limits: Sequence[float] | None, n: int) -> Array:
@@ -102,7 +117,7 @@ def _array(limits: Sequence[float] | None, n: int) -> Array:
 
 
 def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model: Model,
-                         seed: int = 1) -> FastestPerturbation:
+                         corrected: bool = False, seed: int = 1) -> FastestPerturbation:
     """
     Return the largest |P| within the limits.
 
@@ -112,21 +127,27 @@ def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model
         What was identified, and P of the run.
     model : Model
         As `identify` had it.
+    corrected : bool
+        Whether errors of the model are corrected as far as they are known.
     seed : int
         Of the random states.
 
     """
     limits = motion_limits(model, found, run)
     q, dq, ddq = _states(limits, np.random.default_rng(seed))
-    tau = _torques(model, q, dq, ddq)
-    allowed = (np.abs(tau) <= limits.effort).all(axis=1)
-    if allowed.any():
-        q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
-    error = _error(found, tau, q, dq, ddq)
-    load = np.minimum(np.abs(tau).max(axis=0) + error, limits.effort)
+    for _ in range(_SLOWED):
+        tau = _torques(model, q, dq, ddq)
+        beyond = (np.abs(tau) / limits.effort).max(axis=1, keepdims=True) > 1.0
+        dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
+    allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
+    q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
+    error = _error(found, tau, (q, dq, ddq), corrected)
+    most = np.abs(tau).max(axis=0)
+    load = np.minimum(most + error, limits.effort)
     friction = np.array([_friction(found, i, limits.velocity[i], load[i])
                          for i in range(model.n)])
-    return FastestPerturbation(limits, friction, error, run.tail)
+    often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
+    return FastestPerturbation(limits, friction, error, run.tail, often * most)
 
 
 def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -145,18 +166,20 @@ def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
                      for rows in zip(q.tolist(), dq.tolist(), ddq.tolist())])
 
 
-def _error(found: Identification, tau: Array, q: Array, dq: Array, ddq: Array) -> Array:
+def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array],
+           corrected: bool) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     fit, spread = found.selected.fit, found.selected.spread
     mine = [k for k, term in enumerate(fit.terms) if term.kind == TermKind.MODEL]
     if not mine:
         return np.zeros(tau.shape[1])
     models = [error.model for error, number in found.errors if number.value is not None]
-    columns = np.stack([_torques(model, q, dq, ddq) - tau for model in models], axis=2)
+    columns = np.stack([_torques(model, *states) - tau for model in models], axis=2)
     covariance = spread.covariance[np.ix_(mine, mine)]
     half = spread.factor * np.sqrt(np.maximum(
         np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
-    largest: Array = (np.abs(columns @ fit.value[mine]) + half).max(axis=0)
+    known = 0.0 if corrected else np.abs(columns @ fit.value[mine])
+    largest: Array = (known + half).max(axis=0)
     return largest
 
 

@@ -48,8 +48,9 @@ class MeasuredPerturbation:
         a break-away as well [N·m].
     trusted : ndarray of bool, shape (J,)
         Windows that are no outliers of any joint, nor beside one.
-    tail : ndarray, shape (n,)
-        Bound of what is not predicted in trusted windows [N·m].
+    tail, error : ndarray, shape (n,)
+        Bound of what is not predicted in trusted windows, and largest error of the model there
+        [N·m].
 
     """
 
@@ -59,19 +60,21 @@ class MeasuredPerturbation:
     envelope: Array
     trusted: Flags
     tail: Array
+    error: Array
 
     @property
     def peak(self) -> Array:
         """
         Largest |P| of each joint, shape (n,) [N·m].
 
-        That of the envelope with what is not predicted. Of a joint that never slides it is what
-        was measured, and so a least value.
+        That of the envelope with what is not predicted, and what was measured where the joint
+        does not slide, before it breaks away.
         """
         slides = np.isfinite(self.predicted) & self.trusted[:, None]
         known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
-        held = np.abs(self.measured[self.trusted]).max(axis=0, initial=0.0)
-        found: Array = np.where(slides.any(axis=0), known, held)
+        held = [tail_bound(np.abs(x[self.trusted & ~mine]))
+                for x, mine in zip(self.measured.T, slides.T)]
+        found: Array = np.maximum(known, held)
         return found
 
     def outliers(self) -> Iterator[Finding]:
@@ -105,7 +108,8 @@ class MeasuredPerturbation:
         return found
 
 
-def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
+def perturbation(found: Identification, data: Data | None = None, corrected: bool = False
+                 ) -> MeasuredPerturbation:
     """
     Return P of the identified run, or of another one.
 
@@ -115,12 +119,14 @@ def perturbation(found: Identification, data: Data | None = None) -> MeasuredPer
         What was identified.
     data : Data, optional
         Windows of the other run, with the same joints and errors of the model.
+    corrected : bool
+        Whether the controller gets the corrected model: errors of the model are then not in P.
 
     """
     fit, data = found.selected.fit, data or found.data
     columns, used = data.columns(fit.terms), data.used()
+    error = _error(fit, data, columns)
     # The slopes of Stribeck columns are 0, and in the fit for the sake of intervals.
-    predicted = np.where(used, columns @ fit.value, np.nan)
     rest = np.where(used, np.abs(data.residual - columns @ fit.value), np.nan)
     bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
     size = np.array([np.median(np.abs(x[mine])) if mine.any() else 0.0
@@ -128,8 +134,12 @@ def perturbation(found: Identification, data: Data | None = None) -> MeasuredPer
     far: Flags = np.any(rest > np.maximum(_FAR * bound, bound + _SEEN * size), axis=1)
     trusted = ~_widened(far)
     tail = np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T])
-    return MeasuredPerturbation(data.t, data.residual, predicted, _envelope(fit, data, columns),
-                                trusted, tail)
+    known = error if corrected else np.zeros_like(error)
+    left = error - known
+    return MeasuredPerturbation(
+        data.t, data.residual - known, np.where(used, columns @ fit.value - known, np.nan),
+        np.abs(left) + _friction(fit, data), trusted, tail,
+        np.abs(left[trusted]).max(axis=0, initial=0.0))
 
 
 def tail_bound(sizes: Array) -> float:
@@ -139,10 +149,11 @@ def tail_bound(sizes: Array) -> float:
     From the quantiles of 90 and 99 % on, the logarithm of the part beyond is taken as straight,
     which is right for exponential tails and too much for lighter ones.
     """
+    largest = float(sizes.max(initial=0.0))
     if len(sizes) < _ENOUGH:
-        return float(sizes.max(initial=0.0))
+        return largest
     most, high = np.percentile(sizes, (90.0, 99.0)).tolist()
-    return float(high + (high - most) * np.log10(len(sizes) / 100.0))
+    return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
 
 
 def _widened(far: Flags) -> Flags:
@@ -151,13 +162,22 @@ def _widened(far: Flags) -> Flags:
     return found
 
 
-def _envelope(fit: Fit, data: Data, columns: Array) -> Array:
-    """Return the largest |P| that the fit allows in each window, shape (J, n)."""
+def _error(fit: Fit, data: Data, columns: Array) -> Array:
+    """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
+    errors = [k for k, term in enumerate(fit.terms) if term.kind not in _FRICTION]
+    error: Array = columns[:, :, errors] @ fit.value[errors]
+    for i, used in enumerate(data.used().T):
+        if errors and used.any():
+            # Of a window in which the joint does not slide: between those in which it does.
+            error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
+    return error
+
+
+def _friction(fit: Fit, data: Data) -> Array:
+    """Return the largest friction that the fit allows in each window, shape (J, n) [N·m]."""
     n = data.way.shape[1]
     friction = np.zeros_like(data.way)
     level = np.zeros(n)
-    errors = [k for k, term in enumerate(fit.terms) if term.kind not in _FRICTION]
-    error = columns[:, :, errors] @ fit.value[errors]
     for term, value in zip(fit.terms, fit.value):
         i = term.joint
         if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
@@ -169,8 +189,4 @@ def _envelope(fit: Fit, data: Data, columns: Array) -> Array:
         elif term.kind == TermKind.STRIBECK:
             speed = np.abs(data.velocity[:, i]) / stribeck_velocity(term.which)
             friction[:, i] += value * np.exp(-np.square(speed))
-    for i, used in enumerate(data.used().T):
-        if errors and used.any():
-            # Of a window in which the joint does not slide: between those in which it does.
-            error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
-    return np.abs(error) + friction + level
+    return friction + level

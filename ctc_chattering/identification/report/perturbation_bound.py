@@ -32,6 +32,8 @@ class PerturbationBound(NamedTuple):
     ----------
     ka, peak : ndarray
         The gain, and the largest |P| it is for.
+    fastest : FastestPerturbation
+        As fast as the limits allow.
     reason : str
         The parts.
     findings : tuple of Finding
@@ -41,20 +43,21 @@ class PerturbationBound(NamedTuple):
 
     ka: Array
     peak: Array
+    fastest: FastestPerturbation
     reason: str
     findings: tuple[Finding, ...]
 
 
-def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model
-                       ) -> PerturbationBound:
+def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model,
+                       corrected: bool = False) -> PerturbationBound:
     """Return ka for motions within the limits, from what was identified and P of the run."""
-    fastest = fastest_perturbation(found, run, model)
+    fastest = fastest_perturbation(found, run, model, corrected)
     recorded = run.peak
     peak = np.maximum(recorded, fastest.peak)
     effort = fastest.limits.effort
     ka = np.array([_rounded_up(MARGIN * p) for p in peak])
-    return PerturbationBound(np.minimum(ka, effort), peak, _reason(fastest, recorded, peak),
-                             tuple(_beyond(peak, ka, effort)))
+    return PerturbationBound(np.minimum(ka, effort), peak, fastest,
+                             _reason(fastest, recorded, peak), tuple(_beyond(peak, ka, effort)))
 
 
 def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array) -> str:

@@ -17,6 +17,7 @@ from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.model_errors import ModelError
+from ctc_chattering.identification.regression.timing_findings import drives_in_words
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.result_tables import missing, tables
@@ -120,10 +121,8 @@ class IdentificationResults:
         if not isfinite(delay):
             yield 'delay not identifiable: no commanded torque in the bag'
         elif len(timing.delays) > 1:
-            yield 'delay not identifiable; the motion fits as well to ' + '; to '.join(
-                f'{delay} sample{"s"[:delay != 1]} with '
-                + (f'lags of {shown(lags.tolist())} s' if lags.any() else 'no lag')
-                for delay, lags in timing.delays.items())
+            yield ('delay and lag are not told apart; the motion fits to '
+                   + drives_in_words(timing, self.found.joints))
         else:
             yield f'delay of the torque: {int(delay)} samples'
         yield f'torques are taken from the {timing.source}'
@@ -166,8 +165,10 @@ class IdentificationResults:
             'torque_from': timing.source,
             'delay_samples': int(delay) if isfinite(delay) and len(timing.delays) == 1
             else None,
-            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags.tolist()}
+            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags[1].tolist(),
+                                 'actuator_lag_interval_95_s': lags[[0, 2]].T.tolist()}
                                 for delay, lags in timing.delays.items()],
+            'torque_rate_limit_nm_per_s': [x.as_mapping() for x in found.rate],
             'actuator_lag_s': lag.tolist(), 'actuator_lag_error_s': error.tolist(),
             'verdicts': [{'joint': x.joint, 'verdict': x.word, 'findings': [
                 {'severity': WORDS[y.severity], 'reason': y.reason, 'cure': y.cure}

@@ -12,13 +12,11 @@ from ctc_chattering.identification.regression.finding import (
     Severity,
 )
 from ctc_chattering.identification.regression.identify import Identification
-from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Time in which friction may change its sign [s], and how many times as fast as in the run the
-#: model's torque may change.
-_REVERSAL, _FASTER = 0.02, 4.0
+#: Time in which friction may change its sign [s].
+_REVERSAL = 0.02
 #: Least rate to ask for [N·m/s].
 _LEAST = 1.0
 #: Half the boundary layer that steps are computed with [rad/s].
@@ -50,7 +48,7 @@ class TorqueRate(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def torque_rate(found: Identification, run: MeasuredPerturbation, given: Sequence[float] = ()
+def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = ()
                 ) -> TorqueRate:
     """
     Return the rate to ask for: as little as friction and motion need, and less than drives have.
@@ -61,23 +59,24 @@ def torque_rate(found: Identification, run: MeasuredPerturbation, given: Sequenc
 
     Parameters
     ----------
-    found, run
-        What was identified, and P of the run.
+    found : Identification
+        What was identified.
+    fastest : ndarray, shape (n,)
+        How fast the model's torque changes, as fast as the limits allow [N·m/s].
     given : sequence of float, shape (n,), optional
         Rate that the drives allow [N·m/s].
 
     """
     n, period = len(found.joints), found.clock.period
     lag = longest_lag(found)
-    needed = np.maximum(2.0 * sliding_friction(found) / _REVERSAL,
-                        _FASTER * _fastest_change(found, run)).clip(min=_LEAST)
+    needed = np.maximum(2.0 * sliding_friction(found) / _REVERSAL, fastest).clip(min=_LEAST)
     known = np.array(given, float) if len(given) else np.array(
         [np.nan if x.value is None else x.value - x.half for x in found.rate] or [np.nan] * n)
     known = np.where(known > 0.0, known, np.nan)
     least = known / (1.0 + 2.0 * lag / period)
     value = np.where(np.isfinite(known), np.clip(needed, least, known), needed)
-    text = (f'friction changes its sign within {_REVERSAL:g} s, and the torque of the model '
-            f'{_FASTER:g} times as fast as in the run')
+    text = (f'friction changes its sign within {_REVERSAL:g} s, and the torque of the model as '
+            'fast as the limits allow')
     if np.isfinite(known).any():
         text += '; within ' + ('--torque-rate' if len(given) else
                                'the lower end of the interval of the rate of the drives')
@@ -100,7 +99,7 @@ def _noticed(needed: Array, known: Array, value: Array) -> Iterator[Finding]:
 
 def longest_lag(found: Identification) -> Array:
     """Return the longest lag of each drive that is possible, shape (n,) [s]."""
-    possible = list(found.timing.delays.values()) or [found.timing.drive[1]]
+    possible = [lags[2] for lags in found.timing.delays.values()] or [found.timing.drive[1]]
     largest: Array = np.max(possible, axis=0)
     return largest
 
@@ -111,15 +110,6 @@ def sliding_friction(found: Identification) -> Array:
         max([abs(x.value) for x in (one.coulomb, one.forwards, one.backwards)
              if x.value is not None], default=0.0) + max(one.stribeck.value or 0.0, 0.0)
         for one in found.friction])
-
-
-def _fastest_change(found: Identification, run: MeasuredPerturbation) -> Array:
-    """Return how fast the model's torque changes in the run, shape (n,) [N·m/s]."""
-    step = np.diff(run.t)
-    near = (step > 0.0) & (step < 2.0 * np.median(step)) & run.trusted[1:] & run.trusted[:-1]
-    change = np.abs(np.diff(found.base, axis=0)[near]) / step[near, None]
-    fastest: Array = change.max(axis=0, initial=0.0)
-    return fastest
 
 
 def torque_steps(found: Identification, ka: Array, noise: Array, kv: float, rate: Array

@@ -30,11 +30,11 @@ Values = dict[str, dict[str, Any]]
 #: Draws, unless another number is asked for.
 COUNT = 24
 #: Smooth start and duration [s], and the slowest motion [Hz]: with it all joints reverse.
-_START, _DURATION, _SLOWEST = 0.5, 2.0, 1.0
-#: Part of M, C and G that may be wrong in any case.
-_MODEL = 0.05
-#: Frequencies of what is not explained, as a torque [rad/s].
-_UNEXPLAINED = (2.0, 30.0)
+_START, _DURATION, _SLOWEST = 1.0, 2.5, 1.0
+#: Part of M, C and G that may be wrong in any case, and at most.
+_MODEL, _MOST = 0.05, 0.2
+#: Frequencies of errors of the model and of what is not explained, as a disturbance [rad/s].
+_UNEXPLAINED = (2.0, 20.0)
 #: Part of the samples that may be at the limit of the torque, and how near that is.
 _SATURATED, _NEAR = 0.02, 0.999
 #: Part of the amplitude that an error may be, and steps of the encoder that are no error.
@@ -136,9 +136,8 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping
 
     """
     rng = np.random.default_rng(seed)
-    _, lag, error = found.timing.drive
-    drives = list(found.timing.delays.items()) or [(plant['input_delay'], lag)]
-    error = np.where(np.isfinite(error), error, 0.0)
+    lag = found.timing.drive[1]
+    drives = list(found.timing.delays.items()) or [(plant['input_delay'], np.tile(lag, (3, 1)))]
     part = _model_part(found)
     for k in range(count):
         # Corners of model and friction, for every delay in turn; then within the intervals.
@@ -147,23 +146,23 @@ def draw_robots(found: Identification, run: MeasuredPerturbation, plant: Mapping
         model, friction = (2 * (signs & 1) - 1, (signs & 2) - 1) if corner else rng.uniform(
             -1.0, 1.0, 2)
         samples, lags = drives[which]
-        late = np.maximum(np.array(lags) + 2.0 * error * rng.uniform(-1.0, 1.0, len(lag)), 0.0)
+        late = lags[0] + (lags[2] - lags[0]) * rng.uniform(size=len(lag))
         scale = 1.0 + part * float(model)
         text = (f"delay {samples}, lag {late.max():.3g} s, model {scale:.3g} of the robot's, "
                 f'friction {friction:+.2g} of its interval')
         yield Draw(text, {
             'plant': {**_friction(found, plant, float(friction)), **_rate(found, plant, rng),
                       'input_delay': int(samples), 'actuator_lag': late.tolist(),
-                      'disturbance.amplitude': run.tail.tolist(),
+                      'disturbance.amplitude': (run.tail + run.error).tolist(),
                       'disturbance.frequency': rng.uniform(*_UNEXPLAINED, len(lag)).tolist(),
                       'noise_seed': int(rng.integers(2 ** 31))},
             'controller': {'inertia_scale': scale, 'gravity_scale': scale}})
 
 
 def _model_part(found: Identification) -> float:
-    """Return by which part the model may be wrong: errors of masses with their intervals."""
-    return max([_MODEL, *(abs(x.value) + x.half for error, x in found.errors
-                          if x.value is not None and not error.unit)])
+    """Return by which part the model may be wrong: intervals of masses; the rest is in d(t)."""
+    return min(_MOST, max([_MODEL, *(x.half for error, x in found.errors
+                                     if x.value is not None and not error.unit)]))
 
 
 def _friction(found: Identification, plant: Mapping[str, Any], at: float) -> dict[str, Any]:
@@ -251,4 +250,4 @@ def _run(values: Values, draw: Draw) -> _TriedRun:
     model = kept_model_of(setup.controller, setup.descriptions.get('controller', ''))
     limit = _NEAR * np.array(setup.controller.largest_torque(model.effort_limits))
     return _TriedRun(np.sqrt(np.square(run.q[late] - run.q_d[late]).mean(axis=0)),
-                  (np.abs(run.tau[late]) >= limit).mean(axis=0), '')
+                     (np.abs(run.tau[late]) >= limit).mean(axis=0), '')

@@ -55,3 +55,37 @@ def test_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert 'without a gap; at least 2 s' in said(bag, '--model', 'two_link')
     still = recorded_bag(tmp_path / 'still', made, q=np.zeros_like(made.run.q))
     assert 'at least 2 s' in said(str(still), '--model', 'two_link')
+
+
+def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Currents behind a gear become torques, and options that do not go together are refused."""
+    made = short()
+    factor = np.array([100.0 * 0.12, -50.0 * 0.2])
+    rng = np.random.default_rng(1)
+    bag = str(recorded_bag(tmp_path / 'run', made, command=None,
+                           effort=made.run.tau / factor + rng.normal(0.0, 1e-3, (8001, 2))))
+    out = str(tmp_path / 'out')
+
+    def said(*arguments: str) -> str:
+        status = main(['identify', bag, '--model', 'two_link', '--out', out, *arguments])
+        found = capsys.readouterr()
+        assert status == 0 or found.err.count('\n') == 1
+        return found.out + found.err
+    assert '--effort current --torque-constant' in said()
+    for arguments, words in (
+            (['--gear-ratio', '100'], '--gear-ratio needs --effort motor'),
+            (['--effort', 'link', '--gear-ratio', '100'], 'behind the gear it is 1'),
+            (['--effort', 'motor', '--torque-constant', '1'], 'needs --effort current'),
+            (['--effort', 'current', '--gear-ratio', '1'], 'needs --torque-constant'),
+            (['--effort', 'current', '--torque-constant', '1,2,3'], 'one number that is not 0, or '
+                                                                    '2 with commas'),
+            (['--effort', 'current', '--torque-constant', '0'], '0 is not allowed'),
+            (['--effort', 'currents'], 'did you mean current?')):
+        assert words in said(*arguments)
+    said('--effort', 'current', '--gear-ratio=100,-50', '--torque-constant', '0.12,0.2')
+    found = json.loads((Path(out) / 'identify.json').read_text())
+    for friction, true in zip(found['friction'], made.plant.coulomb_friction):
+        assert friction['coulomb']['value'] == pytest.approx(true, rel=0.02)
+    idle = str(recorded_bag(tmp_path / 'idle', made))
+    assert main(['identify', idle, '--model', 'two_link', '--effort', 'motor', '--out', out]) == 2
+    assert '--effort motor: idle has no effort' in capsys.readouterr().err

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification.regression.torque import lagged, weak_torque
+from ctc_chattering.identification.regression.torque import driven, weak_torque
 from ctc_chattering.identification.regression.weak_form import (
     Dynamics,
     position_noise,
@@ -76,7 +76,7 @@ def test_the_mean_torque_of_a_lagging_drive_solves_its_equation(lag: float) -> N
     def right(t: float, x: Array) -> Array:
         rate = (commands[min(int(t / H), 39)] - x[0]) / lag
         return np.array([rate, x[0]])
-    found = lagged(commands[:, None], np.array([lag]), H)[:, 0]
+    found = driven(commands[:, None], np.array([lag]), np.inf, H)[:, 0]
     if not lag:
         assert np.array_equal(found, commands)
         return

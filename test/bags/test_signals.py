@@ -1,0 +1,209 @@
+"""Joint states and torques of the robots that people have, each in its own messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+import sqlite3
+from typing import Any
+
+from ctc_chattering.bags.motion import read_motion, RecordedMotion
+from ctc_chattering.errors import CtcError
+from identified_robots import record, Recorded
+from motion_bags import joint_state, messages_of, torques, write
+import numpy as np
+import pytest
+from robot_messages import FRANKA_STATE, franka_state, lbr_state, STORE, trajectory_state
+from rosbags.rosbag2 import StoragePlugin
+
+Messages = Sequence[tuple[str, int, Any]]
+ORDERS = '/forward_effort_controller/commands'
+
+
+@cache
+def made() -> Recorded:
+    return record('two_link', 1, 1.0)
+
+
+def messages(**fields: Any) -> list[tuple[str, int, Any]]:
+    """Return joint states and commands."""
+    x = made().recording
+    fields = {'q': x.q, 'dq': x.dq, 'effort': None, 'command': x.command, **fields}
+    return messages_of(x.t, x.joints, **fields)
+
+
+def moved(found: Messages, **topics: str) -> list[tuple[str, int, Any]]:
+    """Return messages on other topics: states=, commands=."""
+    names = {'/joint_states': topics.get('states', '/joint_states'),
+             '/effort_controller/commands': topics.get('commands', ORDERS)}
+    return [(names[topic], t, message) for topic, t, message in found]
+
+
+def read(path: Path, found: Messages, *joints: str, **more: Any) -> RecordedMotion:
+    return read_motion(write(path / 'bag', found, typestore=STORE), joints, **more)
+
+
+def test_commands_on_another_topic_are_found_if_only_one_fits(tmp_path: Path) -> None:
+    three = [('/gripper', t, torques(np.zeros(3))) for t in range(3)]
+    found = read(tmp_path, [*three, *moved(messages(labels=False))])
+    assert found.recording.command == pytest.approx(made().recording.command)
+    (note,) = found.notes
+    assert f'commands are those of {ORDERS} (std_msgs/msg/Float64MultiArray, 1001' in note
+
+
+def test_of_several_topics_the_user_names_one(tmp_path: Path) -> None:
+    both = [*moved(messages(labels=False)), *(
+        x for x in moved(messages(labels=False), commands='/other/commands')
+        if x[0] == '/other/commands')]
+    with pytest.raises(CtcError, match='no torque'):
+        read(tmp_path, both)
+    path = tmp_path / 'bag'
+    found = read_motion(path, commands='/other/commands')
+    assert found.recording.command == pytest.approx(made().recording.command)
+    with pytest.raises(CtcError, match=r'did you mean /other/commands\?; --commands may be: '
+                                       rf'{ORDERS} .*, /other/commands \('):
+        read_motion(path, commands='/othr/commands')
+    with pytest.raises(CtcError, match=r'did you mean /joint_states\?; --states may be: '):
+        read_motion(path, states='/joint_sates')
+
+
+@pytest.mark.parametrize('name', ['/forward_position_controller/commands', '/targets'])
+def test_positions_are_no_torques(tmp_path: Path, name: str) -> None:
+    x = made().recording
+    found = moved(messages(effort=x.command, command=x.q + 1e-4, labels=False), commands=name)
+    if 'position' in name:
+        assert read(tmp_path, found).recording.command is None
+    else:
+        with pytest.raises(CtcError, match='commands on /targets are positions, no torques'):
+            read(tmp_path, found)
+
+
+def trajectory_bag(every: int = 1, effort: bool = True) -> Messages:
+    """Return what a joint_trajectory_controller publishes, recorded 3 ms late."""
+    x = made().recording
+    assert x.dq is not None and x.command is not None
+    states = messages(effort=x.command, command=None)
+    reports = [('/joint_trajectory_controller/controller_state', t + 3_000_000, trajectory_state(
+        t, x.joints[::-1], x.q[k, ::-1], x.dq[k, ::-1],
+        x.command[k, ::-1] if effort else None))
+        for k, (_, t, _) in enumerate(states) if k % every == 0]
+    return sorted([*states, *reports], key=lambda y: y[1])
+
+
+def test_output_of_a_trajectory_controller_by_its_stamps(tmp_path: Path) -> None:
+    found = read(tmp_path, trajectory_bag())
+    assert found.recording.command == pytest.approx(made().recording.command)
+    assert 'controller_state' in found.notes[0]
+
+
+def test_a_trajectory_controller_has_no_torques_or_too_few(tmp_path: Path) -> None:
+    assert read(tmp_path / 'a', trajectory_bag(effort=False)).recording.command is None
+    with pytest.raises(CtcError, match=r'51 torques on .* for 1001 states: .*state_publish_rate'):
+        read(tmp_path / 'b', trajectory_bag(every=20))
+    # With positions and torques of one message there are as many of both.
+    with pytest.raises(CtcError, match='51 states; at least 200'):
+        read_motion(tmp_path / 'b' / 'bag',
+                    states='/joint_trajectory_controller/controller_state')
+
+
+def panda_bag() -> tuple[Messages, tuple[str, ...], Any]:
+    """Return messages of a Franka robot with the joints of a random walk, names, and torques."""
+    rng = np.random.default_rng(1)
+    names = tuple(f'fr3_joint{k}' for k in range(1, 8))
+    q, dq, tau = (np.cumsum(rng.normal(size=(400, 7)), axis=0) for _ in range(3))
+    return [('/franka_robot_state_broadcaster/robot_state', 10 ** 9 + k * 10 ** 6, franka_state(
+        10 ** 9 + k * 10 ** 6, names, q[k], dq[k], 2.0 * tau[k], tau[k])) for k in range(400)
+    ], names, tau
+
+
+def test_the_state_of_a_franka_robot(tmp_path: Path) -> None:
+    """The desired torque of a state is the one that was answered to the state before."""
+    found, names, tau = panda_bag()
+    motion = read(tmp_path, found)
+    assert motion.recording.joints == names
+    assert motion.recording.effort == pytest.approx(2.0 * tau)
+    assert motion.recording.command is not None
+    assert motion.recording.command[:-1] == pytest.approx(tau[1:])
+    assert len(motion.notes) == 2
+
+
+def test_a_field_of_any_message(tmp_path: Path) -> None:
+    q, tau = np.random.default_rng(1).normal(size=(2, 300, 7))
+    names = tuple(f'lbr_A{k}' for k in range(1, 8))
+    found: list[tuple[str, int, Any]] = []
+    for k in range(300):
+        t = 10 ** 9 + k * 10 ** 6
+        found += [('/lbr/joint_states', t, joint_state(t, names, q[k], None, 3.0 * tau[k])),
+                  ('/lbr/state', t + 1000, lbr_state(t, q[k], 3.0 * tau[k], tau[k]))]
+    with pytest.raises(CtcError, match=r'/lbr/state is of type lbr_fri_idl/msg/LBRState; .*'
+                                       '--commands TOPIC:FIELD'):
+        read(tmp_path, found, commands='/lbr/state')
+    path = tmp_path / 'bag'
+    with pytest.raises(CtcError, match=r'no numbers in comanded_torque; it has in: session_state'
+                                       r'.*did you mean commanded_torque\?'):
+        read_motion(path, commands='/lbr/state:comanded_torque')
+    motion = read_motion(path, commands='/lbr/state:commanded_torque')
+    assert motion.recording.command is not None
+    assert motion.recording.command[:-2] == pytest.approx(tau[1:-1])
+
+
+def test_a_bag_without_definitions_says_so(tmp_path: Path) -> None:
+    """The sqlite3 of ROS 2 Humble and before has none."""
+    found, _, _ = panda_bag()
+    path = write(tmp_path / 'bag', found, StoragePlugin.SQLITE3, STORE)
+    assert read_motion(path).recording.effort is not None
+    with sqlite3.connect(path / 'bag.db3') as database:
+        database.execute('DELETE FROM message_definitions')
+    with pytest.raises(CtcError, match=f'no definition of {FRANKA_STATE}, .*--storage mcap'):
+        read_motion(path)
+
+
+def test_a_type_that_cannot_be_used(tmp_path: Path) -> None:
+    x = made().recording
+    other = [('/joint_states', t, torques(x.q[0])) for t in range(2)]
+    with pytest.raises(CtcError, match='/joint_states is of type std_msgs/msg/Float64MultiArray;'):
+        read(tmp_path / 'a', other)
+    # Of two types on one topic the one that fits is taken.
+    found = read(tmp_path / 'b', [*other, *messages()])
+    assert found.recording.q == pytest.approx(x.q)
+
+
+def test_grippers_and_namespaces(tmp_path: Path) -> None:
+    x = made().recording
+    arm = messages()
+    fingers = [('/joint_states', t + 1, joint_state(t, ('finger',), x.q[0, :1], None, None))
+               for topic, t, _ in arm if topic == '/joint_states']
+    found = read(tmp_path / 'a', sorted([*arm, *fingers], key=lambda y: y[1]), *x.joints)
+    assert found.recording.q == pytest.approx(x.q)
+    assert found.recording.command == pytest.approx(x.command)
+    left, right = ([(f'/{name}{topic}', t, message) for topic, t, message in arm]
+                   for name in ('left', 'right'))
+    with pytest.raises(CtcError, match=r'several topics: /left/joint_states .*--states'):
+        read(tmp_path / 'b', [*left, *right])
+    found = read_motion(tmp_path / 'b' / 'bag', states='/left/joint_states',
+                        commands='/left/effort_controller/commands')
+    assert found.recording.q == pytest.approx(x.q)
+
+
+def test_an_effort_of_some_joints_is_not_used(tmp_path: Path) -> None:
+    effort = made().run.tau.copy()
+    effort[:, 1] = np.nan
+    found = read(tmp_path, messages(effort=effort))
+    assert found.recording.effort is None
+    assert found.notes == ('the effort is not used: there is none of joint2',)
+
+
+def test_typos_in_joints(tmp_path: Path) -> None:
+    with pytest.raises(CtcError, match='--joints: joint1 stands there more than once'):
+        read(tmp_path, messages(), 'joint1', 'joint2', 'joint1')
+    many = tuple(f'jiont{k}' for k in range(10 ** 5))
+    with pytest.raises(CtcError, match=r'100000 in all.*did you mean joint1\?') as error:
+        read_motion(tmp_path / 'bag', many)
+    assert len(str(error.value)) < 600
+
+
+@pytest.mark.parametrize('compression', ['message', 'file', 'storage'])
+def test_compressed_bags(tmp_path: Path, compression: str) -> None:
+    found = read_motion(write(tmp_path / 'bag', messages(), compression=compression))
+    assert found.recording.command == pytest.approx(made().recording.command)
