@@ -149,6 +149,16 @@ class UrdfModel(Model):
                 found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
         return found
 
+    def inertial_parameters(self) -> Array:
+        """
+        Return ten parameters for each joint's body, shape (10 n,), bodies in our order.
+
+        They are mass, first moments, and xx, xy, yy, xz, yz, zz of the inertia about the origin of
+        Pinocchio's frame of the joint.
+        """
+        return np.concatenate([self._model.inertias[int(i) + 1].toDynamicParameters()
+                               for i in self._back])
+
     def parameter_sizes(self) -> Array:
         """Return how large each parameter is roughly, shape (10 n,)."""
         sizes = []
