@@ -12,14 +12,22 @@ from __future__ import annotations
 import argparse
 from collections import defaultdict
 from collections.abc import Iterator
+import dataclasses
+from functools import partial
 import json
 from pathlib import Path
+import tempfile
 import traceback
 from typing import Any
 
+from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.identification.report.parameter_values import parameter_values
+from ctc_chattering.identification.report.recommendation import Recommendation
+from ctc_chattering.identification.report.results import IdentificationResults
+from ctc_chattering.identification.report.trial_runs import COUNT, setups_tried, trial_runs
 from faults_of_arms import Case, case, FAULTS, recorded
 from faulty_robots import lab_gains, played
+from identified_robots import arm
 from identification_judge import judged, model_of, Outcome, outcome
 import numpy as np
 from unseen_motion import config_of, fast, tracked
@@ -30,34 +38,60 @@ ROBOTS = ('two_link', 'two_link_urdf', 'panda', 'ur5')
 _UNSEEN = 10.0
 
 
-def row(robot: str, fault: str, seed: int, duration: float, gains: bool = True
+def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
         ) -> dict[str, Any]:
-    """Return what is found of one robot with one fault."""
+    """Return what is found of one robot with one fault; without trials gains are not tried."""
     one = case(robot, fault, seed, duration)
     seen, recording = recorded(one, seed, duration)
     if not np.isfinite(seen.q).all():
         return {'robot': robot, 'fault': fault, 'seed': seed, 'lost': 'the plant diverged'}
     made = outcome(one, recording, seed)
+    if made.results is not None and trials and all(x.usable for x in made.results.verdicts):
+        made = with_trials(one, made, made.results, recording.q, trials)
     found = {'robot': robot, 'fault': fault, 'seed': seed,
              **judged(one, fault, seen, made, duration)}
-    if made.recommended is not None and gains:
-        found.update(tried(one, made, recording.q, seed))
+    if made.results is not None:
+        found.update(tried(one, made, made.results, recording.q, seed, bool(trials)))
     return found
 
 
-def tried(one: Case, made: Outcome, q: Any, seed: int) -> dict[str, Any]:
+def with_trials(one: Case, made: Outcome, results: IdentificationResults, q: Any, trials: int
+                ) -> Outcome:
+    """Return an outcome with gains that survive trial runs."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / 'robot.urdf'
+        file.write_text(arm(one.robot.name).urdf, encoding='utf-8')
+        values = partial(values_of, one, results, q, file)
+        compile_setups(setups_tried(results.recommended, values), lambda _: None)
+        recommended = trial_runs(results.found, results.run, results.recommended, values, None,
+                                 trials, 1)
+    results = dataclasses.replace(results, recommended=recommended)
+    return made._replace(results=results, severity=tuple(x.severity for x in results.verdicts),
+                         reasons=tuple(map(str, results.verdicts)))
+
+
+def values_of(one: Case, results: IdentificationResults, q: Any, file: Path,
+              recommended: Recommendation) -> dict[str, dict[str, Any]]:
+    """Return the parameter file of gains."""
+    shared = {'model': 'two_link', 'gravity': 9.81}
+    if arm(one.robot.name).urdf:
+        shared = {'model': 'urdf', 'gravity': 9.81, 'description': str(file)}
+    return parameter_values(results.found, recommended, model_of(one), q, shared, None)
+
+
+def tried(one: Case, made: Outcome, results: IdentificationResults, q: Any, seed: int,
+          gains: bool) -> dict[str, Any]:
     """Return what the recommended gains are worth in an unseen motion."""
-    assert made.found is not None and made.recommended is not None
-    robot = one.robot
+    robot, recommended = one.robot, results.recommended
     route = fast(robot, _UNSEEN, seed)
-    clean = np.array([int(x) < 2 for x in made.severity])
     peak = np.abs(played(robot, route, seed).perturbation(robot.nominal)).max(axis=0)
-    ka = np.array(made.recommended.values['ka'][0], float)
-    found = {'ka_over_peak': (ka / peak)[clean & np.isfinite(ka)].round(3).tolist()}
-    values = parameter_values(made.found, made.recommended, model_of(one), q, {}, None
-                              )['controller']
-    if not clean.all():
+    usable = [x.usable for x in results.verdicts]
+    found: dict[str, Any] = {'ka_over_peak': [
+        round(k / p, 3) for k, p, good in zip(recommended.ka, peak.tolist(), usable)
+        if good and k is not None]}
+    if not gains or not all(usable):
         return found
+    values = values_of(one, results, q, Path(), recommended)['controller']
     kp, kv = lab_gains(robot)
     n = [1.0] * robot.n
     before = config_of(robot, {'law': 'compensation', 'kp': [kp * x for x in n],
@@ -66,7 +100,7 @@ def tried(one: Case, made: Outcome, q: Any, seed: int) -> dict[str, Any]:
            for config in (before, config_of(robot, values))]
     with np.errstate(all='ignore'):
         better = rms[0] / rms[1]
-    return {**found, 'law': made.recommended.law,
+    return {**found, 'law': recommended.law, 'trials': list(recommended.trials),
             'better': np.nan_to_num(better, nan=0.0).round(2).tolist()}
 
 
@@ -111,7 +145,8 @@ def main() -> None:
     parser.add_argument('--duration', type=float, default=25.0)
     parser.add_argument('--only', default='', metavar='A,B',
                         help='faults and robots, with commas; of both kinds, those of both')
-    parser.add_argument('--without-gains', action='store_true', help='do not try the gains')
+    parser.add_argument('--trials', type=int, default=COUNT,
+                        help='of the recommended gains, as `ctc identify` has it; 0: try no gains')
     parser.add_argument('--rows', type=Path, default=Path('faults.jsonl'),
                         help='where outcomes are added, one a line; those there are not run again')
     options = parser.parse_args()
@@ -129,7 +164,7 @@ def main() -> None:
         if key in done:
             continue
         try:
-            rows.append(row(*key, options.duration, not options.without_gains))
+            rows.append(row(*key, options.duration, options.trials))
         except Exception:  # A defect of what is judged: it is in the table.
             rows.append({**dict(zip(('robot', 'fault', 'seed'), key)),
                          'failed': traceback.format_exc()})

@@ -18,8 +18,8 @@ from ctc_chattering.identification.regression.finding import Severity
 from ctc_chattering.identification.regression.identify import Identification, identify
 from ctc_chattering.identification.regression.model_errors import candidates
 from ctc_chattering.identification.report.perturbation import perturbation
-from ctc_chattering.identification.report.recommendation import recommend, Recommendation
-from ctc_chattering.identification.report.verdict import verdicts
+from ctc_chattering.identification.report.recommendation import recommend
+from ctc_chattering.identification.report.results import IdentificationResults
 from faults_of_arms import Case, truths
 from faulty_bags import bag_of
 from faulty_robots import Played
@@ -82,8 +82,7 @@ class Outcome(NamedTuple):
     """What `ctc identify` makes of a recording; nothing but `refusal` where it refuses all."""
 
     refusal: str
-    found: Identification | None = None
-    recommended: Recommendation | None = None
+    results: IdentificationResults | None = None
     severity: tuple[Severity, ...] = ()
     reasons: tuple[str, ...] = ()
     seconds: float = 0.0
@@ -107,12 +106,13 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
             begin = time.perf_counter()
         recording = recording.checked()
         found = identify([recording], model, candidates(model, urdf, {}))
-        recommended = recommend(found, perturbation(found), model, recording.q)
+        run = perturbation(found)
+        results = IdentificationResults(recording.name, found, run,
+                                        recommend(found, run, model, recording.q), None)
     except CtcError as error:
         return Outcome(str(error))
-    judged = verdicts(found)
-    return Outcome('', found, recommended, tuple(x.severity for x in judged),
-                   tuple(str(x) for x in judged), time.perf_counter() - begin)
+    return Outcome('', results, tuple(x.severity for x in results.verdicts),
+                   tuple(map(str, results.verdicts)), time.perf_counter() - begin)
 
 
 def numbers(one: Case, found: Identification, seen: Played, duration: float) -> Iterator[Number]:
@@ -173,19 +173,19 @@ def judged(one: Case, fault: str, seen: Played, made: Outcome, duration: float
     nothing is said of its joint, and one of all joints if nothing is said of any.
     """
     n = one.robot.n
-    if made.found is None:
+    if made.results is None:
         return {'refusal': made.refusal, 'held': [], 'wrong': [], 'usable': 0, 'care': 0,
                 'refused': n}
     clean = [x == Severity.NOTE for x in made.severity]
-    said = [(str(x), x.holds, x.wrong, x.joint)
-            for x in numbers(one, made.found, seen, duration)]
-    said += list(timings(one, made.found))
+    found = made.results.found
+    said = [(str(x), x.holds, x.wrong, x.joint) for x in numbers(one, found, seen, duration)]
+    said += list(timings(one, found))
     held = [bool(holds) for _, holds, _, i in said if (clean[i] if i >= 0 else any(clean))]
     wrong = [words for words, _, bad, i in said if bad and (clean[i] if i >= 0 else any(clean))]
     warned = [words for words, _, bad, i in said
               if bad and i >= 0 and made.severity[i] == Severity.CARE]
     if any(clean):
-        wrong += masses(fault, made.found)
+        wrong += masses(fault, found)
     return {'refusal': '', 'held': held, 'wrong': wrong, 'warned': warned,
             'usable': sum(clean), 'care': sum(x == Severity.CARE for x in made.severity),
             'refused': sum(x == Severity.REFUSED for x in made.severity),

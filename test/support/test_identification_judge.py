@@ -11,7 +11,6 @@ from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Severity
-from ctc_chattering.identification.regression.identify import Identification
 from faults_of_arms import Case, case, recorded
 from faulty_bags import bag_of
 from faulty_robots import Played, sampled
@@ -30,10 +29,13 @@ def made() -> tuple[Case, Played, Recording, Outcome]:
     return one, seen, recording, outcome(one, recording, 2)
 
 
-def with_coulomb(found: Identification, value: float, half: float) -> Identification:
+def with_coulomb(made: Outcome, value: float, half: float) -> Outcome:
+    assert made.results is not None
+    found = made.results.found
     friction = [dataclasses.replace(x, coulomb=Estimate(value, half, 'N*m'))
                 for x in found.friction]
-    return dataclasses.replace(found, friction=friction)
+    return made._replace(results=dataclasses.replace(
+        made.results, found=dataclasses.replace(found, friction=friction)))
 
 
 def test_a_plain_robot_is_identified_without_a_wrong_number() -> None:
@@ -47,12 +49,11 @@ def test_a_plain_robot_is_identified_without_a_wrong_number() -> None:
 
 def test_a_wrong_number_is_counted_unless_something_warns_of_its_joint() -> None:
     one, seen, _, right = made()
-    assert right.found is not None
     true = one.robot.physics.coulomb
-    bad = right._replace(found=with_coulomb(right.found, 1.05 * true[0], 0.001))
+    bad = with_coulomb(right, 1.05 * true[0], 0.001)
     row = judged(one, 'plain', seen, bad, _SECONDS)
     assert any(x.startswith('coulomb[0]') for x in row['wrong'])
-    wide = right._replace(found=with_coulomb(right.found, 1.05 * true[0], 0.1 * true[0]))
+    wide = with_coulomb(right, 1.05 * true[0], 0.1 * true[0])
     assert not any(x.startswith('coulomb[0]') for x in judged(
         one, 'plain', seen, wide, _SECONDS)['wrong'])
     warned = bad._replace(severity=(Severity.CARE, Severity.CARE))

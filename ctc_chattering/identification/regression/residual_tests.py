@@ -38,7 +38,7 @@ _PEAK = 2.0
 #: Probability by chance below which a dependence counts.
 _CHANCE = 1e-6
 #: How much more than the shift of a coefficient its interval is widened by.
-_SURE = 1.25
+_SURE = 1.5
 #: Fewest windows of a joint, and most effects that are named.
 _FEWEST, _MOST = 60, 3
 #: Singular value, of columns of length 1, below which columns are like those of the friction.
@@ -110,7 +110,8 @@ class Unexplained(NamedTuple):
         return _PEAK * float(np.sqrt(sum(x.size ** 2 for x in self.effects) + self.rest ** 2))
 
 
-def effect(cause: Cause, friction: Array, residual: Array, tried: int = 1) -> Effect | None:
+def effect(cause: Cause, friction: Array, others: Array, residual: Array, tried: int = 1
+           ) -> Effect | None:
     """
     Return what the columns of a cause explain of a residual, None for what chance explains.
 
@@ -118,29 +119,29 @@ def effect(cause: Cause, friction: Array, residual: Array, tried: int = 1) -> Ef
     ----------
     cause : Cause
         With K rows.
-    friction : ndarray, shape (K, p)
-        Columns of the fit.
+    friction, others : ndarray, shapes (K, p) and (K, m)
+        Columns of the fit, and those of causes that were found before.
     residual : ndarray, shape (K,)
-        Of the fit [N·m].
+        Of the fit with both [N·m].
     tried : int
         How many such causes this one is the best of.
 
     """
-    basis = np.linalg.qr(_scaled(friction))[0]
+    basis = np.linalg.qr(_scaled(np.column_stack((friction, others))))[0]
     columns = _scaled(cause.columns)
     u, s, v = np.linalg.svd(columns - basis @ (basis.T @ columns), full_matrices=False)
     kept = s > _ALIKE
     u, s, v = u[:, kept], s[kept], v[kept]
     found = u.T @ residual
     rest = residual - basis @ (basis.T @ residual) - u @ found
-    degrees = max(len(residual) - len(s) - friction.shape[1], 1)
+    degrees = max(len(residual) - len(s) - basis.shape[1], 1)
     noise = float(rest.dot(rest)) / degrees * correlation_length(rest)
     power = float(found.dot(found))
     chance = noise * float(chi2.isf(_CHANCE / tried, max(len(s), 1)))
     if power <= chance:
         return None
     whole = columns @ (v.T @ (found / s))
-    shift = np.linalg.lstsq(friction, residual - whole, rcond=1e-9)[0]
+    shift = np.linalg.lstsq(friction, -whole, rcond=1e-9)[0]
     return Effect(cause, float(np.sqrt(power / len(residual))), shift, residual, u @ found)
 
 
@@ -157,23 +158,23 @@ def unexplained(found: FittedMotion, i: int) -> Unexplained | None:
     mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
     if used.sum() < _FEWEST or not mine:
         return None
-    columns, rest = fit.design[used, i][:, mine], fit.residual[used, i]
-    level = float(np.sqrt(np.square(columns @ fit.value[mine]).mean()))
+    friction, rest = fit.design[used, i][:, mine], fit.residual[used, i]
+    level = float(np.sqrt(np.square(friction @ fit.value[mine]).mean()))
     effects: list[Effect] = []
-    options = list(causes(found, i))
+    others, options = np.zeros((len(rest), 0)), list(causes(found, i))
     while len(effects) < _MOST:
-        shown = [effect(cause, columns, rest) for cause in options]
+        shown = [effect(cause, friction, others, rest) for cause in options]
         if len(effects) in (0, _MOST - 1) or not any(shown):
             wave, tried = periodic(found, i, rest)
-            shown += [effect(wave, columns, rest, tried)] if wave else []
+            shown += [effect(wave, friction, others, rest, tried)] if wave else []
         best = max((x for x in shown if x is not None), key=lambda x: x.size, default=None)
         if best is None:
             break
         effects.append(best)
         options = [x for x in options if x.against != best.cause.against]
-        columns = np.column_stack((columns, best.cause.columns))
-        scaled = _scaled(columns)
-        rest = rest - scaled @ np.linalg.lstsq(scaled, rest, rcond=_ALIKE)[0]
+        others = np.column_stack((others, best.cause.columns))
+        scaled = _scaled(np.column_stack((friction, others)))
+        rest = rest - scaled @ np.linalg.lstsq(scaled, rest, rcond=1e-6)[0]
     whole = np.zeros(len(used))
     whole[used] = rest
     return Unexplained(tuple(effects), _correlated(whole, used.astype(float)), level)
