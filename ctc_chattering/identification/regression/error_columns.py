@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.analysis.recording import Indices
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.linear_model import LinearModel
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.weak_form import TestFunction
