@@ -116,7 +116,8 @@ def _bounds(found: Identification) -> Iterator[Finding]:
         yield from _friction_bounds(i, friction)
         yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT,
                              left is not None and left.off > 0.0)
-        if lag >= _LONG_LAG:
+        if lag >= _LONG_LAG and not any(x.joint == i and x.severity == Severity.REFUSED
+                                        for x in found.findings):
             yield Finding(
                 Severity.CARE, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
                 'have: an elastic joint or backlash looks like that',
