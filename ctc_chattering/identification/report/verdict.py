@@ -21,8 +21,6 @@ _UNEVEN = 0.5
 _WIDE = 0.2
 #: Part of the range of Stribeck velocities that counts as its end.
 _END = 0.97
-#: A longer lag is none of a drive that takes torques; the scan goes on to 39 ms [s].
-_LONGEST_LAG = 0.025
 #: Torque per torque unit of a signal, and part of a mass that may lack, at most.
 _SCALES, _LIGHTEST = (0.4, 2.5), 0.9
 #: A lag of a drive that is rare [s].
@@ -118,12 +116,8 @@ def _bounds(found: Identification) -> Iterator[Finding]:
         yield from _friction_bounds(i, friction)
         yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT,
                              left is not None and left.off > 0.0)
-        if lag >= _LONGEST_LAG:
-            yield Finding(
-                Severity.REFUSED, i, f'the lag of the drive would be {lag:.3g} s; drives have at '
-                f'most {_LONGEST_LAG:g} s: an inertia that the model lacks looks like that',
-                'correct inertia and rotor inertia of the model')
-        elif lag >= _LONG_LAG:
+        if lag >= _LONG_LAG and not any(x.joint == i and x.severity == Severity.REFUSED
+                                        for x in found.findings):
             yield Finding(
                 Severity.CARE, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
                 'have: an elastic joint or backlash looks like that',
