@@ -7,9 +7,9 @@ import dataclasses
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.spline import interpolated
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 Indices = npt.NDArray[np.intp]
 
@@ -159,7 +159,7 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         near = np.rint((at - at[0]) / period)
         grid += float(np.median(at - at[0] - period * near))
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
-        effort, command = (None if x is None else x[part][held]
+        effort, command = (None if x is None else x[part[held]]
                            for x in (recording.effort, recording.command))
-        yield Stretch(float(grid[0]), period, CubicSpline(at, recording.q[part])(grid),
+        yield Stretch(float(grid[0]), period, interpolated(at, recording.q[part], grid),
                       effort, command)
