@@ -8,8 +8,8 @@ import dataclasses
 from ctc_chattering.analysis.time_stamps import Indices, ordered, StampBreak
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.spline import interpolated
 import numpy as np
-from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 #: Most samples missing at a stretch that are interpolated.
 BRIDGED = 5
@@ -162,7 +162,7 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         near = np.rint((at - at[0]) / period)
         grid += float(np.median(at - at[0] - period * near))
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
-        effort, command = (None if x is None else x[part][held]
+        effort, command = (None if x is None else x[part[held]]
                            for x in (recording.effort, recording.command))
         # Where a state is missing, an older command stands.
         older = float(np.mean(np.clip(np.rint((grid - at[held]) / period), 0.0, None)))
@@ -180,10 +180,10 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
     """
     period = grid[1] - grid[0]
     place, first = np.unique(np.rint((t - grid[0]) / period), return_index=True)
-    found: Array = CubicSpline(t, q)(grid)
+    found: Array = interpolated(t, q, grid)
     if np.std(t[first] - grid[0] - period * place) < _EVEN * period:
         return found
-    even: Array = CubicSpline(grid[0] + period * place, q[first])(grid)
+    even: Array = interpolated(grid[0] + period * place, q[first], grid)
     rough, less = (np.median(np.abs(np.diff(x, 3, axis=0)), axis=0) for x in (found, even))
     return even if (less < rough).sum() > 0.5 * len(rough) else found
 
