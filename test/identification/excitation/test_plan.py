@@ -28,8 +28,8 @@ from urdfs import PANDA, panda, UR5, ur5
 Array = npt.NDArray[np.float64]
 ROOT = Path(__file__).parents[3]
 ROBOTS = ('friction', 'panda', 'ur5')
-#: Step of the finite differences [s], and size of the searches.
-STEP, EVALUATIONS = 0.01, 70
+#: Step of the finite differences and duration of the motions [s], and size of the searches.
+STEP, DURATION, EVALUATIONS = 0.01, 60.0, 50
 
 
 class Motion(NamedTuple):
@@ -46,7 +46,7 @@ class Motion(NamedTuple):
 @cache
 def made(robot: str) -> Plan:
     setup = parameter_file.load(ROOT / 'config' / f'{robot}.yaml')
-    return plan(setup, request_of(setup, {}), None, EVALUATIONS, 1)
+    return plan(setup, request_of(setup, {'duration': DURATION}), None, EVALUATIONS, 1)
 
 
 @pytest.fixture(scope='module', params=ROBOTS)
@@ -62,7 +62,7 @@ def of(robot: str, out: Path) -> Motion:
     plant = setup.plant
     way = make_motion(setup.reference, setup.route, dict(zip(
         plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
-    t = np.arange(0.0, 60.0 + STEP / 2.0, STEP)
+    t = np.arange(0.0, DURATION + STEP / 2.0, STEP)
     points = [way.at(round(x * 1e9)) for x in t]
     q = np.array([point[0] for point in points])
     return Motion(found, setup, t[1:-1], q[1:-1], (q[2:] - q[:-2]) / (2.0 * STEP),
@@ -109,8 +109,8 @@ def test_it_begins_and_ends_at_rest_without_jumps(motion: Motion) -> None:
     # A quintic over 1 rad in 1 s has a jerk of 60 rad/s³; a jump is that of any step.
     assert np.abs(np.diff(motion.dq, axis=0)).max() < 7.0 * STEP
     assert np.abs(np.diff(motion.ddq, axis=0)).max() < 60.0 * STEP
-    assert motion.setup.plant.duration == 60.0
-    assert motion.found.excitation.route.times[-1] == 60_000_000_000
+    assert motion.setup.plant.duration == DURATION
+    assert motion.found.excitation.route.times[-1] == DURATION * 1e9
 
 
 def reversals(t: Array, dq: Array, begin: float, end: float) -> list[tuple[int, int]]:
@@ -194,7 +194,7 @@ def test_the_robot_under_friction_reverses_where_the_motion_does(robot: str, tmp
     """Check a run under law compensation: no joint sticks through the slow reversals."""
     motion = of(robot, tmp_path)
     run = run_of(motion)
-    assert run.t[-1] == 60.0
+    assert run.t[-1] == DURATION
     for i, slow in enumerate(motion.found.bounds.slow):
         for begin, end in motion.found.excitation.slow:
             # The first way may begin with the other sign: friction held the joint elsewhere.
@@ -238,7 +238,7 @@ def test_what_the_command_prints_and_writes(tmp_path: Path) -> None:
     assert (setup.controller.law, setup.plant.duration, setup.events) == ('compensation', 80.0, ())
     before = parameter_file.load(ROOT / 'config' / 'panda.yaml')
     assert (np.array(setup.controller.kp) >= before.controller.kp).all()
-    refused(ctc('excite', '--params-file', 'panda', '--evaluations', 1, '--out', tmp_path),
+    refused(ctc('excite', '--evaluations', 1, '--out', tmp_path),
             'motion.yaml', 'exists already')
     without = ctc('excite', '--evaluations', 1)
     assert without.returncode == 0
