@@ -88,6 +88,8 @@ def run(options: argparse.Namespace) -> int:
     if options.floor is not None:
         check('--floor', options.floor, -inf)
     allowed = allowed_pairs(_text(options.srdf)) if options.srdf is not None else ()
+    if options.out is not None and not options.overwrite:
+        prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
     found = plan(setup, config, friction, options.evaluations, options.seed, allowed,
                  options.floor)
     if options.out is not None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
 from ctc_chattering.identification.excitation.fourier_series import at_rest
 from ctc_chattering.identification.excitation.limits import Bounds, ExcitationConfig
 from ctc_chattering.identification.excitation.motion import PathBuilder, Shapes
-from ctc_chattering.trajectory.waypoints import Waypoints
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 import pytest
 
@@ -46,3 +49,14 @@ def test_a_long_motion_repeats_a_series() -> None:
     period = (end - begin) / np.ceil((end - begin) / 45.0)
     t = begin + np.linspace(0.0, period, 50)
     assert path.at(t) == pytest.approx(path.at(t + 7.0 * period), abs=1e-6)
+
+
+def test_waypoints_are_read_as_they_were_written(tmp_path: Path) -> None:
+    route = Route(('b', 'a'), (100_000_001, 2_000_000_000), (
+        ((1.0, -2.5e-7), (1e8, 0.0), (3.0, -4.0)), ((1.5, 2.0), (), ())))
+    write_trajectory(route, tmp_path / 'way.yaml')
+    read = read_trajectory(tmp_path / 'way.yaml', ('b', 'a'))
+    assert read.times == route.times
+    assert read.points == route.points
+    turned = read_trajectory(tmp_path / 'way.yaml', ('a', 'b'))
+    assert turned.points[0][0] == (-2.5e-7, 1.0)

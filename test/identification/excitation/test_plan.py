@@ -11,14 +11,12 @@ import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
-from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.identification.excitation.plan import Plan, plan, request_of, write
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.trajectory.reference import make_motion
-from ctc_chattering.trajectory.waypoints import Route
 from ctc_commands import ctc, refused
 import numpy as np
 import numpy.typing as npt
@@ -290,14 +288,3 @@ def test_a_motion_that_shows_little_is_warned_of() -> None:
     result = ctc('excite', '--params-file', 'panda', '--evaluations', 1, '--position-range', 0.02)
     assert result.returncode == 0, result.stderr
     assert 'hardly separates friction and errors of the model' in result.stdout
-
-
-def test_waypoints_are_read_as_they_were_written(tmp_path: Path) -> None:
-    route = Route(('b', 'a'), (100_000_001, 2_000_000_000), (
-        ((1.0, -2.5e-7), (1e8, 0.0), (3.0, -4.0)), ((1.5, 2.0), (), ())))
-    write_trajectory(route, tmp_path / 'way.yaml')
-    read = read_trajectory(tmp_path / 'way.yaml', ('b', 'a'))
-    assert read.times == route.times
-    assert read.points == route.points
-    turned = read_trajectory(tmp_path / 'way.yaml', ('a', 'b'))
-    assert turned.points[0][0] == (-2.5e-7, 1.0)
