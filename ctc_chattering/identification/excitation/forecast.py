@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.excitation.best_motion import Quintics
 from ctc_chattering.identification.excitation.margins import AssumedFriction
-from ctc_chattering.identification.excitation.motion import Quintics
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 import numpy as np

@@ -7,8 +7,8 @@ import dataclasses
 from typing import NamedTuple, Protocol
 
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.excitation.best_motion import Quintics
 from ctc_chattering.identification.excitation.collision import SelfCollision
-from ctc_chattering.identification.excitation.motion import Quintics
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 import numpy as np

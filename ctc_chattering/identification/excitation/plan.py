@@ -13,6 +13,7 @@ from ctc_chattering.configuration.trajectory_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
 from ctc_chattering.errors import CtcError, MachineError, ParameterError
+from ctc_chattering.identification.excitation.best_motion import Excitation, Shapes
 from ctc_chattering.identification.excitation.collision import Approach, SelfCollision
 from ctc_chattering.identification.excitation.forecast import gains, Played, played, sticking
 from ctc_chattering.identification.excitation.information import Regression
@@ -23,7 +24,6 @@ from ctc_chattering.identification.excitation.margins import (
     Limit,
     TorqueLimit,
 )
-from ctc_chattering.identification.excitation.motion import Excitation, Shapes
 from ctc_chattering.identification.excitation.search import BestMotion, Search
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS

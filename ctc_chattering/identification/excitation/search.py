@@ -16,10 +16,10 @@ from math import inf, log
 from typing import NamedTuple
 
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.excitation.best_motion import Shapes
 from ctc_chattering.identification.excitation.information import Information, Regression
 from ctc_chattering.identification.excitation.limits import Bounds
 from ctc_chattering.identification.excitation.margins import Limit, Margin
-from ctc_chattering.identification.excitation.motion import Shapes
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 import numpy as np

@@ -8,6 +8,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.excitation.best_motion import Shapes
 from ctc_chattering.identification.excitation.collision import SelfCollision
 from ctc_chattering.identification.excitation.information import Regression
 from ctc_chattering.identification.excitation.limits import bounds_of, ExcitationConfig
@@ -17,7 +18,6 @@ from ctc_chattering.identification.excitation.margins import (
     Limit,
     TorqueLimit,
 )
-from ctc_chattering.identification.excitation.motion import Shapes
 from ctc_chattering.identification.excitation.plan import plan, request_of
 from ctc_chattering.identification.excitation.search import Search
 from ctc_chattering.trajectory.joint_limits import DescribedLimits

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
+from ctc_chattering.identification.excitation.best_motion import PathBuilder, Shapes
 from ctc_chattering.identification.excitation.fourier_series import at_rest
 from ctc_chattering.identification.excitation.limits import Bounds, ExcitationConfig
-from ctc_chattering.identification.excitation.motion import PathBuilder, Shapes
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 import pytest
