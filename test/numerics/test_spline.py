@@ -3,7 +3,7 @@
 from ctc_chattering.numerics.spline import interpolated
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 
 @pytest.mark.parametrize('count', [4, 100, 30_000])

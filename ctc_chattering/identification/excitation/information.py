@@ -14,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ctc_chattering.dynamics.linear_model import LinearModel
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification.excitation.limits import Bounds
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -195,20 +195,13 @@ class Regression:
 
 def _columns_of(model: Model) -> Columns:
     """Return the function that has the columns of a model."""
-    if isinstance(model, TwoLink):
-        return _two_link
-    one = getattr(model, 'torque_regressor', None) or (lambda *state: _parts(model, *state))
+    down = np.array([0.0, 0.0, -model.gravity])
+
+    def one(q: Array, dq: Array, ddq: Array) -> Array:
+        if isinstance(model, LinearModel):
+            return model.torque_regressor(q, dq, ddq, down)
+        return _parts(model, q, dq, ddq)
     return lambda q, dq, ddq: np.array([one(*state) for state in zip(q, dq, ddq)])
-
-
-def _two_link(q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the columns of M11, M22, half the factor of cos q2, and both terms of gravity."""
-    (v1, v2), (a1, a2) = dq.T, ddq.T
-    c, s, both = np.cos(q[:, 1]), np.sin(q[:, 1]), np.sin(q.sum(axis=1))
-    none = 0.0 * c
-    first = (a1, a2, (2.0 * a1 + a2) * c - (2.0 * v1 + v2) * v2 * s, np.sin(q[:, 0]), both)
-    second = (none, a1 + a2, a1 * c + v1 * v1 * s, none, both)
-    return np.asarray(np.array((first, second)).transpose(2, 0, 1))
 
 
 def _parts(model: Model, q: Array, dq: Array, ddq: Array) -> Array:

@@ -232,8 +232,8 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     if uneven:
         delays = range(-1, delays.stop)
     while True:
-        search = DriveSearch(DriveScan(parts, rows, profile, phi, delays, LAGS[:lags], uneven), moving,
-                             shifts)
+        scan = DriveScan(parts, rows, profile, phi, delays, LAGS[:lags], uneven)
+        search = DriveSearch(scan, moving, shifts)
         fastest = None if uneven else _fastest(parts)
         if fastest is not None:
             search.search_rates(fastest)
