@@ -195,11 +195,9 @@ class Regression:
 
 def _columns_of(model: Model) -> Columns:
     """Return the function that has the columns of a model."""
-    down = np.array([0.0, 0.0, -model.gravity])
-
     def one(q: Array, dq: Array, ddq: Array) -> Array:
         if isinstance(model, LinearModel):
-            return model.torque_regressor(q, dq, ddq, down)
+            return model.torque_regressor(q, dq, ddq, np.array([0.0, 0.0, -model.gravity]))
         return _parts(model, q, dq, ddq)
     return lambda q, dq, ddq: np.array([one(*state) for state in zip(q, dq, ddq)])
 
