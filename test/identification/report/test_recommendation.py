@@ -60,7 +60,8 @@ def test_noise_forbids_a_chattering_term_by_the_condition_of_the_theory() -> Non
 
 def test_lag_and_delay_slow_the_gains_down() -> None:
     lag = np.array([6e-3, 2e-3])
-    timing = dataclasses.replace(FOUND.timing, delay=3.0, lag=lag, delays={3: np.tile(lag, (3, 1))})
+    timing = dataclasses.replace(FOUND.timing, delay=3.0, lag=lag,
+                                 delays={3: np.tile(lag, (3, 1))})
     values = recommended(dataclasses.replace(FOUND, timing=timing)).values
     assert values['law'][0] == 'observer_feedback'
     assert values['input_delay'][0] == 3
