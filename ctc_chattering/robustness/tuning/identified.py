@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 import dataclasses
 import json
 from pathlib import Path
@@ -115,11 +115,6 @@ def _model(found: Mapping[str, Any], setup: Setup) -> Iterator[Uncertain]:
 
 def _notes(found: Mapping[str, Any], setup: Setup) -> Iterator[str]:
     """Yield what is not known, and not drawn."""
-    names: Sequence[str] = found['joint_names']
-    unknown = [name for name, x in zip(names, found['friction']) if x['coulomb']['value'] is None]
-    if unknown:
-        yield (f'friction of {", ".join(unknown)} is not known, and 0 in {VALUES}: correct it '
-               'there')
     if found['delay_samples'] is None and len(found['delays_possible']) < 2:
         yield f'the delay is not known, and {setup.plant.input_delay} in {VALUES}'
     for x in found['model_errors']:

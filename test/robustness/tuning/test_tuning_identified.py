@@ -103,12 +103,11 @@ def test_errors_of_masses_widen_the_model_and_a_payload_is_carried(tmp_path: Pat
     assert spec.notes == ('payload of -1 kg is not drawn',)
 
 
-def test_friction_that_is_not_known_is_noted(tmp_path: Path) -> None:
+def test_friction_without_an_interval_is_not_drawn(tmp_path: Path) -> None:
     friction = [{'coulomb': NONE, 'viscous': NONE}, {'coulomb': NONE, 'viscous': NONE}]
     spec = identified_spec(written(tmp_path, contents(friction=friction)), {})
     assert {'coulomb', 'viscous'} & set(ranges(spec)) == set()
-    assert spec.notes == (
-        'friction of a, b is not known, and 0 in identified.yaml: correct it there',)
+    assert not spec.notes
 
 
 @pytest.mark.parametrize('text', ['{', '[]', '3', '{}', '{"friction": 1}', '{"friction": [{}]}'])
