@@ -139,10 +139,10 @@ class Projected:
         rest = right - design @ np.linalg.lstsq(design, right, rcond=1e-10)[0]
         return Explanation(tuple(chosen), tuple(values), float(rest @ rest))
 
-    def deviation(self, found: Explanation, cause: Cause) -> float:
+    def deviation(self, found: Explanation, cause: Cause, saturated: bool = False) -> float:
         """Return how exactly the first number of another cause would be known beside these."""
         design, _ = self._design((*found.causes, cause),
-                                 (*found.values, np.zeros(len(cause.size))), False)
+                                 (*found.values, np.zeros(len(cause.size))), saturated)
         place = design.shape[1] - len(cause.size)
         length = float(np.linalg.norm(_rest(design[:, :place], design[:, place])))
         return 1.0 / length if length > 0.0 else np.inf

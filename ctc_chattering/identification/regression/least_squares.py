@@ -110,7 +110,7 @@ class Data:
         """
         torque = np.concatenate(list(torques))
         columns = {name: np.concatenate([getattr(part, name) for part in rows])
-                   for name in ('t', 'velocity', 'way', 'more', 'stribeck', 'base')}
+                   for name in ('t', 'velocity', 'way', 'more', 'stribeck', 'base', 'load')}
         known, base = np.isfinite(torque), columns.pop('base')
         columns['way'] = np.where(known, columns['way'], 0.0)
         counts = np.cumsum([0, *(len(part.t) for part in rows)])
@@ -118,8 +118,7 @@ class Data:
         residual = np.where(known, torque - base, 0.0)
         sizes = np.sqrt(np.square(residual * (columns['way'] != 0.0)).sum(axis=0)
                         / np.maximum((columns['way'] != 0.0).sum(axis=0), 1))
-        return cls(**columns, load=np.abs(base),
-                   late=np.where(known & np.isfinite(slope), slope, 0.0), residual=residual,
+        return cls(**columns, late=np.where(known & np.isfinite(slope), slope, 0.0), residual=residual,
                    starts=tuple(counts[:-1].tolist()), torque=np.where(known, torque, 0.0),
                    floor=_FLOOR * sizes)
 

@@ -45,6 +45,10 @@ _NEGLIGIBLE = 0.02
 _REFINEMENTS = 6
 #: Windows that are slow enough for it, for each velocity.
 _SLOW = 10
+#: Most causes that are believed: with more, others would explain as much.
+_CAUSES = 3
+#: Deviation of a torque constant where the motion does not show it.
+_SCALE = 0.03
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -135,7 +139,7 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
     beside = _beside(projected, causes, options)
     free = [Term(TermKind.SCALE, x.which) for x in beside.causes]
     whole = _final(data.mixed(projected.saturated), [*terms, *free], dict(missing))
-    attributed = causes.square + projected.cost * causes.count <= (
+    attributed = len(causes.causes) <= _CAUSES and causes.square + projected.cost * causes.count <= (
         beside.square + projected.cost * (projected.saturated.shape[1] + beside.count))
     if attributed and _agree(named, whole):
         alike = _alike(projected, causes, options)
@@ -144,8 +148,7 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
             again = solve(data.mixed(mixed), _all([*terms, *others], mixed.shape[1]))
             named = named[0], _containing(*named, again)
         return Selected(*named, missing, levels, mixing, causes, True, alike, projected)
-    if beside.causes:
-        whole = whole[0], _in_doubt(*whole)
+    whole = whole[0], _in_doubt(*whole, projected, beside, options)
     return Selected(*whole, missing, levels, projected.saturated, causes, False, (), projected)
 
 
@@ -167,12 +170,21 @@ def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
     return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
 
 
-def _in_doubt(fit: Fit, errors: Spread) -> Spread:
-    """Return the spread with what the scale of all torques together may be off by."""
-    size = max(abs(fit.of(term)) for term in fit.terms if term.kind == TermKind.SCALE)
-    off = size * np.array([value if term.joint >= 0 and term.kind != TermKind.SCALE else 0.0
-                           for term, value in zip(fit.terms, fit.value)]) / errors.factor
-    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+def _in_doubt(fit: Fit, errors: Spread, projected: Projected, beside: Explanation,
+              options: Sequence[Cause]) -> Spread:
+    """Return the spread with what the scales of torques may be off by."""
+    covariance = errors.covariance.copy()
+    doubts = {-1: max((abs(float(x[0])) for x in beside.values), default=0.0) / errors.factor}
+    for option in options:
+        if option.kind == CauseKind.SCALE and option.which != ALL and not any(
+                option is x for x in beside.causes):
+            doubts[option.which] = min(projected.deviation(beside, option, True), _SCALE)
+    for i, doubt in doubts.items():
+        off = doubt * np.array([
+            value if term.kind != TermKind.SCALE and term.joint >= 0 and i in (-1, term.joint)
+            else 0.0 for term, value in zip(fit.terms, fit.value)])
+        covariance += np.outer(off, off)
+    return dataclasses.replace(errors, covariance=covariance)
 
 
 def _mixed(columns: ErrorColumns, found: Explanation) -> tuple[Array, list[Term]]:
@@ -228,7 +240,9 @@ def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
             if not possible(option, found.causes):
                 continue
             other = projected.fit([*rest, option], values)
-            if (other.square + projected.cost * other.count
+            # No motion tells a torque constant of all drives from the mass of all links.
+            both = {option.kind, found.causes[k].kind} == {CauseKind.SCALE, CauseKind.MASSES}
+            if both and option.which == found.causes[k].which or (other.square + projected.cost * other.count
                     < found.square + projected.cost * (found.count + 1.0)):
                 others.append(other)
     return tuple(others)
