@@ -55,7 +55,7 @@ def test_they_are_all_that_the_torque_has() -> None:
     for q, dq, ddq in rng.normal(size=(5, 3, 7)):
         Y = model.torque_regressor(q, dq, ddq, down)
         np.testing.assert_allclose(Y @ base, Y @ x, atol=1e-4)
-    assert sum(x.known for x in found) == pytest.approx(sum(x.found.or_zero() for x in found))
+    assert sum(x.known for x in found) == pytest.approx(sum(x.found.value or 0.0 for x in found))
     assert estimate.names[0] == 'link0'
 
 
