@@ -23,7 +23,7 @@ import numpy as np
 _ORDER = (4, 5, 6, 7, 8, 9, 1, 2, 3, 0)
 _UNITS = ('kg', *['kg*m'] * 3, *['kg*m^2'] * 6)
 #: Random states; parts of a column, and of the longest, that are rounding; a factor that is 0.
-_STATES, _DEPENDENT, _ROUNDING, _ZERO = 60, 1e-6, 1e-9, 1e-6
+_STATES, _DEPENDENT, _ROUNDING, _ZERO = 60, 1e-6, 1e-5, 1e-6
 #: Terms of a combination that are written out.
 _SHOWN = 3
 #: Deviations in half an interval of 95 %.
@@ -97,7 +97,7 @@ def base_parameters(bodies: ConsistentBodies, model: LinearModel, joints: Sequen
         first = order[k]
         found.append(BaseParameter(
             labels[first].split(' ', 1)[1],
-            tuple((labels[i], float(combination[i])) for i in (first, *others)),
+            ((labels[first], 1.0), *((labels[i], float(combination[i])) for i in others)),
             float(combination @ bodies.estimate.known),
             _estimate(bodies, combination, units[first])))
     return found

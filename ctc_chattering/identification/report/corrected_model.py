@@ -13,6 +13,8 @@ import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
+#: Of causes that the data do not tell apart; the torque of the corrected model has them all.
+_AMBIGUOUS = 'explained as well by'
 
 
 def corrected_description(found: Identification, description: str,
@@ -35,7 +37,7 @@ def corrected_description(found: Identification, description: str,
             x.severity == Severity.REFUSED for x in found.findings):
         return ''
     return corrected_urdf(description, found.joints, bodies.parameters, bodies.rotor.tolist(),
-                          bodies.gravity.tolist(), locked)
+                          bodies.tilt.tolist(), locked)
 
 
 def with_correction(before: Identification, after: Identification, name: str
@@ -58,13 +60,15 @@ def with_correction(before: Identification, after: Identification, name: str
         return None
     still = {_words(x) for x in after.findings}
     cured = [Finding(Severity.NOTE, x.joint, f'with the URDF as it was: {x.reason}')
-             for x in before.findings if _words(x) not in still]
-    part = ', '.join(f'{x:.2g}' for x in now / np.where(was > 0.0, was, 1.0))
+             for x in before.findings if _words(x) not in still and _AMBIGUOUS not in x.reason]
+    assert before.bodies is not None
+    change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
+    size = ', '.join(f'{x:.2g}' for x in change)
     return dataclasses.replace(
         after, errors=before.errors, rotor=before.rotor, tilt=before.tilt, bodies=before.bodies,
         findings=(*after.findings, Finding(
-            Severity.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}: torque beyond the '
-            f"model's is {part} times what it was"), *cured))
+            Severity.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}, which changes the '
+            f'torque by {size} N*m RMS in this motion'), *cured))
 
 
 def _words(finding: Finding) -> tuple[int, str]:
