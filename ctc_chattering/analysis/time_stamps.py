@@ -214,9 +214,11 @@ def _one_period(t: Array, period: float) -> tuple[npt.NDArray[np.bool_], list[St
             continue
         good[first:end] = False
         length = float(t[end - 1] - t[first])
-        mean_step = length / max(end - 1 - first, 1)
+        # Two series at once have uneven steps; their mean says more.
+        inside = step[first:end - 1]
+        typical = float(inside.mean() if inside.mean() < period else np.median(inside))
         breaks.append(StampBreak(
             float(t[first] - t[0]), length, int(end - first), f'{length:.3g} s have a state every '
-            f'{mean_step:.3g} s, all else every {period:.3g} s: another period, or two clocks '
+            f'{typical:.3g} s, all else every {period:.3g} s: another period, or two clocks '
             'at once'))
     return good, breaks

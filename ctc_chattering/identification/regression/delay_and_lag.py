@@ -34,8 +34,9 @@ _BELOW, _ABOVE, _LAGS_ABOVE = 4, 2, 4
 _ENOUGH, _PIECE = 60.0, 5.0
 #: Alignments of a measured effort: of the period before, at the instant, of the period after.
 _ALIGNMENTS = (-1.0, -0.5, 0.0)
-#: Samples by which commands may be wrong without a word on their shape.
-_UNEVEN = 0.03
+#: Samples by which commands may be late without a change of their shape, and times as much as
+#: that they may seem to be beyond.
+_UNEVEN, _FARTHER = 0.03, 2.0
 #: Part of a lag by which it is changed for a derivative.
 _LAG_STEP = 0.02
 #: Fewest rows of a joint.
@@ -226,8 +227,10 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         return Timing(COMMAND, 0.0, np.zeros(n), np.full(n, np.inf), {}, np.zeros(n),
                       _any_rate(n), moving)
     late = [min(part.late[0] for part in parts), max(part.late[1] for part in parts)]
-    shifts = sorted({late[0], 0.0, late[1]})
     uneven = late[1] - late[0] > _UNEVEN
+    # What commands in wrong places do to the torque is not a shift alone.
+    far = _FARTHER if uneven else 1.0
+    shifts = sorted({max(far * late[0], -1.0), 0.0, min(far * late[1], 1.0)})
     delays, lags = _region(profile, parts, rows, phi, moving)
     if uneven:
         delays = range(-1, delays.stop)

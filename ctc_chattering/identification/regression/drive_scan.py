@@ -9,6 +9,7 @@ a small matrix.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import dataclasses
 from typing import NamedTuple, Protocol
 
 from ctc_chattering.analysis.recording import Stretch
@@ -24,6 +25,32 @@ from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 _FEWEST_BLOCKS, _MOST_BLOCKS, _LENGTH = 12, 60, 30
 #: Part of the torque that no model is better than; the noise has a floor there.
 _FLOOR = 1e-4
+#: Difference of sums of squares, over the variance of a residual, that may be chance.
+_WORSE = 2.5
+
+
+@dataclasses.dataclass(frozen=True)
+class DriveSet:
+    """
+    Delays, lags and rate limits that the data allow; n joints.
+
+    Attributes
+    ----------
+    delays : dict of int to ndarray, shape (3, n)
+        Lowest, best and highest lag of each drive for each delay [s].
+    best : int
+        Most likely delay [samples].
+    rate : ndarray, shape (3, n)
+        Lowest, best and highest rate limit [N·m/s]; inf where none shows.
+    misfit : ndarray, shape (n,)
+        Mean square of what is left [(N·m)²].
+
+    """
+
+    delays: dict[int, Array]
+    best: int
+    rate: Array
+    misfit: Array
 
 
 class Explained(Protocol):
@@ -180,3 +207,22 @@ def _without(x: Array, column: Array) -> Array:
     power = float(column.dot(column))
     found: Array = x - np.outer(column, column @ x / power) if power > 0.0 else x
     return found
+
+
+def deviations(power: Array | float, along: Array | float, variance: Array | float) -> Array:
+    """
+    Return how many deviations a point is away from the best one.
+
+    Parameters
+    ----------
+    power, along : float or ndarray
+        δ·δ and r0·δ, over the variance of a residual.
+    variance : float or ndarray
+        Of r0·δ; it is at least that of independent residuals.
+
+    """
+    power = np.asarray(power, float)
+    spread = np.sqrt(np.maximum(variance, power))
+    # Beyond chance for independent residuals as well, which also leaves rounding out.
+    worse = power + 2.0 * along > _WORSE
+    return np.where(worse, (power + along) / np.where(spread > 0.0, spread, 1.0), 0.0)

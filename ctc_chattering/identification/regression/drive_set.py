@@ -12,7 +12,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 
-from ctc_chattering.identification.regression.drive_scan import DriveScan, Level
+from ctc_chattering.identification.regression.drive_scan import (
+    deviations,
+    DriveScan,
+    DriveSet,
+    Level,
+)
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -24,40 +29,18 @@ _CLEAR, _CLEAR_DELAY = 2.5, 2.5
 _FINE = 160
 #: What a lag costs, as the logarithm of some hundred independent windows.
 _PER_LAG = 7.0
-#: Least ratio of neighbouring rate limits, and those of the search, from coarse to fine.
-_RATIOS = (2.0, 2.0 ** 0.25, 2.0 ** 0.0625)
+#: Ratio of the first rate limits, how many are excluded before no lower one is tried, and steps
+#: of the search beside the best ones of how many delays.
+_RATIO, _EXCLUDED = 2.0 ** 0.5, 3
+_STEPS = ((2.0 ** 0.125, 3), (2.0 ** 0.03125, 2))
 #: Rate limits among those that are possible.
 _WITHIN = 7
 #: Coarse rate limits, at most, and the first one, in fastest changes of the commands: within a
 #: period a limit shows beyond these.
-_COARSE, _FIRST = 12, 2.0
+_COARSE, _FIRST = 20, 2.0
 
 Flags = npt.NDArray[np.bool_]
 Short = npt.NDArray[np.float32]
-
-
-@dataclasses.dataclass(frozen=True)
-class DriveSet:
-    """
-    Delays, lags and rate limits that the data allow; n joints.
-
-    Attributes
-    ----------
-    delays : dict of int to ndarray, shape (3, n)
-        Lowest, best and highest lag of each drive for each delay [s].
-    best : int
-        Most likely delay [samples].
-    rate : ndarray, shape (3, n)
-        Lowest, best and highest rate limit [N·m/s]; inf where none shows.
-    misfit : ndarray, shape (n,)
-        Mean square of what is left [(N·m)²].
-
-    """
-
-    delays: dict[int, Array]
-    best: int
-    rate: Array
-    misfit: Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,7 +125,7 @@ class DriveSearch:
     def _possible(self, i: int, best: Short, other: Short) -> bool:
         """Return whether a point of joint i may be the true one, given the best one."""
         power, along, blocks = self._excess(i, best, other)
-        return bool(_deviations(power, along, np.square(blocks).sum()) <= _CLEAR)
+        return bool(deviations(power, along, np.square(blocks).sum()) <= _CLEAR)
 
     def _now_allowed(self) -> list[tuple[int, float]]:
         """Return the delays with shifts that are possible, the best one first."""
@@ -155,7 +138,7 @@ class DriveSearch:
                 self._joints, points[order[0]], points[at])]
             power, along = (sum(x[k] for x in sums) for k in range(2))
             variance = sum(float(np.square(blocks).sum()) for _, _, blocks in sums)
-            if _deviations(power, along, variance) <= _CLEAR_DELAY:
+            if deviations(power, along, variance) <= _CLEAR_DELAY:
                 found.append(at)
         return found
 
@@ -187,8 +170,8 @@ class DriveSearch:
             along = (weights @ blocks.T - own) / noise
             power = (np.einsum('tc,cd,td->t', weights, level.products[i], weights)
                      - own.sum()) / noise - 2.0 * along.sum(axis=1)
-            inside = grid[_deviations(np.maximum(power, 0.0), along.sum(axis=1),
-                                      np.square(along).sum(axis=1)) <= _CLEAR]
+            inside = grid[deviations(np.maximum(power, 0.0), along.sum(axis=1),
+                                     np.square(along).sum(axis=1)) <= _CLEAR]
             ends = [float(x) for x in (inside.min(), inside.max())] if len(inside) else [best.lag]
             step = float(np.interp(ends[-1], self._coarse[1:], np.diff(self._coarse)))
             grid = np.linspace(max(ends[0] - 2.0 * step, 0.0), min(
@@ -219,26 +202,28 @@ class DriveSearch:
             last = len(self._rates) - 1
             out += [i in self._joints and not self._rate_possible(i, last)
                     for i in range(self._n)]
-            if (out[self._joints] >= 2).all():
+            if (out[self._joints] >= _EXCLUDED).all():
                 break
-            rate = rate / _RATIOS[0]
-        for ratio in _RATIOS[1:]:
-            for rate in self._between(ratio):
-                self._add(rate)
+            rate = rate / _RATIO
+        for step, several in _STEPS:
+            self._refine(step, several)
+        low = self._rate_table(fastest)[0]
+        for k in (1, 2):  # A lower bound that is nearer.
+            self._add(np.where(low > 0.0, low * _RATIO ** (k / 3.0), np.inf))
 
-    def _between(self, ratio: float) -> list[Array]:
-        """Return rate limits around the bounds and the best one of each joint."""
-        wanted: list[list[float]] = [[] for _ in range(self._n)]
-        for i in self._joints:
-            low, best, high = self._rate(i)
-            around = [low, best / ratio ** 4, best, high / ratio ** 4]
-            if np.isinf(best):  # A bound needs no more than the first of these steps.
-                around = [low] if ratio == _RATIOS[1] else []
-            wanted[i] = sorted({x * ratio ** k for x in around for k in range(1, 4)
-                                if 0.0 < x < np.inf})
-        longest = max((len(x) for x in wanted), default=0)
-        return [np.array([x[k] if k < len(x) else np.inf for x in wanted])
-                for k in range(longest)]
+    def _refine(self, step: float, several: int) -> None:
+        """Try rate limits beside the best ones of the most likely delays."""
+        costs = {d: min(self._cost([self._best(i, d, s) for i in self._joints])
+                        for s in self._shifts) for d in self._delays}
+        for delay in sorted(costs, key=lambda d: costs[d])[:several]:
+            best = np.full(self._n, np.inf)
+            for i in self._joints:
+                points = [min((self._tried[i, delay, s][k] for s in self._shifts),
+                              key=lambda p: p.squares) for k in range(1, len(self._rates))]
+                which = min(range(len(points)), key=lambda k: points[k].squares)
+                best[i] = self._rates[1 + which][i]
+            for k in (-2, -1, 1, 2):
+                self._add(best * step ** k)
 
     def _rate(self, i: int) -> tuple[float, float, float]:
         """
@@ -301,22 +286,3 @@ class DriveSearch:
                        key=lambda p: p.squares).rest
             misfit[i] = float(np.square(rest, dtype=float).sum()) / len(rest)
         return DriveSet(delays, min(cost, key=lambda d: cost[d], default=0), rate, misfit)
-
-
-def _deviations(power: Array | float, along: Array | float, variance: Array | float) -> Array:
-    """
-    Return how many deviations a point is away from the best one.
-
-    Parameters
-    ----------
-    power, along : float or ndarray
-        δ·δ and r0·δ, over the variance of a residual.
-    variance : float or ndarray
-        Of r0·δ; it is at least that of independent residuals.
-
-    """
-    power = np.asarray(power, float)
-    spread = np.sqrt(np.maximum(variance, power))
-    # Beyond chance for independent residuals as well, which also leaves rounding out.
-    worse = power + 2.0 * along > _CLEAR
-    return np.where(worse, (power + along) / np.where(spread > 0.0, spread, 1.0), 0.0)

@@ -1,0 +1,60 @@
+"""Commands without stamps are put in the places of the states that they answer."""
+
+from __future__ import annotations
+
+from ctc_chattering.bags.command_times import Answers, answers
+import numpy as np
+import pytest
+
+N, H = 20_000, 10 ** 6
+STATES = H * np.arange(N)
+
+
+def received(late: str, rng: np.random.Generator) -> np.ndarray:
+    """Return how late messages are, in order [ns]."""
+    return {'never': np.zeros(N), 'evenly': 0.3 * H * rng.random(N),
+            'at times': 2.0 * H * (rng.random(N) < 0.002),
+            'much': rng.exponential(0.5 * H, N)}[late].astype(int)
+
+
+def recorded(late: str, after: float = 0.2, states: float = 0.0, commands: float = 0.0,
+             back: int = 0) -> tuple[Answers, np.ndarray]:
+    """Return the answers, and which command each state had in truth; parts of them are lost."""
+    rng = np.random.default_rng(1)
+    number = np.arange(N)
+    got = np.maximum.accumulate(STATES + received(late, rng))
+    sent = np.maximum.accumulate(STATES + int(after * H) + received(late, rng))
+    stamps = np.where(number > N // 2, STATES - back, STATES)
+    left, kept = rng.random(N) >= states, rng.random(N) >= commands
+    return answers(number[kept, None].astype(float), sent[kept], stamps[left], got[left]
+                   ), number[left]
+
+
+@pytest.mark.parametrize('after', [0.02, 0.2, 0.8, 0.95])
+@pytest.mark.parametrize('late', ['never', 'evenly'])
+def test_each_state_has_its_answer(late: str, after: float) -> None:
+    found, true = recorded(late, after)
+    assert np.array_equal(found.command[:, 0], true)
+    assert found.late == (0.0, 0.0)
+
+
+@pytest.mark.parametrize('late', ['at times', 'much'])
+def test_jitter_of_the_recorder_moves_few_commands(late: str) -> None:
+    found, true = recorded(late)
+    assert (found.command[:, 0] != true).mean() < 0.01
+
+
+def test_a_clock_that_is_set_back_moves_none() -> None:
+    found, true = recorded('evenly', back=350 * H)
+    assert np.array_equal(found.command[:, 0], true)
+
+
+@pytest.mark.parametrize(('states', 'commands'), [(0.17, 0.0), (0.0, 0.17), (0.17, 0.17)])
+def test_lost_messages_make_the_delay_uncertain_by_their_part(states: float, commands: float
+                                                              ) -> None:
+    found, true = recorded('evenly', states=states, commands=commands)
+    known = np.isfinite(found.command[:, 0])
+    shift = float((found.command[known, 0] - true[known]).mean())
+    assert found.late[0] - 0.01 <= shift <= found.late[1] + 0.01
+    assert (found.command[known, 0] != true[known]).mean() == pytest.approx(commands, abs=0.01)
+    assert found.late[0] == pytest.approx(-0.2 * (commands > 0.0), abs=0.05)
