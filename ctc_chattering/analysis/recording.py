@@ -80,7 +80,7 @@ class Recording:
         if len(keep) < _FEWEST:
             raise CtcError(f'{self.name}: {len(keep)} states; at least {_FEWEST} are needed')
         found = Recording(
-            self.name, self.joints, self.t[keep], self.q[keep], _known(self.dq, keep),
+            self.name, self.joints, self.t[keep], _taken(self.q, keep), _known(self.dq, keep),
             _known(self.effort, keep), _known(self.command, keep))
         if found.effort is None and found.command is None:
             raise CtcError(f'{self.name}: no torque: neither effort in the states nor commands')
@@ -110,7 +110,14 @@ def _known(values: Array | None, keep: Indices) -> Array | None:
     """Return the rows `keep` of a column group; None without a finite value in each column."""
     if values is None or not np.isfinite(values).any(axis=0).all():
         return None
-    return values[keep]
+    return _taken(values, keep)
+
+
+def _taken(values: Array, rows: Indices) -> Array:
+    """Return some rows; without a copy where they follow each other."""
+    if len(rows) and (np.diff(rows) == 1).all():
+        return values[rows[0]:rows[-1] + 1]
+    return values[rows]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,7 +166,7 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         near = np.rint((at - at[0]) / period)
         grid += float(np.median(at - at[0] - period * near))
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
-        effort, command = (None if x is None else x[part[held]]
+        effort, command = (None if x is None else _taken(x, part[held])
                            for x in (recording.effort, recording.command))
         yield Stretch(float(grid[0]), period, interpolated(at, recording.q[part], grid),
                       effort, command)
