@@ -83,7 +83,7 @@ class Recording:
         if len(keep) < _FEWEST:
             raise CtcError(f'{self.name}: {len(keep)} states; at least {_FEWEST} are needed')
         found = dataclasses.replace(
-            self, t=order.t, q=self.q[keep], dq=_known(self.dq, keep),
+            self, t=order.t, q=_taken(self.q, keep), dq=_known(self.dq, keep),
             effort=_known(self.effort, keep), command=_known(self.command, keep),
             breaks=order.breaks)
         if found.effort is None and found.command is None:
@@ -102,7 +102,14 @@ def _known(values: Array | None, keep: Indices) -> Array | None:
     """Return the rows `keep` of a column group; None without a finite value in each column."""
     if values is None or not np.isfinite(values).any(axis=0).all():
         return None
-    return values[keep]
+    return _taken(values, keep)
+
+
+def _taken(values: Array, rows: Indices) -> Array:
+    """Return some rows; without a copy where they follow each other."""
+    if len(rows) and (np.diff(rows) == 1).all():
+        return values[rows[0]:rows[-1] + 1]
+    return values[rows]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,7 +169,7 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         near = np.rint((at - at[0]) / period)
         grid += float(np.median(at - at[0] - period * near))
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
-        effort, command = (None if x is None else x[part[held]]
+        effort, command = (None if x is None else _taken(x, part[held])
                            for x in (recording.effort, recording.command))
         # Where a state is missing, an older command stands.
         older = float(np.mean(np.clip(np.rint((grid - at[held]) / period), 0.0, None)))

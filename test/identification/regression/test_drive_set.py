@@ -26,7 +26,7 @@ class Unexplained(NamedTuple):
     data: Data
     count: Array
 
-    def unexplained(self, torque: Array, i: int) -> Array:
+    def unexplained(self, torque: Array, i: int) -> Array:  # noqa: ARG002
         return torque
 
 
