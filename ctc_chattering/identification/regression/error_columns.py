@@ -92,6 +92,12 @@ class ErrorColumns:
         """Return the number p of inertial parameters."""
         return len(self.sizes) - self.model.n - 3
 
+    def torques(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return the torque of each column at S states of shape (S, n), shape (S, n, m)."""
+        found: Array = (np.array([self._torque(*state) for state in zip(q, dq, ddq)])
+                        * self.sizes) @ self.basis
+        return found
+
     def coordinates(self, x: Array) -> Array:
         """Return errors x, shape (p + n + 3, ...), as coefficients of the columns."""
         found: Array = self.basis.T @ (x.T / self.sizes).T

@@ -87,6 +87,11 @@ class Rows:
         return cls(stretch.t[centres], centres, way, base, more,
                    phi.sums(moved, phi.at, centres), np.stack(columns, axis=2), weight)
 
+    def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
+        """Return some windows of a stretch from which the samples before `first` are cut off."""
+        mine = {field.name: getattr(self, field.name)[use] for field in dataclasses.fields(self)}
+        return Rows(**{**mine, 'centres': mine['centres'] - first})
+
 
 def _sides(place: Array, dq: Array, moved: Array, model: Model, phi: TestFunction,
            errors: ErrorColumns | None, centres: Indices) -> tuple[Array, Array, Array]:
@@ -97,11 +102,6 @@ def _sides(place: Array, dq: Array, moved: Array, model: Model, phi: TestFunctio
     more = errors.weak(place, dq, moved, phi, part.start, centres) if errors else np.empty(
         (len(centres), place.shape[1], 0))
     return dynamics.weak(moved[part], phi, at), dynamics.weight(phi, at), more
-
-    def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
-        """Return some windows of a stretch from which the samples before `first` are cut off."""
-        mine = {field.name: getattr(self, field.name)[use] for field in dataclasses.fields(self)}
-        return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
 def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:

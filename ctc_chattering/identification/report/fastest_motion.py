@@ -170,11 +170,18 @@ def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array]
            corrected: bool) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     fit, spread = found.selected.fit, found.selected.spread
-    mine = [k for k, term in enumerate(fit.terms) if term.kind == TermKind.MODEL]
-    if not mine:
+    mine = [k for k, term in enumerate(fit.terms)
+            if term.kind in (TermKind.MODEL, TermKind.SCALE)]
+    if not mine or found.columns is None:
         return np.zeros(tau.shape[1])
-    models = [error.model for error, number in found.errors if number.value is not None]
-    columns = np.stack([_torques(model, *states) - tau for model in models], axis=2)
+    mixed = found.columns.torques(*states) @ found.selected.mixing
+    columns = np.zeros((*tau.shape, len(mine)))
+    for k, term in enumerate(fit.terms[i] for i in mine):
+        if term.kind == TermKind.MODEL:
+            columns[:, :, k] = mixed[:, :, int(term.which)]
+        else:
+            joints = slice(None) if term.joint < 0 else slice(term.joint, term.joint + 1)
+            columns[:, joints, k] = -tau[:, joints]
     covariance = spread.covariance[np.ix_(mine, mine)]
     half = spread.factor * np.sqrt(np.maximum(
         np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
