@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.analysis.recording import Indices
+from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.linear_model import LinearModel
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.weak_form import TestFunction
@@ -92,12 +92,6 @@ class ErrorColumns:
         """Return the number p of inertial parameters."""
         return len(self.sizes) - self.model.n - 3
 
-    def torques(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the torque of each column at S states of shape (S, n), shape (S, n, m)."""
-        found: Array = (np.array([self._torque(*state) for state in zip(q, dq, ddq)])
-                        * self.sizes) @ self.basis
-        return found
-
     def coordinates(self, x: Array) -> Array:
         """Return errors x, shape (p + n + 3, ...), as coefficients of the columns."""
         found: Array = self.basis.T @ (x.T / self.sizes).T
@@ -157,6 +151,11 @@ class ErrorColumns:
         later, before = (regressor(q + sign * _STEP * dq, still, dq, none) for sign in (1.0, -1.0))
         rest = regressor(q, dq, still, self.gravity) - (later - before) / (2.0 * _STEP)
         return regressor(q, still, dq, none), rest, self.model.gravity_map(q)
+
+    def at(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return the torque of each column in a state, shape (n, m)."""
+        found: Array = (self._torque(q, dq, ddq) * self.sizes) @ self.basis
+        return found
 
     def _torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the derivative of the inverse dynamics by x, shape (n, p + n + 3)."""

@@ -170,24 +170,30 @@ def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array]
            corrected: bool) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     fit, spread = found.selected.fit, found.selected.spread
-    mine = [k for k, term in enumerate(fit.terms)
-            if term.kind in (TermKind.MODEL, TermKind.SCALE)]
-    if not mine or found.columns is None:
+    mine = [k for k, term in enumerate(fit.terms) if term.kind in (TermKind.MODEL, TermKind.SCALE)]
+    if not mine:
         return np.zeros(tau.shape[1])
-    mixed = found.columns.torques(*states) @ found.selected.mixing
-    columns = np.zeros((*tau.shape, len(mine)))
-    for k, term in enumerate(fit.terms[i] for i in mine):
-        if term.kind == TermKind.MODEL:
-            columns[:, :, k] = mixed[:, :, int(term.which)]
-        else:
-            joints = slice(None) if term.joint < 0 else slice(term.joint, term.joint + 1)
-            columns[:, joints, k] = -tau[:, joints]
+    columns = np.stack([_error_column(fit.terms[k], tau) for k in mine], axis=2)
+    models = [j for j, k in enumerate(mine) if fit.terms[k].kind == TermKind.MODEL]
+    if models and found.columns is not None:
+        which = [int(fit.terms[mine[j]].which) for j in models]
+        every = np.array([found.columns.at(*rows) for rows in zip(*states)])
+        columns[:, :, models] = every @ found.selected.mixing[:, which]
     covariance = spread.covariance[np.ix_(mine, mine)]
     half = spread.factor * np.sqrt(np.maximum(
         np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
     known = 0.0 if corrected else np.abs(columns @ fit.value[mine])
     largest: Array = (known + half).max(axis=0)
     return largest
+
+
+def _error_column(term: Term, tau: Array) -> Array:
+    """Return the column of a scale of the torque, shape (S, n) [N·m]; 0 for others."""
+    column = np.zeros_like(tau)
+    if term.kind == TermKind.SCALE:
+        joints = range(tau.shape[1]) if term.joint < 0 else [term.joint]
+        column[:, joints] = -tau[:, joints]
+    return column
 
 
 def _friction(found: Identification, i: int, fastest: float, load: float) -> float:

@@ -51,11 +51,12 @@ class TorqueRate(NamedTuple):
 def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = ()
                 ) -> TorqueRate:
     """
-    Return the rate to ask for: as little as friction and motion need, and less than drives have.
+    Return the rate to ask for: what friction and motion need, and never more than drives have.
 
     A drive that is slower than the law is told makes the loop diverge; one that is faster costs
-    nothing. Where the lag is inverted, commands change by up to R (2 T + h) a period; R is so
-    small that this is within what the drives do in a period, if that is enough.
+    little. Where the lag is inverted, commands change by up to R (2 T + h) a period; of drives
+    whose rate is known, R is so small that this is within what they do in a period, if that is
+    enough.
 
     Parameters
     ----------

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.finding import Severity
 from ctc_chattering.identification.regression.identify import Identification, identify
 from ctc_chattering.identification.regression.model_errors import candidates
-from ctc_chattering.identification.report.parameter_values import parameter_values
+from ctc_chattering.identification.report.parameter_values import (
+    missing_gains,
+    parameter_values,
+)
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.report.recommendation import recommend, Recommendation
 from ctc_chattering.identification.report.validation import validate
+from ctc_chattering.identification.report.verdict import verdicts
 from identified_robots import record
 import numpy as np
 import pytest
@@ -52,7 +60,7 @@ def test_noise_forbids_a_chattering_term_by_the_condition_of_the_theory() -> Non
 
 def test_lag_and_delay_slow_the_gains_down() -> None:
     lag = np.array([6e-3, 2e-3])
-    timing = dataclasses.replace(FOUND.timing, delay=3.0, lag=lag, delays={3: lag})
+    timing = dataclasses.replace(FOUND.timing, delay=3.0, lag=lag, delays={3: np.tile(lag, (3, 1))})
     values = recommended(dataclasses.replace(FOUND, timing=timing)).values
     assert values['law'][0] == 'observer_feedback'
     assert values['input_delay'][0] == 3
@@ -70,6 +78,9 @@ def test_steps_of_the_torque() -> None:
     friction = 2.0 * np.array(MADE.plant.coulomb_friction)
     assert (found.steps['implicit'] >= 0.99 * friction).all()
     assert (found.steps['implicit'] <= found.steps['sign']).all()
+    rate: Any = found.values['torque_rate_limit'][0]
+    late = 2.0 * FOUND.timing.delays[0][2] + 1e-3
+    assert found.steps['observer_feedback'] == pytest.approx(np.array(rate) * late, rel=1e-3)
 
 
 def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path) -> None:
@@ -93,6 +104,51 @@ def test_another_run_is_predicted_and_ka_holds_there() -> None:
     ka = [float(x) for x in np.array(recommended().values['ka'][0], float)]
     verdicts = found.verdicts(FOUND.joints, ka)
     assert all(good for good, _ in verdicts), verdicts
+    assert not list(found.findings(ka))
     rough = record('two_link', 7, 8.0, plant={'coulomb_friction': [14.0, 14.0]})
     failed = validate(FOUND, rough.recording.checked(), MADE.model)
     assert not any(good for good, _ in failed.verdicts(FOUND.joints, ka))
+    worst = [max(x.severity for x in failed.findings(ka) if x.joint == i) for i in (0, 1)]
+    assert worst == [Severity.REFUSED] * 2
+
+
+def without_friction(i: int) -> Identification:
+    """Return an identification in which the friction of a joint is not known."""
+    unknown = Estimate.none(f'{FOUND.joints[i]} hardly moves')
+    friction = list(FOUND.friction)
+    friction[i] = dataclasses.replace(friction[i], coulomb=unknown, forwards=unknown,
+                                      backwards=unknown)
+    return dataclasses.replace(FOUND, friction=friction)
+
+
+def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
+    found = without_friction(1)
+    gains = recommended(found)
+    for name in ('ka', 'friction_level', 'torque_rate_limit'):
+        values: Any = gains.values[name][0]
+        assert values[0] > 0.0 and values[1] is None
+    (line,) = missing_gains(verdicts(found, gains.findings))
+    assert line.startswith('joint2: no ka, friction_level') and 'hardly moves' in line
+    assert 'record' in line
+    with pytest.raises(CtcError, match='joint2 hardly moves'):
+        parameter_values(found, gains, MADE.model, MADE.recording.q, {'model': 'two_link'}, None)
+
+
+def test_without_velocities_the_plant_takes_differences() -> None:
+    found = dataclasses.replace(FOUND, noise=[Estimate.none('no velocities in the bag')] * 2)
+    gains = recommended(found)
+    assert gains.law == 'observer_feedback'
+    plant = parameter_values(found, gains, MADE.model, MADE.recording.q, {'model': 'two_link'},
+                             None)['plant']
+    assert plant['velocity_sensor'] == 'difference' and 'velocity_noise' not in plant
+
+
+def test_a_slow_period_slows_the_gains_down() -> None:
+    """At 4 ms, with a delay of 1 and a lag of 3.8 ms, or one of 2 and none: the slower counts."""
+    lag = np.full(2, 3.8e-3)
+    timing = dataclasses.replace(FOUND.timing, delay=1.0, lag=lag, delays={
+        1: np.array([0.9 * lag, lag, 1.1 * lag]), 2: np.zeros((3, 2))})
+    found = dataclasses.replace(FOUND, timing=timing,
+                                clock=dataclasses.replace(FOUND.clock, period=4e-3))
+    pole = 0.5 * np.array(recommended(found).values['kv'][0], float)
+    assert (pole * (1.1 * 3.8e-3 + 8e-3) <= 0.4).all() and (pole > 30.0).all()

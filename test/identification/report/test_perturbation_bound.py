@@ -1,0 +1,96 @@
+"""ka holds P at the limits, single outliers do not count, and drives bound what is asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.finding import Severity
+from ctc_chattering.identification.regression.identify import identify
+from ctc_chattering.identification.regression.model_errors import candidates
+from ctc_chattering.identification.report.perturbation import perturbation, tail_bound
+from ctc_chattering.identification.report.perturbation_bound import MARGIN, perturbation_bound
+from ctc_chattering.identification.report.torque_steps import torque_rate
+from identified_robots import record
+import numpy as np
+import pytest
+
+MADE = record('two_link', 7, 12.0)
+FOUND = identify([MADE.recording.checked()], MADE.model, candidates(MADE.model))
+RUN = perturbation(FOUND)
+COULOMB, VISCOUS = np.array(MADE.plant.coulomb_friction), np.array(MADE.plant.viscous_friction)
+
+
+class Limited(TwoLink):
+    """The paper's arm with limits."""
+
+    velocity_limits = (6.0, 8.0)
+    effort_limits = (500.0, 200.0)
+
+
+def test_friction_at_the_limits_is_that_of_the_robot() -> None:
+    found = perturbation_bound(FOUND, RUN, Limited(9.81))
+    largest = COULOMB + VISCOUS * [6.0, 8.0]
+    assert found.fastest.friction == pytest.approx(largest, rel=1e-2)
+    assert (found.ka >= 0.999 * MARGIN * largest).all() and (found.ka < 1.3 * largest).all()
+    assert 'in the run |P| is at most' in found.reason and not found.findings
+
+
+def test_without_limits_the_speed_of_the_run_counts() -> None:
+    found = perturbation_bound(FOUND, RUN, MADE.model)
+    assert found.peak == pytest.approx(RUN.peak, rel=0.02)
+    assert 'no limit of it is known' in found.reason
+
+
+def test_ka_is_cut_to_what_the_drive_gives() -> None:
+    model = Limited(9.81)
+    model.effort_limits = (500.0, 12.0)
+    found = perturbation_bound(FOUND, RUN, model)
+    assert found.ka[1] == 12.0
+    (finding,) = found.findings
+    assert (finding.severity, finding.joint) == (Severity.CARE, 1)
+    assert 'cut to its effort limit, 12 N*m' in finding.reason
+
+
+@pytest.mark.parametrize('size', [30.0, 185.0])
+def test_an_outlier_is_named_and_does_not_count(size: float) -> None:
+    residual = FOUND.data.residual.copy()
+    k = int(np.flatnonzero(FOUND.data.used().all(axis=1))[40])
+    residual[k, 0] += size
+    run = perturbation(FOUND, dataclasses.replace(FOUND.data, residual=residual))
+    assert run.peak == pytest.approx(RUN.peak, rel=0.02)
+    (finding,) = run.outliers()
+    assert finding.joint == 0 and f'{run.t[k]:.2f} s' in finding.reason
+    assert not list(RUN.outliers())
+
+
+def test_the_tail_is_that_of_the_distribution() -> None:
+    rng = np.random.default_rng(0)
+    sizes = np.abs(rng.laplace(size=(300, 2400)))
+    bounds = np.array([tail_bound(x) for x in sizes])
+    assert np.median(bounds / sizes.max(axis=1)) == pytest.approx(1.0, abs=0.1)
+    assert (bounds <= sizes.max(axis=1)).all()
+    assert tail_bound(np.append(sizes[0], 1e3)) < 1.05 * sizes[0].max()
+
+
+def test_errors_that_are_corrected_are_not_in_the_perturbation() -> None:
+    error = 5.0 * np.sin(RUN.t)[:, None] * [1.0, 0.0]
+    data = dataclasses.replace(FOUND.data, residual=FOUND.data.residual + error)
+    assert perturbation(FOUND, data).tail[0] > 3.0
+    assert perturbation(FOUND, corrected=True).error == pytest.approx([0.0, 0.0])
+
+
+def test_the_rate_is_within_what_drives_give() -> None:
+    """Told is the lower end of the interval, and what is given before that."""
+    needed = np.array([2000.0, 100.0])
+    rate = [Estimate(1200.0, 200.0, 'N*m/s'), Estimate(5000.0, 1000.0, 'N*m/s')]
+    found = torque_rate(dataclasses.replace(FOUND, rate=rate), needed)
+    assert found.known.tolist() == [1000.0, 4000.0]
+    late = 1.0 + 2e3 * FOUND.timing.delays[0][2]
+    assert found.value == pytest.approx([1000.0, 4000.0 / late[1]])
+    (slow,) = found.findings
+    assert slow.joint == 0 and '1e+03 N*m/s; 2e+03' in slow.reason
+    assert torque_rate(FOUND, needed, (300.0, 300.0)).value.tolist() == [300.0, 300.0]
+    (unknown,) = torque_rate(dataclasses.replace(FOUND, rate=[]), needed).findings
+    assert 'not known' in unknown.reason and '--torque-rate' in unknown.cure
