@@ -27,8 +27,8 @@ from ctc_chattering.identification.report.results import IdentificationResults
 from ctc_chattering.identification.report.trial_runs import COUNT, setups_tried, trial_runs
 from faults_of_arms import Case, case, FAULTS, recorded
 from faulty_robots import lab_gains, played
-from identified_robots import arm
 from identification_judge import judged, model_of, Outcome, outcome
+from identified_robots import arm
 import numpy as np
 from unseen_motion import config_of, fast, tracked
 

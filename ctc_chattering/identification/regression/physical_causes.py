@@ -12,6 +12,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.special import gamma, jv  # type: ignore[import-untyped]
 
+#: On what friction depends that drifts.
+TIME = 'time'
 #: Fewest and most periods in a turn of the joint that are looked for.
 _LEAST, _PERIODS = 3.0, 500.0
 #: Distance of positions that count as one [rad].
@@ -98,7 +100,7 @@ def causes(found: FittedMotion, i: int) -> Iterator[Cause]:
                 states.way[used, i], 'rad')
     late = (t - t.min()) / max(float(np.ptp(t)), 1e-9)
     thirds = np.eye(3)[np.minimum((3.0 * late).astype(int), 2)]
-    yield Cause('time', 'friction that drifts, with temperature say',
+    yield Cause(TIME, 'friction that drifts, with temperature say',
                 'warm the robot up, and record a shorter run',
                 np.column_stack((thirds, thirds * way[:, None])), t, 's')
     yield Cause('the load', 'friction that depends on the load',

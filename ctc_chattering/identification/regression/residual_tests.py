@@ -23,6 +23,7 @@ from ctc_chattering.identification.regression.physical_causes import (
     causes,
     FittedMotion,
     periodic,
+    TIME,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -69,6 +70,13 @@ class Effect(NamedTuple):
     shift: Array
     before: Array
     torque: Array
+
+    def drift(self) -> str:
+        """Return by how much friction changes, of an effect of time; else nothing."""
+        if self.cause.against != TIME:
+            return ''
+        thirds = np.linalg.lstsq(self.cause.columns, self.torque, rcond=1e-9)[0]
+        return f', by {thirds[-1] - thirds[-3]:+.2g} N*m from the first third to the last'
 
     def off(self, whole: Unexplained) -> float:
         """Return by which part the friction may be off with it."""
@@ -208,7 +216,8 @@ def findings(i: int, left: Unexplained) -> Iterator[Finding]:
         if off > max(NEGLIGIBLE, _MINOR * worst):
             yield Finding(_severity(off), i, f'{left.part(x.size):.1%} of the friction, '
                           f'{x.size:.2g} N*m RMS, depends on {x.cause.against}: '
-                          f'{x.cause.points_to}; friction may be off by {off:.0%}', x.cause.cure)
+                          f'{x.cause.points_to}{x.drift()}; friction may be off by {off:.0%}',
+                          x.cause.cure)
     off = left.part(_PEAK * left.rest)
     if off > NEGLIGIBLE:
         yield Finding(_severity(off), i, f'{left.part(left.rest):.1%} of the friction, '

@@ -60,6 +60,8 @@ def _friction(found: Identification) -> _Named:
             if len(mine_speed):
                 v = sign * np.linspace(np.abs(mine_speed).min(), np.abs(mine_speed).max(), _POINTS)
                 value, half = _curve(found, i, v)
+                left = found.unexplained[i] if found.unexplained else None
+                half = half + (left.off if left else 0.0)
                 axes.fill_between(v, value - half, value + half, color=_BAND, linewidth=0)
                 axes.plot(v, value, color=_FIT, linewidth=1.2)
     return 'friction', figure, ('Dots: torque less the corrected model, in windows of 0.1 s in '

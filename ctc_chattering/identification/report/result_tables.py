@@ -19,7 +19,7 @@ FRICTION = (('coulomb', 'Coulomb [N*m]'), ('forwards', 'forwards'), ('backwards'
             ('viscous', 'viscous [N*m*s/rad]'), ('stribeck', 'Stribeck [N*m]'),
             ('stribeck_velocity', 'its velocity [rad/s]'), ('load', 'of the load'))
 #: Further quantities of a joint: field of the identification and heading.
-_MORE = (('scale', 'torque per torque unit'), ('rotor', 'rotor inertia [kg*m2]'),
+_MORE = (('scale', 'torque per torque unit'), ('rotor', 'rotor inertia [kg*m^2]'),
          ('rate', 'rate of the drive [N*m/s]'))
 Rows = list[list[str]]
 

@@ -232,7 +232,8 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
     """
     write_sections(path, f'Friction and gains from {report.source}', figures,
                    [(name, f'{name} ({what})') for name, what in files.items()], _LEAD,
-                   tables=[Table(title, head, rows, len(head))
+                   tables=[Table(title, head, [[x.replace(' ± ', '\xa0±\xa0') for x in row]
+                                               for row in rows], len(head))
                            for title, (head, *rows) in report.tables()],
                    lists=report.sentences(), package=__package__, template=_TEMPLATE,
                    verdicts=report.verdicts, common=[

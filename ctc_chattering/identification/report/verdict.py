@@ -21,8 +21,8 @@ _UNEVEN = 0.5
 _WIDE = 0.2
 #: Part of the range of Stribeck velocities that counts as its end.
 _END = 0.97
-#: A longer lag is none of a drive that takes torques; the scan goes on to 39 ms [s].
-_LONGEST_LAG = 0.025
+#: Torque per torque unit of a signal, and part of a mass that may lack, at most.
+_SCALES, _LIGHTEST = (0.4, 2.5), 0.9
 #: A lag of a drive that is rare [s].
 _LONG_LAG = 0.008
 _EXCITE = 'record a motion of `ctc excite`'
@@ -110,21 +110,34 @@ def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdic
 
 def _bounds(found: Identification) -> Iterator[Finding]:
     """Yield what is beyond a physical bound, or at the end of what was looked for."""
+    yield from _model_bounds(found)
     for i, (friction, lag) in enumerate(zip(found.friction, found.timing.drive[1])):
         left = found.unexplained[i] if found.unexplained else None
         yield from _friction_bounds(i, friction)
         yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT,
                              left is not None and left.off > 0.0)
-        if lag >= _LONGEST_LAG:
-            yield Finding(
-                Severity.REFUSED, i, f'the lag of the drive would be {lag:.3g} s; drives have at '
-                f'most {_LONGEST_LAG:g} s: an inertia that the model lacks looks like that',
-                'correct inertia and rotor inertia of the model')
-        elif lag >= _LONG_LAG:
+        if lag >= _LONG_LAG and not any(x.joint == i and x.severity == Severity.REFUSED
+                                        for x in found.findings):
             yield Finding(
                 Severity.CARE, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
                 'have: an elastic joint or backlash looks like that',
                 'measure the position behind the gear, or know that the drive is so slow')
+
+
+def _model_bounds(found: Identification) -> Iterator[Finding]:
+    """Yield scales of a torque and masses that no robot has."""
+    low, high = _SCALES
+    for i, scale in enumerate(found.scale):
+        if scale.value is not None and not low < scale.value < high:
+            yield Finding(Severity.REFUSED, i, f'its torque would be {scale.value:.3g} times the '
+                          f'signal, allowed: {low:g} to {high:g}; the model has other errors',
+                          f'correct the model, or {_EXCITE}')
+    for error, number in found.errors:
+        if number.value is not None and not error.unit and number.value < -max(
+                _LIGHTEST, number.half):
+            yield Finding(Severity.REFUSED, ALL_JOINTS, f'{error.name} would have '
+                          f'{1.0 + number.value:.2g} times its mass: the model has other errors',
+                          f'correct the model, or {_EXCITE}')
 
 
 def _friction_bounds(i: int, friction: JointFriction) -> Iterator[Finding]:

@@ -31,7 +31,7 @@ def results(refused: int = 2) -> IdentificationResults:
         return JointFriction(one, one, one, Estimate(0.0, 0.01), one, none, none, none)
     size = np.full(n, 1.0)
     size[refused] = SECRET
-    numbers = [Estimate(x, 0.1) for x in size]
+    numbers = [Estimate(1.0, 0.1)] * n
     lags = np.full(n, 1e-3)
     timing = SimpleNamespace(drive=(1.0, lags, 0.1 * lags), source='command', delays={1: lags})
     findings = (Finding(Severity.REFUSED, refused, WHY, 'reduce the backlash'),

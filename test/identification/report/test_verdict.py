@@ -10,10 +10,12 @@ from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.joint_friction import JointFriction
+from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.report.verdict import verdicts
 import numpy as np
 import pytest
 
+ARM = cast(ModelError, SimpleNamespace(name='arm', unit=''))
 NONE = Estimate.none('none shows')
 GOOD = JointFriction(Estimate(5.0, 0.01, 'N*m'), Estimate(5.0, 0.01), Estimate(5.0, 0.01),
                      Estimate(0.0, 0.01), Estimate(1.0, 0.01), NONE, NONE, NONE)
@@ -25,7 +27,7 @@ def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command'
     timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
     return cast(Identification, SimpleNamespace(
         joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings,
-        unexplained=()))
+        unexplained=(), scale=[], errors=[]))
 
 
 def test_a_joint_without_findings_is_usable() -> None:
@@ -38,7 +40,7 @@ def test_a_joint_without_findings_is_usable() -> None:
     ({'coulomb': Estimate.none('b hardly moves')}, 0.0, 'command', Severity.REFUSED, 'excite'),
     ({'offset': Estimate(4.0, 0.1)}, 0.0, 'command', Severity.CARE, 'directions'),
     ({'stribeck_velocity': Estimate(0.005, 0.1)}, 0.0, 'command', Severity.CARE, 'Stribeck'),
-    ({}, 0.0389, 'command', Severity.REFUSED, '0.0389 s')])
+    ({}, 0.012, 'command', Severity.CARE, 'elastic')])
 def test_numbers_beyond_physical_bounds(change: dict[str, Any], lag: float, source: str,
                                         severity: Severity, reason: str) -> None:
     first, second = verdicts(made(dataclasses.replace(GOOD, **change), lag, source))
@@ -55,3 +57,15 @@ def test_the_worst_finding_decides_and_only_its_like_are_reasons() -> None:
     assert str(first) == 'usable with care: jitter; use stamps'
     assert str(second) == 'not usable: backlash; second'
     assert [x.severity for x in second.findings] == [2, 2, 1]
+
+
+def test_a_model_that_vanishes_is_refused() -> None:
+    """No torque, no masses and no friction explain every motion."""
+    found = made()
+    found.scale.extend([Estimate(1.0, 0.01), Estimate(2e-6, 4e-4)])
+    assert [x.usable for x in verdicts(found)] == [True, False]
+    found.errors.append((ARM, Estimate(-1.0, 1e-3)))
+    assert not any(x.usable for x in verdicts(found))
+    found = made()
+    found.errors.append((ARM, Estimate(-11.0, 13.0)))
+    assert all(x.usable for x in verdicts(found))
