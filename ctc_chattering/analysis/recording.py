@@ -13,6 +13,8 @@ from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 #: Most samples missing at a stretch that are interpolated.
 BRIDGED = 5
+#: Mean age of commands that does not matter [samples].
+_NEGLIGIBLE = 0.002
 #: Jitter of stamps that does not matter [periods].
 _EVEN = 0.02
 #: Part of a period by which stamps may drift from a grid, and samples over which that is seen.
@@ -162,8 +164,11 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
         effort, command = (None if x is None else x[part][held]
                            for x in (recording.effort, recording.command))
+        # Where a state is missing, an older command stands.
+        older = float(np.mean(np.clip(np.rint((grid - at[held]) / period), 0.0, None)))
         yield Stretch(float(grid[0]), period, _at(grid, at, recording.q[part]), effort, command,
-                      recording.late)
+                      (recording.late[0] - (older if older > _NEGLIGIBLE else 0.0),
+                       recording.late[1]))
 
 
 def _at(grid: Array, t: Array, q: Array) -> Array:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.bags.command_times import answers
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import (
     COMMAND_FIELDS,
@@ -109,6 +110,7 @@ class _MotionTopics(BagTopics):
         """Return the motion; arguments as `read_motion` has them."""
         self._signals = Signals(self._reader, self.path)
         self._notes: list[str] = []
+        self._late = (0.0, 0.0)
         history = self.parameters('controller', ControllerConfig)
         controller = history[0][1] if history else None
         description = (description or self.description()
@@ -185,7 +187,7 @@ class _MotionTopics(BagTopics):
             without = ', '.join(name for name, has in zip(names, known) if not has)
             self._notes.append(f'the effort is not used: there is none of {without}')
         return Recording(self.path.resolve().name, names, (times - times[0]) / NANOSECONDS, q,
-                         _if_any(dq), _if_any(effort), command)
+                         _if_any(dq), _if_any(effort), command, self._late)
 
     def _command(self, names: tuple[str, ...], motion: Signal, topic: SignalTopic) -> Array | None:
         """Return the torque commanded in answer to each state, shape (N, n), nan for unknown."""
@@ -211,8 +213,11 @@ class _MotionTopics(BagTopics):
         stamps, logged = found.stamps[known], found.logged[known]
         if is_report and _overlap(stamps, motion.stamps):
             times, at = stamps, motion.stamps
-        elif not is_report and len(values) == count:
-            return self._checked(values, motion, topic)
+        elif not is_report:
+            stamps = motion.stamps if np.ptp(motion.stamps) else motion.logged
+            answered = answers(values, logged, stamps, motion.logged)
+            self._late = answered.late
+            return self._checked(answered.command, motion, topic)
         else:
             times, at = logged, motion.logged
         if topic.is_late:  # What is reported with a state was in force before it.

@@ -33,6 +33,8 @@ _BELOW, _ABOVE, _LAGS_ABOVE = 4, 2, 4
 _ENOUGH, _PIECE = 60.0, 5.0
 #: Alignments of a measured effort: of the period before, at the instant, of the period after.
 _ALIGNMENTS = (-1.0, -0.5, 0.0)
+#: Samples by which commands may be wrong without a word on their shape.
+_UNEVEN = 0.03
 #: Part of a lag by which it is changed for a derivative.
 _LAG_STEP = 0.02
 #: Fewest rows of a joint.
@@ -218,14 +220,18 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     if not moving.any():
         return Timing(COMMAND, 0.0, np.zeros(n), np.full(n, np.inf), {}, np.zeros(n),
                       _any_rate(n), moving)
-    delays, lags = _region(profile, parts, rows, phi, moving)
     late = [min(part.late[0] for part in parts), max(part.late[1] for part in parts)]
     shifts = sorted({late[0], 0.0, late[1]})
+    uneven = late[1] - late[0] > _UNEVEN
+    delays, lags = _region(profile, parts, rows, phi, moving)
+    if uneven:
+        delays = range(-1, delays.stop)
     while True:
-        search = DriveSearch(DriveScan(parts, rows, profile, phi, delays, LAGS[:lags]), moving,
+        search = DriveSearch(DriveScan(parts, rows, profile, phi, delays, LAGS[:lags], uneven), moving,
                              shifts)
-        fastest = _fastest(parts)
-        search.search_rates(fastest)
+        fastest = None if uneven else _fastest(parts)
+        if fastest is not None:
+            search.search_rates(fastest)
         found = search.found(fastest)
         longest = max(float(x[2].max()) for x in found.delays.values())
         if lags == len(LAGS) or longest < 0.99 * LAGS[lags - 1]:

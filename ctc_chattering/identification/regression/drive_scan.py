@@ -72,6 +72,9 @@ class DriveScan:
         Delays of the columns [samples], in steps of 1.
     lags : sequence of float
         Lags of the columns [s], rising.
+    uneven : bool
+        Whether commands stand in wrong places here and there: what that makes of a torque looks
+        like a lag, and is taken out.
 
     Attributes
     ----------
@@ -83,7 +86,9 @@ class DriveScan:
     """
 
     def __init__(self, parts: Sequence[Stretch], rows: Sequence[Rows], explained: Explained,
-                 phi: TestFunction, delays: Sequence[int], lags: Sequence[float]) -> None:
+                 phi: TestFunction, delays: Sequence[int], lags: Sequence[float],
+                 uneven: bool = False) -> None:
+        self._uneven = uneven and len(delays) > 2
         self._parts, self._rows, self._explained, self._phi = parts, rows, explained, phi
         self.delays, self.lags = list(delays), np.array(lags)
         self.period = parts[0].period
@@ -125,8 +130,18 @@ class DriveScan:
         for i in range(n):
             # Delays are the slow index, lags the fast one.
             y = np.stack([x[:, :, i] for x in columns], axis=1).reshape(-1, len(self._used)).T
-            rests.append(self._explained.unexplained(y[self._used[:, i]], i))
+            rest = self._explained.unexplained(y[self._used[:, i]], i)
+            if self._uneven:
+                rest = _without(rest, self._curvature(rest))
+            rests.append(rest)
         return Level(np.asarray(rate), rests, [x.T @ x for x in rests])
+
+    def _curvature(self, rest: Array) -> Array:
+        """Return how the torque without a lag bends over the delay, shape (rows,)."""
+        size, k = len(self.lags), max(len(self.delays) // 2, 1)
+        found: Array = (rest[:, (k - 1) * size] - 2.0 * rest[:, k * size]
+                        + rest[:, (k + 1) * size])
+        return found
 
     def _torques(self, part: Stretch, rows: Rows, rate: Array) -> Iterator[Array]:
         """Yield torque less the model's for each lag, each of shape (delays, J, n) [N·m]."""
@@ -158,3 +173,10 @@ class DriveScan:
         if share:
             found[:, (low + 1) * size:(low + 2) * size] = share * spline
         return found
+
+
+def _without(x: Array, column: Array) -> Array:
+    """Return columns without what another one explains, shape (rows, C)."""
+    power = float(column.dot(column))
+    found: Array = x - np.outer(column, column @ x / power) if power > 0.0 else x
+    return found

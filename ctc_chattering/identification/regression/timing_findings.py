@@ -33,7 +33,8 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
             found.append(Estimate.none(f'at least {low:.3g} N*m/s: the drive follows commands '
                                        'that change so fast'))
         else:
-            found.append(Estimate.none('no command changes fast while the joint moves'))
+            found.append(Estimate.none('no command changes fast while the joint moves, or commands '
+                                       'are missing'))
     return found
 
 

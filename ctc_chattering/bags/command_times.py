@@ -1,0 +1,148 @@
+"""
+Which command answers which state, by the times at which a recorder received both.
+
+Commands have no stamps. A controller answers each state once, after a time that changes little;
+what a recorder adds to that is jitter. The stamps of the states show how unevenly the recorder
+received them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.ndimage import median_filter  # type: ignore[import-untyped]
+
+#: States over which the time between stamp and reception is taken.
+_AROUND = 201
+#: Part of a period beyond which, from the usual time after a state, it is not sure which one is
+#: answered; and part of the commands for which that does not matter.
+_SURE, _NEGLIGIBLE = 0.35, 0.002
+#: Least and most commands for each state that are answers to it, one for one.
+_ANSWERS = (0.6, 1.45)
+#: The same where nothing is missing, and the part of which that is not quite true.
+_COMPLETE, _ORDER = (0.995, 1.005), 0.03
+#: Length of the mean direction of the times after a state, on a circle, below which there is no
+#: usual one.
+_USUAL = 0.5
+#: Periods after which a command is no longer held.
+_HELD = 20
+
+
+class Answers(NamedTuple):
+    """
+    Commands in the places of the states.
+
+    Attributes
+    ----------
+    command : ndarray, shape (N, n)
+        In force after each state [N·m], nan where it is unknown.
+    late : tuple of (float, float)
+        Samples by which they may be later than they stand here, at least and at most.
+
+    """
+
+    command: Array
+    late: tuple[float, float]
+
+
+def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -> Answers:
+    """
+    Return the commands in the places of the states that they answer.
+
+    Parameters
+    ----------
+    values : ndarray, shape (M, n)
+        Commands [N·m].
+    times : ndarray, shape (M,)
+        At which they were received [ns].
+    stamps, received : ndarray, shape (N,)
+        Stamps of the states, and times at which they were received, in this order [ns].
+
+    """
+    order = np.argsort(times, kind='stable')
+    values, times = values[order], times[order]
+    raw = np.searchsorted(received, times, side='right') - 1
+    if _twice(raw) <= _NEGLIGIBLE:
+        return _placed(values, raw, stamps, 0.0)
+    ahead = (received - received[0]) - (stamps - stamps[0]).astype(float)
+    expected = np.maximum.accumulate((stamps - stamps[0]) + median_filter(
+        ahead, min(_AROUND, len(ahead)), mode='nearest'))
+    period = max(float(np.median(np.diff(expected))), 1.0)
+    at = (times - received[0]).astype(float)
+    before = np.searchsorted(expected, at) - 1
+    phase = (at - expected[np.maximum(before, 0)]) / period
+    mean = np.exp(2j * np.pi * phase).mean()
+    ratio = len(times) / len(received)
+    if abs(mean) >= _USUAL and _ANSWERS[0] < ratio < _ANSWERS[1]:
+        usual = float(np.angle(mean) / (2.0 * np.pi)) % 1.0
+        middle = at - (usual - 0.5) * period
+        which = np.searchsorted(expected, middle) - 1
+        after = (middle - expected[np.maximum(which, 0)]) / period
+        unsure = float((np.abs((after % 1.0) - 0.5) > _SURE).mean())
+        # What answers a state that is not in the recording is none to the one before it.
+        which = np.where(after > 1.0, -1, which)
+        return _placed(values, _apart(which, after, len(received)), stamps, unsure)
+    if _COMPLETE[0] < ratio < _COMPLETE[1]:
+        # Nothing is missing, so that their order says which one it is.
+        number = np.arange(len(times))
+        offset = median_filter(before + phase - number, min(_AROUND, len(times)), mode='nearest')
+        return _placed(values, number + np.floor(offset).astype(int), stamps, _ORDER)
+    # Each state has the last command before the next one; it may be one more or one less.
+    return _placed(values, raw, stamps, 0.5)
+
+
+def _twice(which: Indices) -> float:
+    """Return for which part of all commands there is another one in their place."""
+    return float((np.diff(which) == 0).mean()) if len(which) > 1 else 0.0
+
+
+def _apart(which: Indices, after: Array, count: int) -> Indices:
+    """Return the places of commands, those of two in one place moved to a free one beside it."""
+    found: Indices = which.copy()
+    taken = np.bincount(found[found >= 0], minlength=count + 1)
+    for k in np.flatnonzero((np.diff(which) == 0) & (which[1:] >= 0)).tolist():
+        place = int(which[k])
+        first = after[k] + after[k + 1] < 1.0
+        for free, mine in ((place - 1, k), (place + 1, k + 1))[::1 if first else -1]:
+            if 0 <= free < count and not taken[free]:
+                found[mine] = free
+                taken[free], taken[place] = 1, taken[place] - 1
+                break
+    return found
+
+
+def _placed(values: Array, which: Indices, stamps: Indices, unsure: float) -> Answers:
+    """
+    Return for each state its command, or the one before if it has none.
+
+    Parameters
+    ----------
+    values : ndarray, shape (M, n)
+        Commands [N·m].
+    which : ndarray, shape (M,)
+        State that each answers; none outside of their range.
+    stamps : ndarray, shape (N,)
+        Of the states [ns].
+    unsure : float
+        Part of the commands that may answer the state beside.
+
+    """
+    count = len(stamps)
+    last = np.full(count, -1)
+    inside = (which >= 0) & (which < count)
+    np.maximum.at(last, which[inside], np.flatnonzero(inside))
+    last = np.maximum.accumulate(last)
+    found = values[np.maximum(last, 0)].astype(float)
+    step = np.diff(stamps)
+    period = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
+    samples = np.concatenate(([0.0], np.cumsum(np.clip(np.rint(step / period), 1, _HELD))))
+    age = samples - samples[np.clip(which[np.maximum(last, 0)], 0, count - 1)]
+    known = (last >= 0) & (age <= _HELD)
+    found[~known] = np.nan
+    # Where a command was not recorded, one that is older stands in its place.
+    older = float(age[known].mean()) if known.any() else 0.0
+    part = unsure if unsure > _NEGLIGIBLE else 0.0
+    return Answers(found, (-part - (older if older > _NEGLIGIBLE else 0.0), part))
