@@ -8,8 +8,8 @@ import dataclasses
 from ctc_chattering.analysis.time_stamps import Indices, ordered, StampBreak
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.spline import interpolated
 import numpy as np
-from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]
 
 #: Most samples missing at a stretch that are interpolated.
 BRIDGED = 5
@@ -83,7 +83,7 @@ class Recording:
         if len(keep) < _FEWEST:
             raise CtcError(f'{self.name}: {len(keep)} states; at least {_FEWEST} are needed')
         found = dataclasses.replace(
-            self, t=order.t, q=self.q[keep], dq=_known(self.dq, keep),
+            self, t=order.t, q=_taken(self.q, keep), dq=_known(self.dq, keep),
             effort=_known(self.effort, keep), command=_known(self.command, keep),
             breaks=order.breaks)
         if found.effort is None and found.command is None:
@@ -102,7 +102,14 @@ def _known(values: Array | None, keep: Indices) -> Array | None:
     """Return the rows `keep` of a column group; None without a finite value in each column."""
     if values is None or not np.isfinite(values).any(axis=0).all():
         return None
-    return values[keep]
+    return _taken(values, keep)
+
+
+def _taken(values: Array, rows: Indices) -> Array:
+    """Return some rows; without a copy where they follow each other."""
+    if len(rows) and (np.diff(rows) == 1).all():
+        return values[rows[0]:rows[-1] + 1]
+    return values[rows]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,7 +169,7 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
         near = np.rint((at - at[0]) / period)
         grid += float(np.median(at - at[0] - period * near))
         held = np.clip(np.searchsorted(at, grid + 0.5 * period) - 1, 0, len(at) - 1)
-        effort, command = (None if x is None else x[part][held]
+        effort, command = (None if x is None else _taken(x, part[held])
                            for x in (recording.effort, recording.command))
         # Where a state is missing, an older command stands.
         older = float(np.mean(np.clip(np.rint((grid - at[held]) / period), 0.0, None)))
@@ -180,10 +187,10 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
     """
     period = grid[1] - grid[0]
     place, first = np.unique(np.rint((t - grid[0]) / period), return_index=True)
-    found: Array = CubicSpline(t, q)(grid)
+    found = interpolated(t, q, grid)
     if np.std(t[first] - grid[0] - period * place) < _EVEN * period:
         return found
-    even: Array = CubicSpline(grid[0] + period * place, q[first])(grid)
+    even = interpolated(grid[0] + period * place, q[first], grid)
     rough, less = (np.median(np.abs(np.diff(x, 3, axis=0)), axis=0) for x in (found, even))
     return even if (less < rough).sum() > 0.5 * len(rough) else found
 

@@ -92,7 +92,7 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     if command is not None and source != EFFORT:
         windows.check_order(command, joints)
         theirs = windows.shape(command)
-        _check_commands(theirs)
+        check_commands(theirs)
     if effort is None:
         return TorqueSides('', source)
     if theirs is not None:
@@ -108,10 +108,10 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
     return _of_both(declared, guess, mine, theirs, source)
 
 
-def _check_commands(shape: TorqueShape) -> None:
+def check_commands(shape: TorqueShape) -> None:
     """Raise `CtcError` if commands have no weight, or are no torques."""
-    weight, inertia = _exact(shape.weight, shape.weight_error), _exact(
-        shape.inertia, shape.inertia_error)
+    weight = _exact(shape.weight, shape.weight_error, shape.load)
+    inertia = _exact(shape.inertia, shape.inertia_error, shape.size)
     if not np.isfinite(weight) or _same(weight, _OTHER_UNIT_THAN_MODEL):
         return
     if abs(weight) < _NO_WEIGHT and inertia > 1.0 / _OTHER_UNIT_THAN_MODEL:
@@ -126,7 +126,7 @@ def _check_commands(shape: TorqueShape) -> None:
 
 def _guess(effort: TorqueShape, command: TorqueShape | None) -> str:
     """Return the side of the effort; empty where nothing tells."""
-    weight = _exact(effort.weight, effort.weight_error)
+    weight = _exact(effort.weight, effort.weight_error, effort.load)
     if command is None:
         if np.isfinite(weight) and not _same(weight, _OTHER_UNIT_THAN_MODEL):
             return CURRENT
@@ -208,9 +208,18 @@ def _echo(parts: Sequence[Stretch]) -> int | None:
     return None
 
 
-def _exact(values: Array, errors: Array) -> float:
-    """Return the median of the values that are known exactly; nan if there are none."""
-    return _median(np.where(errors < _EXACT * np.maximum(1.0, np.abs(values)), values, np.nan))
+def _exact(values: Array, errors: Array, sizes: Array) -> float:
+    """
+    Return the median of values that are known exactly, weighted by `sizes`; nan without any.
+
+    A load at the tip is much for joints near it, which carry little, and little for the others.
+    """
+    known = np.flatnonzero(errors < _EXACT * np.maximum(1.0, np.abs(values)))
+    if not len(known):
+        return float('nan')
+    order = known[np.argsort(values[known])]
+    below = np.cumsum(sizes[order])
+    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
 
 
 def _median(values: Array) -> float:

@@ -44,8 +44,8 @@ class TorqueShape(NamedTuple):
         Their standard errors.
     friction, friction_error : ndarray, shape (n,)
         Coulomb friction and viscous friction at the RMS velocity, and its standard error [N·m].
-    size : ndarray, shape (n,)
-        RMS of the torque [N·m].
+    size, load : ndarray, shape (n,)
+        RMS of the torque, and of the model's weight [N·m].
 
     """
 
@@ -56,6 +56,7 @@ class TorqueShape(NamedTuple):
     friction: Array
     friction_error: Array
     size: Array
+    load: Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +96,8 @@ class TorqueWindows:
                 continue
             speed = float(np.sqrt(np.square(x[:, 3]).mean()))
             found[:, i] = (value[0], value[1], errors[0], errors[1], value[2] + value[3] * speed,
-                           np.hypot(errors[2], errors[3] * speed), np.sqrt(np.square(y).mean()))
+                           np.hypot(errors[2], errors[3] * speed), np.sqrt(np.square(y).mean()),
+                           np.sqrt(np.square(x[:, 0]).mean()))
         return TorqueShape(*found)
 
     def check_order(self, torque: Array, joints: Sequence[str]) -> None:

@@ -7,11 +7,16 @@ from functools import cache
 
 from ctc_chattering.analysis.recording import stretches
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.regression.effort_side import torque_sides, TorqueSides
+from ctc_chattering.identification.regression.effort_side import (
+    check_commands,
+    torque_sides,
+    TorqueSides,
+)
 from ctc_chattering.identification.regression.finding import Severity
 from ctc_chattering.identification.regression.identify import identify
 from ctc_chattering.identification.regression.model_errors import candidates
 from ctc_chattering.identification.regression.rows import Rows
+from ctc_chattering.identification.regression.torque_shape import TorqueWindows
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 from identified_robots import record, Recorded
@@ -122,3 +127,16 @@ def test_a_torque_behind_the_gear_does_not_make_friction_zero() -> None:
     assert (found.side, found.timing.source) == ('link', 'command')
     for joint, coulomb in zip(found.friction, made().plant.coulomb_friction):
         assert joint.coulomb.value == pytest.approx(coulomb, rel=0.02)
+
+
+def test_a_load_at_the_tip_is_no_other_unit() -> None:
+    """It multiplies the small weight of the last joints, and adds little to that of the others."""
+    rng = np.random.default_rng(1)
+    way = np.sign(rng.normal(size=(400, 4)))
+    weight = rng.normal(size=(400, 4)) * (60.0, 30.0, 0.5, 0.5)
+    inertia, velocity = rng.normal(size=(2, 400, 4))
+    windows = TorqueWindows(way, weight, inertia, way * np.abs(velocity))
+    loaded = windows.shape(weight * (1.3, 1.5, 6.0, 8.0) + inertia + 3.0 * way)
+    check_commands(loaded)
+    with pytest.raises(CtcError, match=r'0\.10 of the weight'):
+        check_commands(windows.shape(0.1 * (weight + inertia + 3.0 * way)))
