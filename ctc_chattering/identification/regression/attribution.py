@@ -26,6 +26,8 @@ _MOST, _STEPS = 8, 3
 _SEEN = 1.0
 #: Least size of a cause, as a part of the size of its numbers.
 _LEAST = 0.05
+#: Part by which no torque is off.
+_ABSURD = 0.6
 #: Fewest windows of a joint for each column.
 _ROWS = 2
 #: What a number costs, in logarithms of the number of independent windows.
@@ -133,10 +135,10 @@ class Projected:
         rest = right - design @ np.linalg.lstsq(design, right, rcond=1e-10)[0]
         return Explanation(tuple(chosen), tuple(values), float(rest @ rest))
 
-    def deviation(self, found: Explanation, cause: Cause) -> float:
+    def deviation(self, found: Explanation, cause: Cause, saturated: bool = False) -> float:
         """Return how exactly the first number of another cause would be known beside these."""
         design, _ = self._design((*found.causes, cause),
-                                 (*found.values, np.zeros(len(cause.size))), False)
+                                 (*found.values, np.zeros(len(cause.size))), saturated)
         place = design.shape[1] - len(cause.size)
         length = float(np.linalg.norm(_rest(design[:, :place], design[:, place])))
         return 1.0 / length if length > 0.0 else np.inf
@@ -210,15 +212,28 @@ def explain(projected: Projected, options: Sequence[Cause], saturated: bool = Fa
             ) -> Explanation:
     """Return the causes that explain the torque with the fewest numbers, the best first."""
     best = projected.fit((), saturated=saturated)
-    for _ in range(_MOST):
+    for _ in range(len(projected.joints) - 1 if saturated else _MOST):
         found = [projected.fit((*best.causes, cause), best.values, saturated)
-                 for cause in options if not any(cause is x for x in best.causes)]
+                 for cause in options if possible(cause, best.causes)]
         better = [x for x in found if _price(x, projected) < _price(best, projected)
                   and _large(x)]
         if not better:
             break
-        best = _without(projected, min(better, key=lambda x: _price(x, projected)), saturated)
+        # Of those that explain as much, the first: a torque constant before all masses.
+        least = min(_price(x, projected) for x in better) + 0.5 * projected.cost
+        best = _without(projected, next(x for x in better if _price(x, projected) <= least),
+                        saturated)
     return best
+
+
+def possible(cause: Cause, others: Sequence[Cause]) -> bool:
+    """Return whether a cause may stand beside others."""
+    if any(cause is x for x in others):
+        return False
+    # All torques and all masses times nothing would explain everything.
+    whole = [x for x in (cause, *others) if x.which == ALL
+             and x.kind in (CauseKind.SCALE, CauseKind.MASSES)]
+    return len(whole) < 2
 
 
 def _price(found: Explanation, projected: Projected) -> float:
@@ -227,9 +242,11 @@ def _price(found: Explanation, projected: Projected) -> float:
 
 
 def _large(found: Explanation) -> bool:
-    """Return whether the last cause is more than a trifle."""
+    """Return whether the last cause is more than a trifle, and no torque scale is absurd."""
     cause, value = found.causes[-1], found.values[-1]
-    return bool((np.abs(value) > _LEAST * cause.size).any())
+    absurd = any(x.kind == CauseKind.SCALE and abs(y[0]) > _ABSURD
+                 for x, y in zip(found.causes, found.values))
+    return bool((np.abs(value) > _LEAST * cause.size).any()) and not absurd
 
 
 def _without(projected: Projected, found: Explanation, saturated: bool) -> Explanation:

@@ -68,7 +68,7 @@ class Cause(NamedTuple):
         elif self.kind == CauseKind.MASSES:
             x[:p] = value[0] * columns.prior[:p]
         elif self.kind == CauseKind.ROTOR:
-            x[p + i] = value[0]
+            x[p + np.arange(len(value)) if i == ALL else [p + i]] = value
         elif self.kind == CauseKind.BODY:
             x[body] = value
         elif self.kind == CauseKind.CENTRE:
@@ -116,8 +116,8 @@ def causes(columns: ErrorColumns | None, joints: int, candidates: Sequence[Model
         return []
     p, sizes = columns.count, columns.sizes
     found = [*scales, *(Cause(CauseKind.ROTOR, i, sizes[p + i:p + i + 1]) for i in range(joints))]
-    for k, candidate in enumerate(candidates):
-        direction = columns.direction(candidate.model)
+    found.append(Cause(CauseKind.ROTOR, ALL, sizes[p:p + joints]))
+    for k, direction in enumerate(columns.directions([x.model for x in candidates])):
         if direction is not None:
             found.append(Cause(CauseKind.LINK, k, np.full(1, 0.1), direction))
     found.append(Cause(CauseKind.MASSES, ALL, np.full(1, 0.1)))

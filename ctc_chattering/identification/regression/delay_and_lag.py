@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import dataclasses
+from functools import cached_property
 from math import nan
 
 from ctc_chattering.analysis.recording import Stretch
@@ -101,10 +102,14 @@ class Profile:
                  phi: TestFunction) -> None:
         self._parts, self._rows, self._source, self._phi = parts, rows, source, phi
         self.period = parts[0].period
-        self.data = data = Data.of(rows, [self.torque(part, row, 0.0, 0.0)
-                                          for part, row in zip(parts, rows)])
-        self.count = data.used().sum(axis=0)
-        self._bases = [self._basis(i) for i in range(data.way.shape[1])]
+        self.data = Data.of(rows, [self.torque(part, row, 0.0, 0.0)
+                                   for part, row in zip(parts, rows)])
+        self.count = self.data.used().sum(axis=0)
+
+    @cached_property
+    def _bases(self) -> list[Array]:
+        """Return the basis of each joint."""
+        return [self._basis(i) for i in range(self.data.way.shape[1])]
 
     def _basis(self, i: int) -> Array:
         """Return an orthonormal basis of what explains the torque of joint i."""

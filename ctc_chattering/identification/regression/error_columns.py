@@ -14,6 +14,7 @@ torque of their own: the columns are those of an orthogonal basis of what any mo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 
 from ctc_chattering.analysis.time_stamps import Indices
@@ -97,21 +98,25 @@ class ErrorColumns:
         found: Array = self.basis.T @ (x.T / self.sizes).T
         return found
 
-    def direction(self, other: Model) -> Array | None:
-        """Return x of another model less this one, shape (p + n + 3,); None if it is no such x."""
+    def directions(self, others: Sequence[Model]) -> list[Array | None]:
+        """Return x of other models less this one, shape (p + n + 3,); None for no such x."""
+        if not others:
+            return []
         rng = np.random.default_rng(1)
         rows, right = [], []
-        for q, dq, ddq in rng.normal(size=(_STATES, 3, self.model.n)):
+        own = self.model
+        assert isinstance(own, Model)
+        for q, dq, ddq in rng.normal(size=(_STATES, 3, own.n)):
             state = q.tolist(), dq.tolist(), ddq.tolist()
-            assert isinstance(self.model, Model)
             rows.append(self._torque(q, dq, ddq)[:, :self.count] * self.sizes[:self.count])
-            right.append(np.subtract(other.inverse_dynamics(*state),
-                                     self.model.inverse_dynamics(*state)))
+            right.append(np.column_stack([
+                np.subtract(other.inverse_dynamics(*state), own.inverse_dynamics(*state))
+                for other in others]))
         design, y = np.concatenate(rows), np.concatenate(right)
         found = np.linalg.lstsq(design, y, rcond=1e-9)[0]
-        if not np.allclose(design @ found, y, atol=1e-6 * np.abs(y).max(initial=0.0)):
-            return None
-        return np.append(found * self.sizes[:self.count], np.zeros(self.model.n + 3))
+        off = np.abs(design @ found - y).max(axis=0) > 1e-6 * np.abs(y).max(axis=0)
+        return [None if bad else np.append(x * self.sizes[:self.count], np.zeros(own.n + 3))
+                for x, bad in zip(found.T, off)]
 
     def weak(self, place: Array, dq: Array, moved: Array, phi: TestFunction, first: int,
              centres: Indices) -> Array:

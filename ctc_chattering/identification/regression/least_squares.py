@@ -42,10 +42,10 @@ class Term(NamedTuple):
     A column: what it stands for, its joint, and which one of several.
 
     The joint of an error of the model is -1, and `which` its index; a torque scale of all joints
-    has -1 as well, and its coefficient is the part by which torques are larger. `which` of the
-    Stribeck terms is the place of the velocity among `STRIBECK`, between two of them as well; the
-    slope is the derivative of the column by that, and that of the lag the derivative of the torque
-    by the lag.
+    has -1 as well, and its coefficient is the part by which torques are larger. `which` of a load
+    is 0 for what gears transmit, and 1 for the torque of motors. That of the Stribeck terms is the
+    place of the velocity among `STRIBECK`, between two of them as well; the slope is the
+    derivative of the column by that, and that of the lag the derivative of the torque by the lag.
     """
 
     kind: TermKind
@@ -63,7 +63,7 @@ class Data:
     t, velocity, way, more, stribeck
         As in `Rows`.
     load : ndarray, shape (J, n)
-        Magnitude of the torque by the model and Coulomb friction [N·m].
+        Magnitude of the model's torque without friction: what gears transmit [N·m].
     late : ndarray, shape (J, n)
         Derivative of the torque by the lag of the drive; 0 without a lag [N·m/s].
     residual : ndarray, shape (J, n)
@@ -74,6 +74,8 @@ class Data:
         Weak torque, 0 where it is not known [N·m].
     floor : ndarray, shape (n,)
         Least deviation that a torque is trusted to [N·m].
+    motor : ndarray, shape (J, n)
+        Magnitude of the torque by the model and Coulomb friction: that of motors [N·m].
 
     """
 
@@ -88,6 +90,7 @@ class Data:
     starts: tuple[int, ...]
     torque: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     floor: Array = dataclasses.field(default_factory=lambda: np.zeros(1))
+    motor: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(cls, rows: Sequence[Rows], torques: Sequence[Array],
@@ -107,7 +110,7 @@ class Data:
         """
         torque = np.concatenate(list(torques))
         columns = {name: np.concatenate([getattr(part, name) for part in rows])
-                   for name in ('t', 'velocity', 'way', 'more', 'stribeck', 'base')}
+                   for name in ('t', 'velocity', 'way', 'more', 'stribeck', 'base', 'load')}
         known, base = np.isfinite(torque), columns.pop('base')
         columns['way'] = np.where(known, columns['way'], 0.0)
         counts = np.cumsum([0, *(len(part.t) for part in rows)])
@@ -115,8 +118,7 @@ class Data:
         residual = np.where(known, torque - base, 0.0)
         sizes = np.sqrt(np.square(residual * (columns['way'] != 0.0)).sum(axis=0)
                         / np.maximum((columns['way'] != 0.0).sum(axis=0), 1))
-        return cls(**columns, load=np.abs(base),
-                   late=np.where(known & np.isfinite(slope), slope, 0.0), residual=residual,
+        return cls(**columns, late=np.where(known & np.isfinite(slope), slope, 0.0), residual=residual,
                    starts=tuple(counts[:-1].tolist()), torque=np.where(known, torque, 0.0),
                    floor=_FLOOR * sizes)
 
@@ -127,7 +129,7 @@ class Data:
         It is the model's: a measured torque would explain itself.
         """
         base = self.torque - self.residual
-        return dataclasses.replace(self, load=np.abs(base + self.way * levels))
+        return dataclasses.replace(self, motor=np.abs(base + self.way * levels))
 
     def mixed(self, mixing: Array) -> Data:
         """Return it with combinations of the errors' columns, mixing of shape (m, k)."""
@@ -146,7 +148,7 @@ class Data:
                 weights = interpolation(which, kind == TermKind.STRIBECK_SLOPE)
                 found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)
             elif kind == TermKind.LOAD:
-                found[:, i, k] = self.way[:, i] * self.load[:, i]
+                found[:, i, k] = self.way[:, i] * (self.motor if which else self.load)[:, i]
             elif kind == TermKind.LAG_SLOPE:
                 found[:, i, k] = self.late[:, i] * (self.way[:, i] != 0.0)
             elif kind == TermKind.VISCOUS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import dataclasses
 
 from ctc_chattering.identification.regression.body_estimate import BodyEstimate
 from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
@@ -90,9 +91,11 @@ class ModelVerdict:
     def rotor(self) -> list[Estimate]:
         """Return the inertia of rotors that the model lacks, length n [kg·m²]."""
         found = [self._none() for _ in self._joints]
-        for cause, (number, *_) in self._found:
+        for cause, numbers in self._found:
             if cause.kind == CauseKind.ROTOR:
-                found[cause.which] = Estimate(number.value, number.half, 'kg*m^2')
+                which = range(len(found)) if cause.which == ALL else [cause.which]
+                for i, number in zip(which, numbers):
+                    found[i] = dataclasses.replace(number, unit='kg*m^2')
         return found
 
     def scale(self) -> list[Estimate]:
@@ -199,8 +202,8 @@ class ModelVerdict:
             return (f'{name}: the torque is {1.0 + size:.4g} ± {first.half:.1g} times '
                     'the signal, a wrong torque constant or gear ratio')
         if cause.kind == CauseKind.ROTOR:
-            return (f'{name}: {size:.4g} ± {first.half:.1g} kg*m^2 at the joint are '
-                    'missing in the model')
+            sizes = ', '.join(f'{x.value or 0.0:.3g} ± {x.half:.1g}' for x in numbers)
+            return f'{name}: {sizes} kg*m^2 at the joint are missing in the model'
         if cause.kind == CauseKind.GRAVITY:
             turn = np.degrees([((x.value or 0.0), x.half) for x in numbers])
             return (f'{name}: the base is turned by {turn[0, 0]:.2f} ± {turn[0, 1]:.1g} degrees '

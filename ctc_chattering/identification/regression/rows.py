@@ -53,6 +53,8 @@ class Rows:
         Mean of sgn(dq) exp(-(dq / v)²) for these v.
     gravity : ndarray, shape (J, n)
         The part of `base` that is weight [N·m].
+    load : ndarray, shape (J, n)
+        Mean magnitude of the model's torque without friction [N·m].
 
     """
 
@@ -64,13 +66,14 @@ class Rows:
     velocity: Array
     stribeck: Array
     gravity: Array
+    load: Array
 
     @classmethod
     def of(cls, stretch: Stretch, model: Model, phi: TestFunction,
            errors: ErrorColumns | None = None) -> Rows:
         """Return the rows of a stretch, for the model that is to be corrected."""
         h, q = stretch.period, stretch.q
-        place, dq, _ = smoothed(q, h)
+        place, dq, ddq = smoothed(q, h)
         moved = np.empty_like(q)
         moved[1:-1], moved[0], moved[-1] = (q[2:] - q[:-2]) / (2.0 * h), dq[0], dq[-1]
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
@@ -80,12 +83,12 @@ class Rows:
         way = np.where(low == high, low, 0.0)
         columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, centres)
                    for v in STRIBECK]
-        sides = [_sides(place, dq, moved, model, phi, errors, some) for some in blocks(centres)
+        sides = [_sides((place, dq, ddq, moved), model, phi, errors, some) for some in blocks(centres)
                  if len(some)]
-        base, weight, more = (np.concatenate(x) for x in zip(*sides)) if sides else (
-            np.empty((0, *shape)) for shape in (q.shape[1:], q.shape[1:], (q.shape[1], 0)))
+        base, weight, load, more = (np.concatenate(x) for x in zip(*sides)) if sides else (
+            np.empty((0, *shape)) for shape in (*[q.shape[1:]] * 3, (q.shape[1], 0)))
         return cls(stretch.t[centres], centres, way, base, more,
-                   phi.sums(moved, phi.at, centres), np.stack(columns, axis=2), weight)
+                   phi.sums(moved, phi.at, centres), np.stack(columns, axis=2), weight, load)
 
     def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
         """Return some windows of a stretch from which the samples before `first` are cut off."""
@@ -93,15 +96,17 @@ class Rows:
         return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
-def _sides(place: Array, dq: Array, moved: Array, model: Model, phi: TestFunction,
-           errors: ErrorColumns | None, centres: Indices) -> tuple[Array, Array, Array]:
-    """Return the left side of the model, its weight, and the columns of its errors."""
+def _sides(motion: tuple[Array, Array, Array, Array], model: Model, phi: TestFunction,
+           errors: ErrorColumns | None, centres: Indices) -> tuple[Array, Array, Array, Array]:
+    """Return the left side of the model, its weight and load, and the columns of its errors."""
+    place, dq, ddq, moved = motion
     part = slice(int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1)
     at = centres - part.start
     dynamics = Dynamics.along(place[part], dq[part], phi.period, model)
     more = errors.weak(place, dq, moved, phi, part.start, centres) if errors else np.empty(
         (len(centres), place.shape[1], 0))
-    return dynamics.weak(moved[part], phi, at), dynamics.weight(phi, at), more
+    return (dynamics.weak(moved[part], phi, at), dynamics.weight(phi, at),
+            dynamics.load(ddq[part], phi, at), more)
 
 
 def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:

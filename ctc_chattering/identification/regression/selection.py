@@ -14,6 +14,7 @@ from typing import NamedTuple
 from ctc_chattering.identification.regression.attribution import (
     explain,
     Explanation,
+    possible,
     Projected,
     without_noise,
 )
@@ -44,6 +45,10 @@ _NEGLIGIBLE = 0.02
 _REFINEMENTS = 6
 #: Windows that are slow enough for it, for each velocity.
 _SLOW = 10
+#: Most causes that are believed: with more, others would explain as much.
+_CAUSES = 3
+#: Deviation of a torque constant where the motion does not show it.
+_SCALE = 0.03
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -131,16 +136,55 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
     causes = explain(projected, options)
     mixing, scales = _mixed(columns, causes)
     named = _final(data.mixed(mixing), [*terms, *scales], missing)
-    alike = _alike(projected, causes, options)
-    beside = explain(projected, [x for x in options if x.kind == CauseKind.SCALE
-                                 and x.which != ALL], saturated=True)
-    scales = [Term(TermKind.SCALE, x.which) for x in beside.causes]
-    whole = _final(data.mixed(projected.saturated), [*terms, *scales], dict(missing))
-    attributed = causes.square + projected.cost * causes.count <= (
+    beside = _beside(projected, causes, options)
+    free = [Term(TermKind.SCALE, x.which) for x in beside.causes]
+    whole = _final(data.mixed(projected.saturated), [*terms, *free], dict(missing))
+    attributed = len(causes.causes) <= _CAUSES and causes.square + projected.cost * causes.count <= (
         beside.square + projected.cost * (projected.saturated.shape[1] + beside.count))
     if attributed and _agree(named, whole):
+        alike = _alike(projected, causes, options)
+        for other in alike:
+            mixed, others = _mixed(columns, other)
+            again = solve(data.mixed(mixed), _all([*terms, *others], mixed.shape[1]))
+            named = named[0], _containing(*named, again)
         return Selected(*named, missing, levels, mixing, causes, True, alike, projected)
+    whole = whole[0], _in_doubt(*whole, projected, beside, options)
     return Selected(*whole, missing, levels, projected.saturated, causes, False, (), projected)
+
+
+def _beside(projected: Projected, found: Explanation, options: Sequence[Cause]) -> Explanation:
+    """Return the torque scales beside all errors of the model, which show some of them only."""
+    scales = [x for x in found.causes if x.kind == CauseKind.SCALE and x.which != ALL]
+    if len(scales) >= len(projected.joints):
+        scales = []
+    if scales or any(x.kind == CauseKind.SCALE for x in found.causes):
+        return projected.fit(scales, saturated=True)
+    return explain(projected, [x for x in options if x.kind == CauseKind.SCALE
+                               and x.which != ALL], saturated=True)
+
+
+def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
+    """Return the spread with intervals of friction that contain another fit's as well."""
+    off = np.array([0.0 if term.joint < 0 else other.of(term) - value if term in other.terms
+                    else 0.0 for term, value in zip(fit.terms, fit.value)]) / errors.factor
+    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+
+
+def _in_doubt(fit: Fit, errors: Spread, projected: Projected, beside: Explanation,
+              options: Sequence[Cause]) -> Spread:
+    """Return the spread with what the scales of torques may be off by."""
+    covariance = errors.covariance.copy()
+    doubts = {-1: max((abs(float(x[0])) for x in beside.values), default=0.0) / errors.factor}
+    for option in options:
+        if option.kind == CauseKind.SCALE and option.which != ALL and not any(
+                option is x for x in beside.causes):
+            doubts[option.which] = min(projected.deviation(beside, option, True), _SCALE)
+    for i, doubt in doubts.items():
+        off = doubt * np.array([
+            value if term.kind != TermKind.SCALE and term.joint >= 0 and i in (-1, term.joint)
+            else 0.0 for term, value in zip(fit.terms, fit.value)])
+        covariance += np.outer(off, off)
+    return dataclasses.replace(errors, covariance=covariance)
 
 
 def _mixed(columns: ErrorColumns, found: Explanation) -> tuple[Array, list[Term]]:
@@ -155,10 +199,15 @@ def _mixed(columns: ErrorColumns, found: Explanation) -> tuple[Array, list[Term]
     return np.concatenate(mixing, axis=1), scales
 
 
+def _all(terms: Sequence[Term], count: int) -> list[Term]:
+    """Return the terms with so many errors of the model."""
+    return [*terms, *(Term(TermKind.MODEL, -1, k) for k in range(count))]
+
+
 def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]
            ) -> tuple[Fit, Spread]:
     """Return the fit of these terms and all columns of `data`, with its errors."""
-    every = [*terms, *(Term(TermKind.MODEL, -1, k) for k in range(data.more.shape[2]))]
+    every = _all(terms, data.more.shape[2])
     found = _refined(data, _without_weak(data, _refined(data, every), missing))
     # As with the slopes of Stribeck columns, intervals contain what the lag is uncertain by.
     n = data.way.shape[1]
@@ -169,11 +218,13 @@ def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int]
 
 def _agree(named: tuple[Fit, Spread], whole: tuple[Fit, Spread]) -> bool:
     """Return whether two fits have the same friction, within the intervals of the second."""
+    # Beside all errors of the model a scale of all torques does not show.
+    factor = 1.0 + named[0].of(Term(TermKind.SCALE, -1))
     for kind in (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS):
         for k, term in enumerate(whole[0].terms):
             if term.kind == kind:
                 half = whole[1].factor * whole[1].error[k]
-                if abs(named[0].of(term) - whole[0].value[k]) > _AGREES * half:
+                if abs(named[0].of(term) - factor * whole[0].value[k]) > _AGREES * half:
                     return False
     return True
 
@@ -186,10 +237,12 @@ def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
         rest = [x for j, x in enumerate(found.causes) if j != k]
         values = [x for j, x in enumerate(found.values) if j != k]
         for option in options:
-            if any(option is x for x in found.causes):
+            if not possible(option, found.causes):
                 continue
             other = projected.fit([*rest, option], values)
-            if (other.square + projected.cost * other.count
+            # No motion tells a torque constant of all drives from the mass of all links.
+            both = {option.kind, found.causes[k].kind} == {CauseKind.SCALE, CauseKind.MASSES}
+            if both and option.which == found.causes[k].which or (other.square + projected.cost * other.count
                     < found.square + projected.cost * (found.count + 1.0)):
                 others.append(other)
     return tuple(others)
@@ -233,7 +286,7 @@ def _further(data: Data, terms: Sequence[Term], joints: Sequence[str], levels: A
         speed = np.abs(data.velocity[used, i])
         slow = [k for k, v in enumerate(STRIBECK) if (speed < v).sum() >= _SLOW]
         options = {TermKind.STRIBECK: [Term(TermKind.STRIBECK, i, k) for k in slow],
-                   TermKind.LOAD: [Term(TermKind.LOAD, i)]}
+                   TermKind.LOAD: [Term(TermKind.LOAD, i, which) for which in (0, 1)]}
         largest = float(data.load[used, i].max(initial=0.0))
         size = _NEGLIGIBLE * levels[i]
         least = {TermKind.STRIBECK: size, TermKind.LOAD: size / max(largest, 1e-12)}

@@ -144,8 +144,8 @@ class Dynamics:
         Samples at which they were evaluated.
     mass : ndarray, shape (K, n, n)
         M [kg·m²].
-    rest, gravity : ndarray, shape (K, n)
-        G - Cᵀ dq, and G [N·m].
+    rest, gravity, bias : ndarray, shape (K, n)
+        G - Cᵀ dq, G, and G + C dq [N·m].
     count : int
         Number of samples.
 
@@ -155,6 +155,7 @@ class Dynamics:
     mass: Array
     rest: Array
     gravity: Array
+    bias: Array
     count: int
 
     @classmethod
@@ -163,15 +164,20 @@ class Dynamics:
         step = max(1, int(_GRID / period))
         index = np.append(np.arange(0, len(q) - 1, step), len(q) - 1)
         n = q.shape[1]
-        mass, rest, weight = (np.empty((len(index), *shape)) for shape in ((n, n), (n,), (n,)))
+        mass, (rest, weight, bias) = np.empty((len(index), n, n)), np.empty((3, len(index), n))
         for b, k in enumerate(index):
             mass[b], C, weight[b] = model.evaluate(q[k], dq[k])
-            rest[b] = weight[b] - C.T.dot(dq[k])
-        return cls(index, mass, rest, weight, len(q))
+            rest[b], bias[b] = weight[b] - C.T.dot(dq[k]), weight[b] + C.dot(dq[k])
+        return cls(index, mass, rest, weight, bias, len(q))
 
     def weight(self, phi: TestFunction, centres: Indices) -> Array:
         """Return the weak G, shape (J, n) [N·m]."""
         return phi.sums(self._full(self.gravity), phi.at, centres)
+
+    def load(self, ddq: Array, phi: TestFunction, centres: Indices) -> Array:
+        """Return the mean magnitude of the inverse dynamics, ddq of shape (N, n), (J, n) [N·m]."""
+        torque = np.einsum('tij,tj->ti', self.mass, ddq[self.index]) + self.bias
+        return phi.sums(np.abs(self._full(torque)), phi.at, centres)
 
     def weak(self, moved: Array, phi: TestFunction, centres: Indices) -> Array:
         """
