@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
 
 
 @runtime_checkable
@@ -29,3 +30,8 @@ class LinearModel(Protocol):
 
     def gravity_map(self, q: Array) -> Array:
         """Return the derivative of G(q) by the vector of gravity, shape (n, 3)."""
+
+
+def rotors(model: LinearModel) -> Array:
+    """Return the inertias of rotors that a model has, shape (n,) [kg·m²]; only a URDF has any."""
+    return np.array(getattr(model, 'rotor_inertias', (0.0,) * model.n))

@@ -140,6 +140,15 @@ class UrdfModel(Model):
         return Bodies(parents, prismatic, self._order, rotation, offset, mass, center, inertia,
                       np.array(model.armature))
 
+    def places(self) -> dict[str, tuple[int, Array]]:
+        """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""
+        found = {}
+        for name, frame in ((name, self._model.frames[self._model.getFrameId(f'link {i}')])
+                            for i, name in enumerate(self._links)):
+            if frame.parentJoint:
+                found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
+        return found
+
     def inertial_parameters(self) -> Array:
         """
         Return ten parameters for each joint's body, shape (10 n,), bodies in our order.
@@ -149,15 +158,6 @@ class UrdfModel(Model):
         """
         return np.concatenate([self._model.inertias[int(i) + 1].toDynamicParameters()
                                for i in self._back])
-
-    def places(self) -> dict[str, tuple[int, Array]]:
-        """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""
-        found = {}
-        for name, frame in ((name, self._model.frames[self._model.getFrameId(f'link {i}')])
-                            for i, name in enumerate(self._links)):
-            if frame.parentJoint:
-                found[name] = int(self._order[frame.parentJoint - 1]), frame.placement.homogeneous
-        return found
 
     def parameter_sizes(self) -> Array:
         """Return how large each parameter is roughly, shape (10 n,)."""

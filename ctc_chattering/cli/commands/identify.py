@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import dataclasses
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -32,19 +33,24 @@ if TYPE_CHECKING:
 DETAILS = ('From bags of any recorder, with intervals of 95 %. Write identified.yaml, '
            'identify.json, figures and index.html.')
 #: Names in the output directory.
-_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES = (
-    'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'figures')
+_PAGE, _JSON, _VALUES, _ROBOT, _CORRECTED, _FIGURES = (
+    'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
 #: Acceleration of gravity where nothing says otherwise [m/s²].
 _GRAVITY = 9.81
 
 
 @dataclasses.dataclass(frozen=True)
 class _IdentifiedRobot:
-    """The model that is corrected, its errors that are looked for, and values of all nodes."""
+    """
+    The model, its errors that are looked for, and values of all nodes.
+
+    `files` are descriptions by name; the last one is that of the model.
+    """
 
     model: Model
     candidates: list[ModelError]
-    description: str
+    files: dict[str, str]
+    locked: dict[str, float]
     shared: dict[str, Any]
     gains: tuple[Any, Any] | None
 
@@ -105,9 +111,11 @@ def run(options: argparse.Namespace) -> int:
     recordings += [] if options.validate else [last]
     robot = _robot(options, motions[0], description)
     rate = _rates(options.torque_rate, len(recordings[0].joints))
-    names = (_PAGE, _JSON, _VALUES, _ROBOT, _FIGURES)
+    names = (_PAGE, _JSON, _VALUES, _ROBOT, _CORRECTED, _FIGURES)
     out = prepare(options.out, names, options.overwrite)
     found = identify(recordings, robot.model, robot.candidates, options.torque or '', side)
+    found, robot = _corrected(found, robot, lambda x: identify(
+        recordings, x.model, x.candidates, options.torque or '', side))
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
     perturbed = perturbation(found)
@@ -116,8 +124,8 @@ def run(options: argparse.Namespace) -> int:
     validation = validate(found, last, robot.model) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
                                     perturbed, recommended, validation, rate)
-    if robot.description:
-        write_text(out / _ROBOT, robot.description)
+    for name, text in robot.files.items():
+        write_text(out / name, text)
     if not _missing(results):
         results = _tried(results, robot, q, out, options)
     missing = _missing(results)
@@ -166,8 +174,8 @@ def _values(found: Identification, recommended: Recommendation, robot: _Identifi
     from ctc_chattering.identification.report.parameter_values import parameter_values
 
     shared = dict(robot.shared)
-    if robot.description:
-        shared['description'] = str((out / _ROBOT).resolve())
+    if robot.files:
+        shared['description'] = str((out / list(robot.files)[-1]).resolve())
     return parameter_values(found, recommended, robot.model, q, shared, robot.gains)
 
 
@@ -191,8 +199,29 @@ def _robot(options: argparse.Namespace, motion: RecordedMotion, description: str
     if any(locked):
         shared['locked'] = list(locked)
     used = description if name == 'urdf' else ''
-    return _IdentifiedRobot(model, candidates(model, used, positions), used, shared,
+    return _IdentifiedRobot(model, candidates(model, used, positions),
+                            {_ROBOT: used} if used else {}, positions, shared,
                             (controller.kp, controller.kv) if controller else None)
+
+
+def _corrected(found: Identification, robot: _IdentifiedRobot,
+               again: Callable[[_IdentifiedRobot], Identification]
+               ) -> tuple[Identification, _IdentifiedRobot]:
+    """Return both with a corrected URDF, if the model is clearly wrong and this is better."""
+    from ctc_chattering.identification.report.corrected_model import (
+        corrected_description,
+        with_correction,
+    )
+
+    text = corrected_description(found, robot.files.get(_ROBOT, ''), robot.locked)
+    if not text:
+        return found, robot
+    model = make_model('urdf', robot.shared['gravity'], found.joints, text, robot.locked)
+    other = dataclasses.replace(
+        robot, model=model, candidates=candidates(model, text, robot.locked),
+        files={**robot.files, _CORRECTED: text})
+    better = with_correction(found, again(other), _CORRECTED)
+    return (found, robot) if better is None else (better, other)
 
 
 def _rates(text: str | None, n: int) -> tuple[float, ...]:
@@ -209,6 +238,8 @@ def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: 
     from ctc_chattering.identification.report.results import write_page
 
     files = {_JSON: 'all numbers'}
+    if _CORRECTED in robot.files:
+        files[_CORRECTED] = 'corrected URDF'
     if not refused:
         files = {_VALUES: 'parameter file', **files}
         values = _values(report.found, report.recommended, robot, q, out)

@@ -77,6 +77,8 @@ class Projected:
     ----------
     joints : list of int
         Those with windows enough.
+    powers : list of float
+        Number of windows of each of these, over the variance of their noise.
     saturated : ndarray, shape (m, k)
         Orthogonal combinations of the columns that the motion shows.
     square : float
@@ -91,6 +93,7 @@ class Projected:
         n = data.way.shape[1]
         self._blocks: list[Array] = []
         self.joints: list[int] = []
+        self.powers: list[float] = []
         weight, count = np.zeros(n), 0.0
         for i in range(n):
             used = data.way[:, i] != 0.0
@@ -109,6 +112,7 @@ class Projected:
             if variance > 0.0:
                 weight[i] = 1.0 / (variance * length)
             self._blocks.append(np.sqrt(weight[i]) * block)
+            self.powers.append(float(weight[i] * used.sum()))
             count += len(left) / length
         m = data.more.shape[2]
         stacked = np.concatenate([np.zeros((0, m + 2)), *self._blocks])
@@ -143,26 +147,23 @@ class Projected:
         length = float(np.linalg.norm(_rest(design[:, :place], design[:, place])))
         return 1.0 / length if length > 0.0 else np.inf
 
-    def inertial(self, found: Explanation | None) -> tuple[Array, Array]:
+    def whole(self, found: Explanation | None) -> tuple[list[Array], Array]:
         """
-        Return the columns of the inertial parameters, and what they are to explain.
+        Return the columns of all parameters x for each joint, and what they are to explain.
 
-        Both are over the deviation of noise, shapes (rows, p) and (rows,), without what other
-        causes explain.
+        They are over the deviation of noise, shapes (rows, p + n + 3) and (all rows,), without
+        what torque scales explain.
         """
-        p, m = self.columns.count, self.columns.basis.shape[1]
-        unit = np.zeros((len(self.columns.sizes), p))
-        unit[:p] = np.eye(p)
-        root = np.concatenate([x[:, :m] for x in self._blocks]) @ self.columns.coordinates(unit)
+        m = self.columns.basis.shape[1]
+        unit = self.columns.coordinates(np.eye(len(self.columns.sizes)))
         right = np.concatenate([x[:, -1] for x in self._blocks])
-        kinds = (CauseKind.SCALE, CauseKind.ROTOR, CauseKind.GRAVITY)
         pairs = [] if found is None else [
-            x for x in zip(found.causes, found.values) if x[0].kind in kinds]
+            x for x in zip(found.causes, found.values) if x[0].kind == CauseKind.SCALE]
         if pairs:
             chosen, values = zip(*pairs)
             design, _ = self._design(chosen, values, False)
             right = right - design @ np.concatenate(values)
-        return root, right
+        return [x[:, :m] @ unit for x in self._blocks], right
 
     def _design(self, chosen: Sequence[Cause], values: Sequence[Array], saturated: bool
                 ) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import dataclasses
 
 from ctc_chattering.analysis.time_stamps import Indices
-from ctc_chattering.dynamics.linear_model import LinearModel
+from ctc_chattering.dynamics.linear_model import LinearModel, rotors
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
@@ -69,8 +69,8 @@ class ErrorColumns:
         down = np.array([0.0, 0.0, -model.gravity])
         for q, dq, ddq in states[:3]:
             wanted = model.inverse_dynamics(q.tolist(), dq.tolist(), ddq.tolist())
-            if not np.allclose(model.torque_regressor(q, dq, ddq, down) @ own, wanted,
-                               rtol=1e-6, atol=1e-9):
+            made = model.torque_regressor(q, dq, ddq, down) @ own + rotors(model) * ddq
+            if not np.allclose(made, wanted, rtol=1e-6, atol=1e-9):
                 return None
         inertia = np.mean([model.evaluate(q, dq)[0].diagonal() for q, dq, _ in states], axis=0)
         sizes = np.concatenate((model.parameter_sizes(), _ROTOR * inertia,
@@ -86,7 +86,7 @@ class ErrorColumns:
     def prior(self) -> Array:
         """Return the parameters of the model, shape (p + n + 3,)."""
         down = np.array([0.0, 0.0, -self.model.gravity])
-        return np.concatenate((self.model.inertial_parameters(), np.zeros(self.model.n), down))
+        return np.concatenate((self.model.inertial_parameters(), rotors(self.model), down))
 
     @property
     def count(self) -> int:

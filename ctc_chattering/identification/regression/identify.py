@@ -8,12 +8,12 @@ import dataclasses
 from ctc_chattering.analysis.recording import Recording, Stretch, stretches
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.regression.body_estimate import BodyEstimate
 from ctc_chattering.identification.regression.causes import causes
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
 from ctc_chattering.identification.regression.effort_side import torque_sides
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.estimated_bodies import judged
 from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
@@ -21,6 +21,7 @@ from ctc_chattering.identification.regression.least_squares import Data
 from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.model_verdict import ModelVerdict, physical, tilted
 from ctc_chattering.identification.regression.physical_causes import FittedMotion
+from ctc_chattering.identification.regression.physical_consistency import ConsistentBodies
 from ctc_chattering.identification.regression.residual_tests import (
     findings,
     Unexplained,
@@ -92,8 +93,8 @@ class Identification:
         Inertia of the rotors at the joint that the model lacks [kg·m²].
     tilt : tuple of Estimate, length 3
         Gravity in the frame of the base [m/s²].
-    bodies : BodyEstimate or None
-        Inertial parameters of the moved bodies.
+    bodies : ConsistentBodies or None
+        Inertial parameters that the moved bodies can have, nearest to the data.
     rate : list of Estimate, length n
         Rate limit of each drive [N·m/s].
     side : {'', 'motor', 'link', 'current'}
@@ -123,7 +124,7 @@ class Identification:
     scale: list[Estimate] = dataclasses.field(default_factory=list)
     rotor: list[Estimate] = dataclasses.field(default_factory=list)
     tilt: tuple[Estimate, ...] = ()
-    bodies: BodyEstimate | None = None
+    bodies: ConsistentBodies | None = None
     rate: list[Estimate] = dataclasses.field(default_factory=list)
     side: str = ''
     columns: ErrorColumns | None = None
@@ -196,14 +197,16 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     friction = [joint_friction(selected, i) for i in range(len(joints))]
     data = data.loaded(selected.levels).mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
+    bodies, impossible = judged(named.bodies(), joints)
     noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
-               *sides.findings, *named.findings(), *physical(friction, joints))
+               *sides.findings, *named.findings(), *physical(friction, joints),
+               *impossible)
     return _tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
         selected, base, weight, duration, noticed,
-        scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=named.bodies(),
+        scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=sides.side, columns=columns),
         WindowStates.of(parts, rows, phi))
 

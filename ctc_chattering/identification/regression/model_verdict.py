@@ -9,6 +9,7 @@ from ctc_chattering.identification.regression.body_estimate import BodyEstimate
 from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.estimated_bodies import body_estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.least_squares import Term, TermKind
@@ -131,19 +132,11 @@ class ModelVerdict:
 
     def bodies(self) -> BodyEstimate | None:
         """Return the inertial parameters of all bodies; None for a model without these."""
-        columns, projected = self._columns, self._selected.projected
-        if columns is None or projected is None or columns.count != 10 * len(self._joints):
+        projected = self._selected.projected
+        if projected is None:
             return None
-        p = columns.count
-        root, right = projected.inertial(self._selected.explanation)
-        sizes = columns.sizes[:p]
-        u, s, v = np.linalg.svd(root * sizes, full_matrices=False)
-        seen = s > 1.0
-        more = sizes * (v[seen].T @ (u[:, seen].T @ right / s[seen]))
-        prior = columns.prior[:p]
-        information = (v[seen].T * np.square(s[seen]) @ v[seen]) / np.outer(sizes, sizes)
-        return BodyEstimate(tuple(self._bodies()), prior.reshape(-1, 10),
-                            (prior + more).reshape(-1, 10), information)
+        found = self._selected.explanation if self._selected.attributed else None
+        return body_estimate(projected, found, self._bodies())
 
     def _bodies(self) -> list[str]:
         """Return a name for the body of each joint."""

@@ -35,10 +35,10 @@ from scipy.stats import chi2  # type: ignore[import-untyped]
 _EXPECTED = 3.0
 #: ε, and the part of what is expected below which a rotor has no inertia.
 _LEAST, _NOTHING = 1e-4, 1e-3
-#: Inertia of a rotor that is expected, in that of the body it moves, and in that of the largest.
-_ROTOR, _LARGEST = 1.0, 0.1
 #: How sure, how far beyond that, and by which part of a joint's torque a model is wrong.
 _SURE, _CLEAR, _PART = 0.999, 2.0, 0.01
+#: Standard errors above which gravity is turned, and its least turn [rad].
+_TURNED, _LEVEL = 4.0, 3e-4
 #: Turn of gravity that is expected [rad], and part of its strength, which is known.
 _TURN, _STRENGTH = 0.05, 1e-7
 
@@ -93,6 +93,15 @@ class ConsistentBodies:
         shown = np.linalg.matrix_rank(self.estimate.information, hermitian=True)
         part = self.torque(change) > _PART * self.torque(self.found)
         return size > _CLEAR * chi2.ppf(_SURE, shown) and bool(part.any())
+
+    @property
+    def tilt(self) -> Array:
+        """Return gravity, shape (3,); that of the model where a turn of it is not clear."""
+        change = self.gravity - self.estimate.gravity_prior
+        size = float(np.linalg.norm(change))
+        error = float(np.sqrt(np.trace(self.covariance[-3:, -3:])))
+        clear = size > max(_TURNED * error, _LEVEL * float(np.linalg.norm(self.gravity)))
+        return self.gravity if clear else self.estimate.gravity_prior
 
     def torque(self, change: Array) -> Array:
         """Return the root mean square of each joint's torque by a change, shape (n,) [N·m]."""
@@ -153,10 +162,9 @@ def _change(S: Array) -> Array:
 
 
 def _rotors(estimate: BodyEstimate) -> Array:
-    """Return the inertia that each rotor is expected to have, shape (R,) [kg·m²]."""
-    about = np.abs(estimate.prior[:, [4, 6, 9]]).max(axis=1)
-    expected = np.maximum(_ROTOR * about, _LARGEST * about.max())[:len(estimate.rotor)]
-    return np.where(expected > 0.0, expected, 1.0)
+    """Return the inertia that rotors may have, that of the largest body, shape (R,) [kg·m²]."""
+    largest = float(np.abs(estimate.prior[:, [4, 6, 9]]).max())
+    return np.full(len(estimate.rotor), largest or 1.0)
 
 
 def _turns(gravity: Array) -> Array:

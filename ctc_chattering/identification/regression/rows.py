@@ -83,8 +83,8 @@ class Rows:
         way = np.where(low == high, low, 0.0)
         columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, centres)
                    for v in STRIBECK]
-        sides = [_sides((place, dq, ddq, moved), model, phi, errors, some) for some in blocks(centres)
-                 if len(some)]
+        sides = [_sides((place, dq, ddq, moved), model, phi, errors, some)
+                 for some in blocks(centres) if len(some)]
         base, weight, load, more = (np.concatenate(x) for x in zip(*sides)) if sides else (
             np.empty((0, *shape)) for shape in (*[q.shape[1:]] * 3, (q.shape[1], 0)))
         return cls(stretch.t[centres], centres, way, base, more,

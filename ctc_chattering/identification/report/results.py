@@ -13,6 +13,7 @@ from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.number_format import shown
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.tables import fitted, paragraph, Table
+from ctc_chattering.identification.regression.base_parameters import base_parameters, BaseParameter
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Severity
 from ctc_chattering.identification.regression.identify import Identification
@@ -20,7 +21,7 @@ from ctc_chattering.identification.regression.model_errors import ModelError
 from ctc_chattering.identification.regression.timing_findings import drives_in_words
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
-from ctc_chattering.identification.report.result_tables import missing, tables
+from ctc_chattering.identification.report.result_tables import cell, missing, tables
 from ctc_chattering.identification.report.validation import Validation
 from ctc_chattering.identification.report.verdict import of_all_joints, Verdict, verdicts, WORDS
 import numpy as np
@@ -59,6 +60,13 @@ class IdentificationResults:
     rate: tuple[float, ...] = ()
 
     @cached_property
+    def base(self) -> list[BaseParameter]:
+        """Return the base parameters; none without a URDF."""
+        found = self.found
+        return [] if found.bodies is None or found.columns is None else base_parameters(
+            found.bodies, found.columns.model, found.joints)
+
+    @cached_property
     def verdicts(self) -> list[Verdict]:
         """Return what the numbers of each joint are good for."""
         more = self.validation.findings(self.recommended.ka) if self.validation else ()
@@ -67,6 +75,13 @@ class IdentificationResults:
     def tables(self) -> Iterator[tuple[str, list[list[str]]]]:
         """Yield headings and tables, the first row of each having the names of the columns."""
         return tables(self.found, self.verdicts, self.run, self.recommended, self.rate)
+
+    def base_table(self) -> Iterator[tuple[str, list[list[str]]]]:
+        """Yield heading and table of the base parameters, which are many."""
+        if self.base:
+            yield 'Inertial parameters that have a torque', [
+                ['body', 'combination', 'of the model', 'identified'],
+                *([x.body, str(x), f'{x.known:.4g}', cell(x.found)] for x in self.base)]
 
     def verdict_lines(self) -> Iterator[str]:
         """Yield the verdicts, and before them the reasons that all joints share."""
@@ -184,6 +199,7 @@ class IdentificationResults:
                 ('torque_rate_nm_per_s', 'rate'))},
             'gravity_mps2': [x.as_mapping() for x in found.tilt],
             'effort_side': found.side,
+            'base_parameters': [x.as_mapping() for x in self.base],
             'model_errors': [{'name': error.name, 'unit': error.unit, **number.as_mapping()}
                              for error, number in found.errors],
             'left': found.left,
@@ -234,7 +250,7 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
                    [(name, f'{name} ({what})') for name, what in files.items()], _LEAD,
                    tables=[Table(title, head, [[x.replace(' ± ', '\xa0±\xa0') for x in row]
                                                for row in rows], len(head))
-                           for title, (head, *rows) in report.tables()],
+                           for title, (head, *rows) in (*report.tables(), *report.base_table())],
                    lists=report.sentences(), package=__package__, template=_TEMPLATE,
                    verdicts=report.verdicts, common=[
                        (WORDS[x], of_all_joints(report.verdicts, x))
