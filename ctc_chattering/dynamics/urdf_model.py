@@ -228,6 +228,15 @@ class UrdfModel(Model):
             return super().forward_dynamics(q, dq, u, fixed_joints)
         return self._vector(self._pin.aba, q, dq, u)
 
+    def torque_regressor(self, q: Vector | Array, dq: Vector | Array, a: Vector | Array) -> Array:
+        """
+        Return the derivatives of `inverse_dynamics` by the inertial parameters, shape (n, 10 n).
+
+        Ten for each body, in Pinocchio's order of bodies and parameters.
+        """
+        found: Array = self._call(self._pin.computeJointTorqueRegressor, q, dq, a)[self._back]
+        return found
+
     def _call(self, function: Any, *vectors: Vector | Array) -> Any:
         """Return what a function of Pinocchio gives, in its order; the next call may change it."""
         return function(

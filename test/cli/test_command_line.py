@@ -26,7 +26,7 @@ WRONG = {
     'compare friction --backend mujoko': ['did you mean mujoco?'],
     'compare friction --jobs 0': ['--jobs', '>= 1'],
     'study --jobs -1': ['--jobs', '>= 1'],
-    'excite --draws 0': ['--draws', '>= 1'],
+    'excite --evaluations 0': ['--evaluations', '>= 1'],
     'excite --poses 0': ['poses', '>= 1'],
     'excite --center a': ['center', 'a number'],
     'excite --friction -1': ['friction', '>= 0'],

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import argparse
 from math import inf
+from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.tables import print_columns
+from ctc_chattering.analysis.tables import columns, print_columns
 from ctc_chattering.cli.options import add_output, add_params_file, check, find_file
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
-from ctc_chattering.errors import given_by_user, ParameterError
+from ctc_chattering.errors import CtcError, given_by_user, ParameterError
 from ctc_chattering.identification.excitation.limits import ExcitationConfig
+from ctc_chattering.identification.excitation.link_shapes import allowed_pairs
 from ctc_chattering.identification.excitation.plan import (
+    CHECK,
     MOTION,
     Plan,
     plan,
@@ -26,16 +30,19 @@ from ctc_chattering.parameters import Parameter
 import numpy as np
 
 DETAILS = ('Slow reversals of every joint at a few poses, then Fourier series, within the limits '
-           'of the description. Write motion.yaml, its waypoints, and run.yaml, the parameter '
-           'file with this motion under law compensation. The motion is not checked for '
-           'collisions.')
+           'of the description, optimised for what `ctc identify` solves. Write motion.yaml, its '
+           'waypoints, and run.yaml, the parameter file with this motion under law compensation. '
+           'Where the description has collision shapes, its links keep their distance from each '
+           'other; nothing else around the robot is known.')
 #: Options that are parameters of the motion.
-_SCALARS = ('duration', 'poses', 'velocity_scale')
+_SCALARS = ('duration', 'poses', 'velocity_scale', 'clearance')
 _LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
 
 #: Condition number with scaled columns above which the regression says little (Gautier & Khalil,
 #: "Exciting trajectories for the identification of base inertial parameters of robots", 1992).
 _POOR = 100.0
+#: Characters of a line.
+_LINE = 100
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -56,24 +63,35 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--velocity-scale', type=float, default=0.5, metavar='X',
         help='part of the limits of velocity and acceleration to use, 0.5 by default')
-    parser.add_argument('--draws', type=int, default=20, metavar='N',
-                        help='random motions, of which the best conditioned one is taken; 20 by '
-                             'default')
+    parser.add_argument('--clearance', type=float, default=0.02, metavar='M',
+                        help='distance that links keep from each other, 0.02 by default [m]')
+    parser.add_argument('--srdf', type=Path, metavar='FILE',
+                        help='links that it allows to touch are not checked')
+    parser.add_argument('--floor', type=float, metavar='Z',
+                        help='height of a floor in the frame of the root link [m]')
+    parser.add_argument('--evaluations', type=int, default=1000, metavar='N',
+                        help='motions to evaluate in the search, 1000 by default')
     parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of these motions, 0 by default')
+                        help='seed of the random motions from which it begins, 0 by default')
     add_output(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc excite`."""
-    check('--draws', options.draws, 1)
+    check('--evaluations', options.evaluations, 1)
     check('--seed', options.seed, 0)
     file = find_file(options.params_file)
     setup, sections = parameter_file.load(file), parameter_file.read(file)
     with given_by_user((*_SCALARS, *_LISTS, 'friction')):
         config = _config(options, setup)
         friction = _friction(options, len(config.joint_names))
-    found = plan(setup, config, friction, options.draws, options.seed)
+    if options.floor is not None:
+        check('--floor', options.floor, -inf)
+    allowed = allowed_pairs(_text(options.srdf)) if options.srdf is not None else ()
+    if options.out is not None and not options.overwrite:
+        prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
+    found = plan(setup, config, friction, options.evaluations, options.seed, allowed,
+                 options.floor)
     if options.out is not None:
         write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
     _show(found)
@@ -112,26 +130,64 @@ def _per_joint(name: str, text: str, n: int) -> tuple[float, ...]:
     return values * n if len(values) == 1 else values
 
 
+def _text(file: Path) -> str:
+    """Return the text of an SRDF."""
+    try:
+        return file.read_text(encoding='utf-8')
+    except (OSError, ValueError) as error:
+        raise CtcError(f'{file}: {getattr(error, "strerror", None) or "not a text file"}'
+                       ) from None
+
+
 def _show(found: Plan) -> None:
     """Print what the motion reaches of what it may, and what is foretold of it."""
     motion, bounds = found.motion, found.bounds
-    rows = [('joint', 'position', 'velocity', 'of', 'acceleration', 'of', 'torque', 'of',
-             'condition', 'scaled', 'kp', 'kv', 'sticks')]
+    rows: list[tuple[str, ...]] = [
+        ('joint', 'position', 'velocity', 'accel.', 'torque', 'widened', 'kp', 'kv', 'sticks')]
     for i, joint in enumerate(found.limits):
         q = motion.q[:, i]
         peaks = zip((np.abs(x[:, i]).max() for x in (motion.dq, motion.ddq, motion.tau)),
                     (bounds.velocity[i], bounds.acceleration[i], found.effort[i]))
         rows.append((
             joint.name, f'{q.min():.2f} to {q.max():.2f}',
-            *(text for most, limit in peaks for text in (f'{most:.3g}', f'{limit:.4g}')),
-            *(f'{x:.1f}' for x in found.conditions[i]), f'{found.kp[i]:g}', f'{found.kv[i]:g}',
-            f'{found.hold[i]:.3f}'))  # type: ignore[arg-type]
-    print_columns(rows)
+            *(f'{most:.3g}/{limit:.4g}' for most, limit in peaks), f'{found.widened[i]:.1f}',
+            f'{found.kp[i]:g}', f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
+    wide = max(map(len, columns([row[1:] for row in rows])))
+    print_columns([(_short(row[0], _LINE - 2 - wide), *row[1:]) for row in rows])
     (first, _), (_, last) = found.excitation.slow[0], found.excitation.slow[-1]
     begin, end = found.excitation.fourier
     print(f'slow reversals at {len(found.excitation.slow)} poses from {first:.1f} to '
           f'{last:.1f} s, Fourier series from {begin:.1f} to {end:.1f} s')
+    best = found.best
+    _say(f'condition: {best.information.condition:.3g} (best of {len(best.random)} random '
+         f'motions: {best.random.min():.3g}; median {np.median(best.random):.3g}), of '
+         f'{len(best.information.matrix)} parameters; {best.evaluations} motions evaluated')
+    _show_distances(found)
     _warn(found)
+
+
+def _show_distances(found: Plan) -> None:
+    """Print what is known of collisions."""
+    links, near = found.checked.links, found.near
+    if links is None or near is None:
+        _say('warning: the motion is not checked for collisions of the robot with itself: '
+             f'{found.checked.reason}')
+        return
+    _say(f'nearest approach of two links: {links.text(near, CHECK * near.sample)} is kept')
+    for what, names in (('these touch at the centre', links.touching),
+                        ('no collision shapes of', links.unseen)):
+        if names:
+            _say(f'warning: not checked, {what}: {", ".join(names)}')
+
+
+def _short(name: str, room: int) -> str:
+    """Return a name of no more than `room` characters, its end if it is longer."""
+    return name if len(name) <= room else '…' + name[1 - room:]
+
+
+def _say(text: str) -> None:
+    """Print text in lines that a terminal has room for."""
+    print(fill(text, _LINE, break_long_words=False, break_on_hyphens=False))
 
 
 def _warn(found: Plan) -> None:
@@ -139,17 +195,15 @@ def _warn(found: Plan) -> None:
     for quantity in ('velocity', 'acceleration'):
         names = [joint.name for joint in found.limits if getattr(joint, quantity)[1] == inf]
         if names:
-            print(f'no {quantity} limit in the description, so the one above is assumed: '
-                  + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
+            _say(f'no {quantity} limit in the description, so the one above is assumed: '
+                 + ('all joints' if len(names) == len(found.limits) else ', '.join(names)))
     held = [f'{joint.name} ({hold:.2g} of ±{slow:.2g} {joint.unit})' for joint, hold, slow in zip(
         found.limits, found.hold, found.bounds.slow) if hold > 0.5 * slow]
     if held:
-        print('warning: friction may hold joints through much of their slow reversals: '
-              f'{", ".join(held)}; a greater position_range helps, or a shorter control_period, '
-              'which allows a higher kp')
-    poor = [joint.name for joint, (_, scaled) in zip(found.limits, found.conditions)
-            if scaled > _POOR]
-    if poor:
-        print('warning: the motion hardly separates friction and errors of the model on '
-              f'{", ".join(poor)}: a condition number above {_POOR:g}; a greater position_range '
-              'or duration helps')
+        _say('warning: friction may hold joints through much of their slow reversals: '
+             f'{", ".join(held)}; a greater position_range helps, or a shorter control_period, '
+             'which allows a higher kp')
+    if found.best.information.condition > _POOR:
+        _say('warning: the motion hardly separates friction and errors of the model, least on '
+             f'{found.limits[int(found.widened.argmax())].name}: a condition number above '
+             f'{_POOR:g}; a greater position_range or duration helps')

@@ -11,16 +11,17 @@ from typing import NamedTuple
 
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+from scipy.linalg import null_space  # type: ignore[import-untyped]
 
 
 class FourierSeries(NamedTuple):
     """
-    One series per joint: dq(t) = Σ a_k cos(k ω t) + b_k sin(k ω t), with q(0) = 0, k = 1 … K.
+    Series: dq(t) = Σ a_k cos(k ω t) + b_k sin(k ω t), with q(0) = 0, k = 1 … K.
 
     Attributes
     ----------
-    cosines, sines : ndarray, shape (n, K)
-        a_k and b_k [rad/s].
+    cosines, sines : ndarray, shape (m, K)
+        a_k and b_k of each series [rad/s].
     period : float
         2π / ω [s].
 
@@ -31,7 +32,7 @@ class FourierSeries(NamedTuple):
     period: float
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration, each (N, n), at the times `t`, (N,) [s]."""
+        """Return position, velocity and acceleration, each (N, m), at the times `t`, (N,) [s]."""
         rate = 2.0 * np.pi / self.period * np.arange(1, self.cosines.shape[1] + 1)
         angle = np.outer(t, rate)
         c, s = np.cos(angle), np.sin(angle)
@@ -39,37 +40,25 @@ class FourierSeries(NamedTuple):
         return ((s / rate) @ a + ((1.0 - c) / rate) @ b, c @ a + s @ b,
                 (c * rate) @ b - (s * rate) @ a)
 
-    def scaled(self, factors: Array) -> FourierSeries:
-        """Return each joint's series times one of `factors`, shape (n,)."""
-        return FourierSeries(self.cosines * factors[:, np.newaxis],
-                             self.sines * factors[:, np.newaxis], self.period)
 
-
-def random_series(rng: np.random.Generator, n: int, harmonics: int, period: float
-                  ) -> FourierSeries:
+def at_rest(harmonics: int, period: float) -> FourierSeries:
     """
-    Return a random series per joint that is at rest, without acceleration, at t = 0 and `period`.
+    Return 2 K - 3 series of which every one that is at rest at its ends is a combination.
 
-    Its mean is q(0): b_k / k adds up to 0, as a_k does for the velocity and k b_k for the
-    acceleration at rest.
+    They have neither velocity nor acceleration at t = 0 and `period`, and their mean is q(0): a_k,
+    k b_k and b_k / k each add up to 0.
 
     Parameters
     ----------
-    rng : Generator
-        Source of the coefficients.
-    n, harmonics : int
-        Number of joints and of harmonics K, at least 3.
+    harmonics : int
+        K, at least 3.
     period : float
         Time that the motion takes [s].
 
     """
     k = np.arange(1.0, harmonics + 1.0)
-    a, b = rng.standard_normal((2, n, harmonics)) * np.sqrt(k)
-    return FourierSeries(_without(a, np.ones((1, harmonics))), _without(b, np.array([1.0 / k, k])),
-                         period)
-
-
-def _without(rows: Array, constraints: Array) -> Array:
-    """Return the rows less their part along the `constraints`: the products with these are 0."""
-    part: Array = rows @ np.linalg.pinv(constraints) @ constraints
-    return rows - part
+    # In multiples of √k, in which lower harmonics have more of the motion and all have their part.
+    cosines = null_space(np.array([np.sqrt(k)])).T * np.sqrt(k)
+    sines = null_space(np.array([np.sqrt(k) / k, np.sqrt(k) * k])).T * np.sqrt(k)
+    return FourierSeries(np.vstack((cosines, np.zeros_like(sines))),
+                         np.vstack((np.zeros_like(cosines), sines)), period)

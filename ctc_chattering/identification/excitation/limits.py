@@ -51,6 +51,9 @@ class ExcitationConfig(Config):
         minimum=0.0, exclusive=True, infinite=True, shape='n')
     poses: int = parameter(
         'poses', 'int', 3, 'Number of poses with slow reversals.', minimum=1, maximum=100)
+    clearance: float = parameter(
+        'clearance', 'float', 0.02, 'Distance that links keep from each other.', unit='m',
+        minimum=0.001, maximum=1.0)
 
 
 @dataclasses.dataclass(frozen=True)

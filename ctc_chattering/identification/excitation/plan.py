@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 import dataclasses
 from math import inf
 from pathlib import Path
@@ -10,26 +10,53 @@ from pathlib import Path
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
-from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import ParameterError
-from ctc_chattering.identification.excitation.forecast import (
-    AssumedFriction,
-    best_excitation,
-    condition_numbers,
-    gains,
-    Played,
-    played,
-    sticking,
-)
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import locked_positions, model_of
+from ctc_chattering.errors import CtcError, MachineError, ParameterError
+from ctc_chattering.identification.excitation.collision import Approach, SelfCollision
+from ctc_chattering.identification.excitation.forecast import gains, Played, played, sticking
+from ctc_chattering.identification.excitation.information import Regression
 from ctc_chattering.identification.excitation.limits import Bounds, bounds_of, ExcitationConfig
-from ctc_chattering.identification.excitation.random_motion import Excitation
+from ctc_chattering.identification.excitation.margins import (
+    ADVICE,
+    AssumedFriction,
+    DistanceLimit,
+    Limit,
+    TorqueLimit,
+)
+from ctc_chattering.identification.excitation.motion import Excitation, Shapes
+from ctc_chattering.identification.excitation.search import BestMotion, Search
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import matrix
 from ctc_chattering.trajectory.joint_limits import DescribedLimits, JointLimits
 import numpy as np
 
 #: Files that `write` makes.
 MOTION, RUN = 'motion.yaml', 'run.yaml'
+
+
+#: Step in which distances are checked at the end [s], by how much a motion shrinks that is too
+#: near then, and how often it may.
+CHECK, _SHRINK, _TIMES = 0.002, 0.98, 50
+
+
+@dataclasses.dataclass(frozen=True)
+class Checked:
+    """
+    What is known of collisions of the robot with itself.
+
+    Attributes
+    ----------
+    links : SelfCollision or None
+        What was checked.
+    reason : str
+        Why nothing was.
+
+    """
+
+    links: SelfCollision | None
+    reason: str = ''
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +76,16 @@ class Plan:
         As it is played.
     effort : ndarray
         Largest torques [N·m]; inf for unlimited.
-    conditions : ndarray, shape (n, 2)
-        Condition numbers, as the regression is and with scaled columns.
+    regression : Regression
+        What identification solves.
+    best : BestMotion
+        What it tells of friction and parameters.
+    widened : ndarray
+        By how much the interval of Coulomb friction is wider than with all else known.
+    checked : Checked
+        Distances of links.
+    near : Approach or None
+        Where links have the least to spare, of samples of 2 ms.
     kp, kv : ndarray
         Gains to play it with [1/s², 1/s]; of a matrix in the file, the diagonal counts.
     hold : ndarray
@@ -63,7 +98,11 @@ class Plan:
     excitation: Excitation
     motion: Played
     effort: Array
-    conditions: Array
+    regression: Regression
+    best: BestMotion
+    widened: Array
+    checked: Checked
+    near: Approach | None
     kp: Array
     kv: Array
     hold: Array
@@ -89,10 +128,11 @@ def request_of(setup: Setup, values: Values) -> ExcitationConfig:
         'center': [center[name] for name in names], **values})
 
 
-def plan(setup: Setup, config: ExcitationConfig, coulomb: Array | None, draws: int, seed: int
-         ) -> Plan:
+def plan(setup: Setup, config: ExcitationConfig, coulomb: Array | None = None,
+         evaluations: int = 1000, seed: int = 0, allowed: Collection[frozenset[str]] = (),
+         floor: float | None = None) -> Plan:
     """
-    Return the best conditioned of random motions for the robot of a parameter file.
+    Return the motion that tells most of the robot of a parameter file.
 
     Parameters
     ----------
@@ -102,8 +142,12 @@ def plan(setup: Setup, config: ExcitationConfig, coulomb: Array | None, draws: i
         What is asked for.
     coulomb : ndarray, shape (n,), optional
         Coulomb friction to expect [N·m], in place of the plant's.
-    draws, seed : int
-        Number of motions, and seed of their random numbers.
+    evaluations, seed : int
+        Number of motions to evaluate, and seed of the random ones.
+    allowed : collection of frozenset of str
+        Pairs of links that may touch.
+    floor : float, optional
+        Height of a floor in the frame of the root link [m].
 
     Raises
     ------
@@ -120,15 +164,67 @@ def plan(setup: Setup, config: ExcitationConfig, coulomb: Array | None, draws: i
                                np.array(plant.viscous_friction))
     effort = np.minimum(
         controller.largest_torque(model.effort_limits), plant.torque_saturation)
-    found = best_excitation(config, bounds, model, friction, effort, draws, seed)
-    motion = played(found.route, config.start, model, friction)
+    checked = _checked(setup, config, allowed, floor)
+    kept: list[Limit] = [TorqueLimit(config.joint_names, model, friction, effort)]
+    if checked.links is not None:
+        kept.append(DistanceLimit(checked.links))
+    shapes = Shapes(config, bounds)
+    regression = Regression(model, bounds, _noise(shapes, model, friction, seed))
+    best = Search(shapes, bounds, regression, kept).best(evaluations, seed)
+    found, near = _kept(shapes, best.z, checked.links)
+    motion = played(found.path, model, friction)
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]
     kp, kv = (matrix(x, model.n).diagonal() for x in (controller.kp, controller.kv))
     hold = sticking(model, motion.q[slow], kp, friction)
     delay = controller.control_period * (1 + controller.input_delay)
     higher, kv = gains(kp, kv, hold, bounds.slow, delay)
-    return Plan(limits, bounds, found, motion, effort, condition_numbers(motion), higher, kv,
-                hold * kp / higher)
+    widened = best.information.inflation()[:2 * model.n].reshape(2, -1).max(axis=0)
+    return Plan(limits, bounds, found, motion, effort, regression, best, widened, checked, near,
+                higher, kv, hold * kp / higher)
+
+
+def _noise(shapes: Shapes, model: Model, friction: AssumedFriction, seed: int) -> Array:
+    """Return what torques are weighted by: those of a random motion, shape (n,) [N·m]."""
+    motion = shapes.motion(shapes.random(np.random.default_rng(seed)))
+    found = np.sqrt(np.square(played(motion.path, model, friction, 0.2).tau).mean(axis=0))
+    return np.asarray(np.maximum(found, 1e-6 * found.max()))
+
+
+def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozenset[str]],
+             floor: float | None) -> Checked:
+    """Return the distances that can be checked, or why none can."""
+    description = setup.descriptions.get('controller', '')
+    if not description:
+        return Checked(None, 'there is no description of its links')
+    try:
+        links = SelfCollision(
+            description, config.joint_names, locked_positions(setup.controller.locked),
+            np.array([config.center, config.start]), config.clearance, allowed, floor)
+    except MachineError:
+        raise
+    except CtcError as error:
+        return Checked(None, str(error))
+    if not links.pairs:
+        why = f' ({", ".join(links.unseen)})' if links.unseen else ''
+        return Checked(None, f'no two links have collision shapes{why}')
+    return Checked(links)
+
+
+def _kept(shapes: Shapes, z: Array, links: SelfCollision | None
+          ) -> tuple[Excitation, Approach | None]:
+    """Return a motion, smaller if in small steps links come too near, and its least distance."""
+    if links is None:
+        return shapes.motion(z), None
+    for _ in range(_TIMES):
+        found = shapes.motion(z)
+        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + CHECK, CHECK)
+        near = links.nearest(found.path.at(t)[0])
+        if near.spare >= 0.0:
+            return found, near
+        z = z.copy()
+        z[shapes.free] *= _SHRINK
+    raise CtcError('the motion is refused; nearest approach of two links: '
+                   f'{links.text(near, float(t[near.sample]))} is needed: {ADVICE}')
 
 
 def _limits(description: str, names: tuple[str, ...]) -> tuple[JointLimits, ...]:

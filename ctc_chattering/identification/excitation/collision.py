@@ -1,0 +1,219 @@
+"""
+How near the links of a robot come to each other, by Pinocchio and the shapes of its description.
+
+Meshes count as their convex hull, in which they lie; where hulls come too near, the mesh itself
+counts. Between two samples a distance changes by no more than the joints' ways times their
+reaches, so that far links are looked at rarely, and no approach is passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+import importlib
+from itertools import combinations
+from math import inf
+from typing import Any, NamedTuple
+
+from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError, refused_as
+from ctc_chattering.identification.excitation.link_shapes import (
+    convex_hulls,
+    geometry,
+    link_of,
+    shaped,
+)
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Distance of hulls below which meshes count at the latest [m].
+_NEAR = 0.05
+#: Distance below which links touch [m].
+_TOUCH = 1e-3
+
+
+class Approach(NamedTuple):
+    """
+    Two links at one sample of a motion.
+
+    Attributes
+    ----------
+    distance, kept : float
+        Between them, and what they must keep; inf where no pair is nearer than asked for [m].
+    spare : float
+        Distance over what they must keep, less 1.
+    sample, pair : int
+        Index of the sample, and of the pair among `SelfCollision.pairs`.
+
+    """
+
+    distance: float
+    kept: float
+    spare: float
+    sample: int
+    pair: int
+
+
+class SelfCollision:
+    """
+    Distances between links that no joint joins.
+
+    Parameters
+    ----------
+    description : str
+        Text of the URDF.
+    joints : sequence of str, length n
+        That move.
+    locked : mapping of str to float
+        Positions of others [rad or m].
+    rests : ndarray, shape (m, n)
+        Positions at which links may be near each other: the centre first, and the start.
+    clearance : float
+        What links must keep; half of their distance at `rests` if that is less [m].
+    allowed : collection of frozenset of str
+        Pairs of links that may touch.
+    floor : float, optional
+        Height of a floor in the frame of the root link [m].
+
+    Attributes
+    ----------
+    pairs : list of (str, str)
+        Links that are checked; a pair of links comes as often as they have shapes.
+    touching : list of str
+        Pairs of links that touch at the first of `rests`; they are not checked.
+    unseen : list of str
+        Links with a picture but no shape, or a shape of a file that is missing.
+
+    Raises
+    ------
+    CtcError
+        If Pinocchio refuses a shape.
+
+    """
+
+    def __init__(self, description: str, joints: Sequence[str], locked: Mapping[str, float],
+                 rests: Array, clearance: float, allowed: Collection[frozenset[str]] = (),
+                 floor: float | None = None) -> None:
+        tree = Tree(description)
+        text, self.unseen = shaped(tree)
+        self._pin: Any = importlib.import_module('pinocchio')
+        if not hasattr(self._pin, 'computeDistance'):
+            raise CtcError('this Pinocchio has no coal')
+        with refused_as('collision shapes: Pinocchio refuses them'):
+            self._model, meshes = geometry(self._pin, text, tree.locked(joints, locked), floor)
+            self._kinds = (convex_hulls(meshes), meshes)
+        self._data = self._model.createData()
+        back = [self._model.joints[self._model.getJointId(name)].idx_q for name in joints]
+        self._order: Any = np.argsort(back)
+        joined = {frozenset(tree.ends[name]) for name in joints} | set(allowed)
+        shapes = self._kinds[0].geometryObjects.tolist()
+        names = [link_of(list(tree.links), shape.name) for shape in shapes]
+        pairs = [(a, b) for (a, x), (b, y) in combinations(enumerate(shapes), 2)
+                 if x.parentJoint != y.parentJoint
+                 and frozenset((names[a], names[b])) not in joined]
+        pairs, self.touching = self._apart(pairs, names, rests, clearance)
+        self.pairs = [(names[a], names[b]) for a, b in pairs]
+        far = np.abs(rests).max(axis=0)[self._order]
+        self._reach = np.array([_reach(self._model, shapes[a], shapes[b], far)[back]
+                                for a, b in pairs]).reshape(-1, len(joints))
+
+    def _apart(self, pairs: list[tuple[int, int]], names: Sequence[str], rests: Array,
+               clearance: float) -> tuple[list[tuple[int, int]], list[str]]:
+        """Return the pairs that do not touch at the centre, and the names of those that do."""
+        self._states = self._with(pairs)
+        self._least = np.full(len(pairs), inf)
+        distances = np.empty((len(rests), len(pairs)))
+        for row, q in zip(distances, rests):
+            self._place(q)
+            row[:] = [self._distance(pair) for pair in range(len(pairs))]
+        touch = distances[0] <= _TOUCH
+        found = [pair for pair, no in zip(pairs, touch) if not no]
+        self._states = self._with(found)
+        free = np.where(distances > _TOUCH, distances, inf)[:, ~touch].min(axis=0)
+        self._least = np.minimum(clearance, 0.5 * free)
+        return found, sorted({' and '.join(names[i] for i in pair)
+                              for pair, yes in zip(pairs, touch) if yes})
+
+    def _with(self, pairs: Sequence[tuple[int, int]]) -> list[tuple[Any, Any]]:
+        """Return hulls and meshes of these pairs, with memory for places and distances."""
+        for model in self._kinds:
+            model.removeAllCollisionPairs()
+            for pair in pairs:
+                model.addCollisionPair(self._pin.CollisionPair(*pair))
+        return [(model, model.createData()) for model in self._kinds]
+
+    def nearest(self, q: Array, most: float = inf) -> Approach:
+        """
+        Return where a motion leaves the least to spare.
+
+        Parameters
+        ----------
+        q : ndarray, shape (N, n)
+            Positions, so many that the ways between them are straight.
+        most : float
+            Nothing is looked for that has more to spare.
+
+        """
+        ways = np.abs(np.diff(q, axis=0, prepend=q[:1])) @ self._reach.T
+        gone = np.ascontiguousarray(np.cumsum(ways, axis=0).T)
+        due = np.zeros(len(self.pairs), int)
+        best, sample = Approach(inf, inf, most, 0, 0), 0
+        while len(due) and sample < len(q):
+            self._place(q[sample])
+            for pair in np.flatnonzero(due <= sample).tolist():
+                distance, kept, row = self._distance(pair), float(self._least[pair]), gone[pair]
+                spare = distance / kept - 1.0
+                if spare < best.spare:
+                    best = Approach(distance, kept, spare, sample, pair)
+                due[pair] = max(sample + 1, row.searchsorted(
+                    row[sample] + kept * (spare - best.spare)))
+            sample = int(due.min())
+        return best
+
+    def text(self, near: Approach, time: float) -> str:
+        """Return which links come how near to each other at a time [s]."""
+        if near.distance == inf:
+            return 'none'
+        first, second = self.pairs[near.pair]
+        how = f'{near.distance:.2g} m' if near.distance > 0.0 else 'they touch'
+        return f'{how}, {first} and {second} at {time:.1f} s; at least {near.kept:.2g} m'
+
+    def spare(self, pair: int, q: Array) -> float:
+        """Return the distance of a pair at q, shape (n,), over what it must keep, less 1."""
+        self._place(q)
+        return self._distance(pair) / float(self._least[pair]) - 1.0
+
+    def _place(self, q: Array) -> None:
+        hulls, data = self._states[0]
+        self._pin.updateGeometryPlacements(self._model, self._data, hulls, data, q[self._order])
+
+    def _distance(self, pair: int) -> float:
+        """Return the distance of a pair where the robot is placed, of meshes if need be [m]."""
+        (hulls, data), (meshes, theirs) = self._states
+        found = float(self._pin.computeDistance(hulls, data, pair).min_distance)
+        if found > min(self._least[pair], _NEAR):
+            return found
+        self._pin.updateGeometryPlacements(self._model, self._data, meshes, theirs)
+        return max(found, float(self._pin.computeDistance(meshes, theirs, pair).min_distance))
+
+
+def _reach(model: Any, first: Any, second: Any, far: Array) -> Array:
+    """
+    Return by how much each joint changes the distance of two shapes at most, shape (n,) [m/rad].
+
+    That is the length of the outstretched chain from the joint to the end of the shape beyond it,
+    with prismatic joints out as `far`; 0 for joints that are not between them, 1 for prismatic
+    ones.
+    """
+    found = np.zeros(model.nv)
+    chains = [list(model.supports[shape.parentJoint])[1:] for shape in (first, second)]
+    for shape, chain, other in zip((first, second), chains, reversed(chains)):
+        shape.geometry.computeLocalAABB()
+        length = (np.linalg.norm(shape.placement.act(shape.geometry.aabb_center))
+                  + shape.geometry.aabb_radius)
+        for joint in (x for x in reversed(chain) if x not in other):
+            at = model.joints[joint].idx_v
+            slides = 'P' in model.joints[joint].shortname().removeprefix('JointModel')
+            found[at] = 1.0 if slides else length
+            length += np.linalg.norm(model.jointPlacements[joint].translation) + (
+                2.0 * far[at] + 1.0 if slides else 0.0)
+    return found

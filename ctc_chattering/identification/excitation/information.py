@@ -1,0 +1,218 @@
+"""
+What a motion tells of friction and inertial parameters, foretold with the model.
+
+The regression is the one that identification solves, for all joints at once::
+
+    tau = Y(q, dq, ddq) theta + friction of each joint: forwards, backwards, viscous
+
+with the base parameters theta of the bodies (Gautier & Khalil, "Direct calculation of minimum set
+of inertial parameters of serial robots", 1990), the columns that are independent of each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.identification.excitation.limits import Bounds
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.linalg import qr  # type: ignore[import-untyped]
+
+#: Part of the velocity bound below which a joint counts as at rest: it may stick.
+_REST = 0.01
+#: Random states of which the independent columns are found, and the least part of one that is.
+_STATES, _INDEPENDENT = 200, 1e-7
+#: Step of the finite differences, as a part of the bounds.
+_STEP = 1e-5
+#: Weight of the condition number in the merit, and the power that makes it smooth.
+_CONDITION, _POWER = 2.0, 6
+
+#: Columns of the model's parameters at N states, shape (N, n, p).
+Columns = Callable[[Array, Array, Array], Array]
+
+
+class Information(NamedTuple):
+    """
+    Information of a motion.
+
+    Attributes
+    ----------
+    x : ndarray, shape (N, n, p)
+        Weighted columns at each sample.
+    matrix : ndarray, shape (p, p)
+        The sum of Xᵀ X.
+
+    """
+
+    x: Array
+    matrix: Array
+
+    @property
+    def condition(self) -> float:
+        """Return the condition number of X with columns scaled to length 1."""
+        length = np.sqrt(self.matrix.diagonal())
+        if not (length > 0.0).all():
+            return float('inf')
+        values = np.linalg.eigvalsh(self.matrix / np.outer(length, length))
+        return float(np.sqrt(values[-1] / values[0])) if values[0] > 0.0 else float('inf')
+
+    @property
+    def log_determinant(self) -> float:
+        """Return that of the matrix, -inf where it is singular."""
+        sign, value = np.linalg.slogdet(self.matrix)
+        return float(value) if sign > 0.0 else -float('inf')
+
+    def merit(self) -> tuple[float, Array]:
+        """
+        Return what a motion is chosen by, and its derivative by the matrix, shape (p, p).
+
+        That is the logarithm of the determinant by parameter, less `_CONDITION` times that of a
+        smooth condition number: powers of all eigenvalues in the place of the extreme ones.
+        """
+        p = len(self.matrix)
+        length = np.sqrt(self.matrix.diagonal())
+        if not (np.isfinite(self.log_determinant) and (length > 0.0).all()):
+            return -float('inf'), np.zeros((p, p))
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(length, length))
+        values = np.maximum(values, 1e-16)
+        large, small = (values / values[-1]) ** _POWER, (values / values[0]) ** -_POWER
+        smooth = np.log(values[-1] / values[0]) + np.log(large.sum() * small.sum()) / _POWER
+        share = large / large.sum() - small / small.sum()
+        v = vectors / length[:, np.newaxis]
+        slope = (v * (share / values)) @ v.T - np.diag(v * v @ share)
+        return (self.log_determinant / p - 0.5 * _CONDITION * float(smooth),
+                np.linalg.inv(self.matrix) / p - 0.5 * _CONDITION * slope)
+
+    def inflation(self) -> Array:
+        """Return by how much each interval is wider than with all else known, shape (p,)."""
+        found: Array = np.sqrt(self.matrix.diagonal() * np.linalg.pinv(
+            self.matrix, rcond=1e-13, hermitian=True).diagonal())
+        return found
+
+
+class Regression:
+    """
+    Columns of friction and model, weighted.
+
+    Parameters
+    ----------
+    model : Model
+        Of the robot.
+    bounds : Bounds
+        What motions keep.
+    noise : ndarray, shape (n,)
+        Standard deviation of each joint's torque, of any common scale.
+
+    Attributes
+    ----------
+    n, parameters : int
+        Number of joints, and of base parameters.
+
+    """
+
+    def __init__(self, model: Model, bounds: Bounds, noise: Array) -> None:
+        self.n = len(bounds.center)
+        self._columns = _columns_of(model)
+        self._bounds, self._weight = bounds, 1.0 / noise
+        rng = np.random.default_rng(0)
+        states = rng.uniform(-1.0, 1.0, (_STATES, 3, self.n)) * np.array([
+            bounds.room, bounds.velocity, bounds.acceleration])
+        states[:, 0] += bounds.center
+        rows = np.concatenate(
+            self._columns(*states.transpose(1, 0, 2)) * self._weight[:, np.newaxis])
+        length = np.linalg.norm(rows, axis=0)
+        seen = np.flatnonzero(length > 1e-9 * length.max())
+        r, order = qr(rows[:, seen] / length[seen], mode='r', pivoting=True)
+        size = np.abs(r.diagonal())
+        self._base = np.sort(seen[order[:len(size)][size > _INDEPENDENT * size[0]]])
+        self.parameters = len(self._base)
+
+    def of(self, motion: Array, time: Array) -> Information:
+        """
+        Return the information of a motion.
+
+        Parameters
+        ----------
+        motion : ndarray, shape (3, N, n)
+            Samples of position, velocity and acceleration.
+        time : ndarray, shape (N,)
+            For which each stands [s].
+
+        """
+        n, dq = self.n, motion[1]
+        x = np.zeros((len(dq), n, 3 * n + self.parameters))
+        joint = np.arange(n)
+        x[:, joint, joint] = dq > 0.0
+        x[:, joint, n + joint] = dq < 0.0
+        x[:, joint, 2 * n + joint] = dq
+        x[:, :, 3 * n:] = self._model_columns(motion)
+        x *= self._scale(dq, time)[:, :, np.newaxis]
+        rows = x.reshape(-1, x.shape[2])
+        return Information(x, rows.T @ rows)
+
+    def gradient(self, motion: Array, time: Array, found: Information, slope: Array) -> Array:
+        """
+        Return the derivatives of a function of the information by a motion, shape (3, N, n).
+
+        Parameters
+        ----------
+        motion, time
+            As `of` takes them.
+        found : Information
+            What it returned.
+        slope : ndarray, shape (p, p)
+            Derivative of the function by the matrix.
+
+        """
+        n, joint = self.n, np.arange(self.n)
+        pull = 2.0 * (found.x @ slope) * self._scale(motion[1], time)[:, :, np.newaxis]
+        motion = motion.copy()
+        result = np.zeros_like(motion)
+        result[1] = pull[:, joint, 2 * n + joint]
+        here = self._model_columns(motion)
+        for kind, bound in enumerate((self._bounds.room, self._bounds.velocity,
+                                      self._bounds.acceleration)):
+            for i in range(n):
+                step = _STEP * bound[i]
+                motion[kind, :, i] += step
+                change = (self._model_columns(motion) - here) / step
+                motion[kind, :, i] -= step
+                result[kind, :, i] += np.einsum('kip,kip->k', pull[:, :, 3 * n:], change)
+        return result
+
+    def _scale(self, dq: Array, time: Array) -> Array:
+        """Return the weight of each row, 0 where a joint may stick, shape (N, n)."""
+        moves = np.abs(dq) > _REST * self._bounds.velocity
+        return np.asarray(moves * self._weight * np.sqrt(time)[:, np.newaxis])
+
+    def _model_columns(self, motion: Array) -> Array:
+        """Return the columns of the base parameters, shape (N, n, parameters)."""
+        return np.asarray(self._columns(*motion)[:, :, self._base])
+
+
+def _columns_of(model: Model) -> Columns:
+    """Return the function that has the columns of a model."""
+    if isinstance(model, TwoLink):
+        return _two_link
+    one = getattr(model, 'torque_regressor', None) or (lambda *state: _parts(model, *state))
+    return lambda q, dq, ddq: np.array([one(*state) for state in zip(q, dq, ddq)])
+
+
+def _two_link(q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the columns of M11, M22, half the factor of cos q2, and both terms of gravity."""
+    (v1, v2), (a1, a2) = dq.T, ddq.T
+    c, s, both = np.cos(q[:, 1]), np.sin(q[:, 1]), np.sin(q.sum(axis=1))
+    none = 0.0 * c
+    first = (a1, a2, (2.0 * a1 + a2) * c - (2.0 * v1 + v2) * v2 * s, np.sin(q[:, 0]), both)
+    second = (none, a1 + a2, a1 * c + v1 * v1 * s, none, both)
+    return np.asarray(np.array((first, second)).transpose(2, 0, 1))
+
+
+def _parts(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the inertial torque and the weight of each joint, of a model of the user's."""
+    gravity = np.array(model.gravity_torque(q.tolist()))
+    inertial = np.array(model.inverse_dynamics(q.tolist(), dq.tolist(), ddq.tolist())) - gravity
+    return np.hstack((np.diag(inertial), np.diag(gravity)))
