@@ -187,10 +187,10 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
     """
     period = grid[1] - grid[0]
     place, first = np.unique(np.rint((t - grid[0]) / period), return_index=True)
-    found: Array = interpolated(t, q, grid)
+    found = interpolated(t, q, grid)
     if np.std(t[first] - grid[0] - period * place) < _EVEN * period:
         return found
-    even: Array = interpolated(grid[0] + period * place, q[first], grid)
+    even = interpolated(grid[0] + period * place, q[first], grid)
     rough, less = (np.median(np.abs(np.diff(x, 3, axis=0)), axis=0) for x in (found, even))
     return even if (less < rough).sum() > 0.5 * len(rough) else found
 

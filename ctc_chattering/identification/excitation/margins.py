@@ -13,6 +13,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 import numpy as np
 
+#: What may help where no motion keeps a limit.
+ADVICE = 'choose smaller limits, a smaller position_range or another centre'
 #: Part of a largest torque that is used, since it is computed in steps; the part of it, beneath
 #: that, which the search enters reluctantly; and the step [s].
 _TORQUE, _RELUCTANT, _TORQUE_STEP = 0.97, 0.1, 0.05
@@ -97,7 +99,7 @@ class TorqueLimit:
         return Margin((_TORQUE - float(torque[k, i] / self.effort[i])) / _RELUCTANT,
                       float(t[k]), at,
                       f'peak torque of {self.names[i]}: {torque[k, i]:.4g} is not allowed; '
-                      f'at most {self.effort[i]:g} N*m, its effort limit')
+                      f'at most {self.effort[i]:g} N*m, its effort limit: {ADVICE}')
 
     def _torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the magnitudes of torques with friction, shape (n,) [N·m]."""
@@ -128,4 +130,4 @@ class DistanceLimit:
             return (self.links.spare(near.pair, q) - _DISTANCE) / _NEAR
         return Margin((near.spare - _DISTANCE) / _NEAR, float(t[near.sample]), at,
                       'the motion is refused; nearest approach of two links: '
-                      + self.links.text(near, float(t[near.sample])) + ' is needed')
+                      + self.links.text(near, float(t[near.sample])) + f' is needed: {ADVICE}')

@@ -19,6 +19,7 @@ from ctc_chattering.identification.excitation.forecast import gains, Played, pla
 from ctc_chattering.identification.excitation.information import Regression
 from ctc_chattering.identification.excitation.limits import Bounds, bounds_of, ExcitationConfig
 from ctc_chattering.identification.excitation.margins import (
+    ADVICE,
     AssumedFriction,
     DistanceLimit,
     Limit,
@@ -223,7 +224,7 @@ def _kept(shapes: Shapes, z: Array, links: SelfCollision | None
         z = z.copy()
         z[shapes.free] *= _SHRINK
     raise CtcError('the motion is refused; nearest approach of two links: '
-                   f'{links.text(near, float(t[near.sample]))} is needed')
+                   f'{links.text(near, float(t[near.sample]))} is needed: {ADVICE}')
 
 
 def _limits(description: str, names: tuple[str, ...]) -> tuple[JointLimits, ...]:

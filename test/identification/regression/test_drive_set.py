@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import dataclasses
+from typing import Any
 
 from ctc_chattering.analysis.recording import Stretch
 from ctc_chattering.identification.regression.drive_scan import DriveScan, DriveSet
@@ -20,7 +21,8 @@ PHI = TestFunction(H)
 LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(9)))
 
 
-class Unexplained(NamedTuple):
+@dataclasses.dataclass
+class Unexplained:
     """Torques of which nothing else is fitted."""
 
     data: Data
