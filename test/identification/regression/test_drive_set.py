@@ -61,7 +61,7 @@ def searched(command: Array, torque: Array, noise: float, seed: int,
     one = np.ones((len(centres), 1))
     fields: dict[str, Any] = {'t': H * centres, 'way': one, 'velocity': one,
                               'stribeck': one[:, :, None], 'more': np.empty((*one.shape, 0))}
-    rows = Rows(**fields, centres=centres, base=base, gravity=0.0 * one)
+    rows = Rows(**fields, centres=centres, base=base, gravity=0.0 * one, load=one)
     part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
     data = Data.of([rows], [PHI.sums(command[:, None], PHI.over, centres)])
     search = DriveSearch(DriveScan([part], [rows], Unexplained(data, one.sum(axis=0)), PHI,
