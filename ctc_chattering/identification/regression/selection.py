@@ -237,7 +237,7 @@ def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
         rest = [x for j, x in enumerate(found.causes) if j != k]
         values = [x for j, x in enumerate(found.values) if j != k]
         for option in options:
-            if not possible(option, found.causes):
+            if any(option is x for x in found.causes) or not possible(option, rest):
                 continue
             other = projected.fit([*rest, option], values)
             # No motion tells a torque constant of all drives from the mass of all links.
