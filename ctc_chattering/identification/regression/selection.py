@@ -139,8 +139,9 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
     beside = _beside(projected, causes, options)
     free = [Term(TermKind.SCALE, x.which) for x in beside.causes]
     whole = _final(data.mixed(projected.saturated), [*terms, *free], dict(missing))
-    attributed = len(causes.causes) <= _CAUSES and causes.square + projected.cost * causes.count <= (
-        beside.square + projected.cost * (projected.saturated.shape[1] + beside.count))
+    count = projected.saturated.shape[1] + beside.count - causes.count
+    attributed = len(causes.causes) <= _CAUSES and (
+        causes.square <= beside.square + projected.cost * count)
     if attributed and _agree(named, whole):
         alike = _alike(projected, causes, options)
         for other in alike:
@@ -242,8 +243,9 @@ def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
             other = projected.fit([*rest, option], values)
             # No motion tells a torque constant of all drives from the mass of all links.
             both = {option.kind, found.causes[k].kind} == {CauseKind.SCALE, CauseKind.MASSES}
-            if both and option.which == found.causes[k].which or (other.square + projected.cost * other.count
-                    < found.square + projected.cost * (found.count + 1.0)):
+            more = projected.cost * (found.count + 1.0 - other.count)
+            if (both and option.which == found.causes[k].which) or (
+                    other.square < found.square + more):
                 others.append(other)
     return tuple(others)
 

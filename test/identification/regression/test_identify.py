@@ -178,7 +178,7 @@ def test_the_torque_constant_of_all_joints_or_all_masses() -> None:
 
 def test_a_base_that_is_not_level() -> None:
     """An arm that is turned by an angle has an encoder that is off by it."""
-    q = plain().recording.q + (0.05, 0.0)
+    q = np.add(plain().recording.q, (0.05, 0.0))
     found = of(plain(), changed(q=q))
     check_intervals(found, plain())
     assert found.tilt[0].value == pytest.approx(9.81 * np.sin(0.05), rel=0.02)
