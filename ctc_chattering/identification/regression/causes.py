@@ -22,6 +22,8 @@ from scipy.spatial.transform import Rotation  # type: ignore[import-untyped]
 ALL = -1
 #: Part of the size of a number by which it is changed for a derivative.
 _STEP = 1e-3
+#: Part of the largest of its columns below which one is rounding.
+_ROUNDING = 1e-9
 
 
 class CauseKind(Enum):
@@ -85,13 +87,16 @@ class Cause(NamedTuple):
         For these numbers they are exact, and for others the derivative.
         """
         here = self.errors(columns, value)
-        slopes = [(self.errors(columns, value + step) - here) / step.sum()
-                  for step in np.diag(_STEP * self.size)]
+        slopes = [(self.errors(columns, value + step) - self.errors(columns, value - step))
+                  / (2.0 * step.sum()) for step in np.diag(_STEP * self.size)]
         jacobian = np.stack(slopes, axis=1)
         power = float(value @ value)
         if power > 0.0:
             jacobian += np.outer(here - jacobian @ value, value) / power
-        return columns.coordinates(jacobian)
+        found = columns.coordinates(jacobian)
+        # What no motion shows, as a turn about an axis in the plane of an arm, is rounding.
+        length = np.linalg.norm(found * self.size, axis=0)
+        return np.where(length > _ROUNDING * length.max(initial=0.0), found, 0.0)
 
 
 def _moved(body: Array, shift: Array) -> Array:

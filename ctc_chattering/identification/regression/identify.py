@@ -47,6 +47,8 @@ from ctc_chattering.identification.regression.window_states import WindowStates
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
+__all__ = ('Identification', 'JointFriction', 'identify')
+
 #: How much better the effort must explain the motion than the commands to be preferred.
 _BETTER = 0.5
 #: Part that the weight or the inertial torque may be off by without being named.

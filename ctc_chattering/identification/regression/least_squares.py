@@ -118,8 +118,8 @@ class Data:
         residual = np.where(known, torque - base, 0.0)
         sizes = np.sqrt(np.square(residual * (columns['way'] != 0.0)).sum(axis=0)
                         / np.maximum((columns['way'] != 0.0).sum(axis=0), 1))
-        return cls(**columns, late=np.where(known & np.isfinite(slope), slope, 0.0),
-                   residual=residual, starts=tuple(counts[:-1].tolist()),
+        slope = np.where(known & np.isfinite(slope), slope, 0.0)
+        return cls(**columns, late=slope, residual=residual, starts=tuple(counts[:-1].tolist()),
                    torque=np.where(known, torque, 0.0), floor=_FLOOR * sizes)
 
     def loaded(self, levels: Array) -> Data:

@@ -81,14 +81,12 @@ class Rows:
         slide = sliding(q, dq, h)
         low, high = _extremes(slide, phi, centres)
         way = np.where(low == high, low, 0.0)
-        columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, centres)
-                   for v in STRIBECK]
-        sides = [_sides((place, dq, ddq, moved), model, phi, errors, some)
-                 for some in blocks(centres) if len(some)]
-        base, weight, load, more = (np.concatenate(x) for x in zip(*sides)) if sides else (
-            np.empty((0, *shape)) for shape in (*[q.shape[1:]] * 3, (q.shape[1], 0)))
+        motion, n = (place, dq, ddq, moved), q.shape[1]
+        sides = [_sides(motion, model, phi, errors, some) for some in blocks(centres) if len(some)]
+        base, weight, load, stribeck, more = map(np.concatenate, zip(*sides)) if sides else (
+            np.empty((0, *shape)) for shape in (*[(n,)] * 3, (n, len(STRIBECK)), (n, 0)))
         return cls(stretch.t[centres], centres, way, base, more,
-                   phi.sums(moved, phi.at, centres), np.stack(columns, axis=2), weight, load)
+                   phi.sums(moved, phi.at, centres), stribeck, weight, load)
 
     def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
         """Return some windows of a stretch from which the samples before `first` are cut off."""
@@ -97,16 +95,18 @@ class Rows:
 
 
 def _sides(motion: tuple[Array, Array, Array, Array], model: Model, phi: TestFunction,
-           errors: ErrorColumns | None, centres: Indices) -> tuple[Array, Array, Array, Array]:
-    """Return the left side of the model, its weight and load, and the columns of its errors."""
+           errors: ErrorColumns | None, centres: Indices) -> tuple[Array, ...]:
+    """Return the model's left side, weight and load, Stribeck columns, and those of its errors."""
     place, dq, ddq, moved = motion
     part = slice(int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1)
     at = centres - part.start
     dynamics = Dynamics.along(place[part], dq[part], phi.period, model)
     more = errors.weak(place, dq, moved, phi, part.start, centres) if errors else np.empty(
         (len(centres), place.shape[1], 0))
+    dq = dq[part]
+    columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, at) for v in STRIBECK]
     return (dynamics.weak(moved[part], phi, at), dynamics.weight(phi, at),
-            dynamics.load(ddq[part], phi, at), more)
+            dynamics.load(ddq[part], phi, at), np.stack(columns, axis=2), more)
 
 
 def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:

@@ -1,15 +1,13 @@
 """
-Which columns the data contain: what a motion does not show is named with its reason, not a number.
+The regression with the columns that the data contain: friction beside the errors of the model.
 
-Friction of a joint needs motion of it in both directions and at different speeds. Further terms of
-it are looked for beside all errors that the model may have; then the errors get their causes.
+Where few causes explain the errors, these are its columns; else all that the motion shows of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
-from typing import NamedTuple
 
 from ctc_chattering.identification.regression.attribution import (
     explain,
@@ -20,8 +18,14 @@ from ctc_chattering.identification.regression.attribution import (
 )
 from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
-from ctc_chattering.identification.regression.estimate import NONE
-from ctc_chattering.identification.regression.intervals import correlation_length, Spread, spread
+from ctc_chattering.identification.regression.friction_terms import (
+    coulomb_level,
+    friction_terms,
+    further_terms,
+    refined,
+    without_weak,
+)
+from ctc_chattering.identification.regression.intervals import Spread, spread
 from ctc_chattering.identification.regression.least_squares import (
     Data,
     Fit,
@@ -29,22 +33,9 @@ from ctc_chattering.identification.regression.least_squares import (
     Term,
     TermKind,
 )
-from ctc_chattering.identification.regression.rows import STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Fewest windows in a direction, and the ratio of speeds that viscous friction needs.
-_WINDOWS, _RATIO = 20, 2.0
-#: Standard errors above which a further term of friction counts.
-_CLEAR = 4.0
-#: Twice the logarithm of the likelihood ratio that a further term of friction must gain.
-_GAIN = 30.0
-#: Part of the Coulomb friction below which it is none.
-_NEGLIGIBLE = 0.02
-#: Steps in which the velocity of Stribeck friction is refined.
-_REFINEMENTS = 6
-#: Windows that are slow enough for it, for each velocity.
-_SLOW = 10
 #: Most causes that are believed: with more, others would explain as much.
 _CAUSES = 3
 #: Deviation of a torque constant where the motion does not show it.
@@ -118,15 +109,15 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
         Causes that are looked for.
 
     """
-    terms, missing = _friction(data, joints)
+    terms, missing = friction_terms(data, joints)
     none = np.zeros((data.more.shape[2], 0))
     if not terms:
         fit = solve(data, [])
         return Selected(fit, Spread(np.zeros((0, 0)), 0.0, 1), missing, np.zeros(len(joints)),
                         none)
-    levels = np.array([_level(data, terms, i) for i in range(len(joints))])
+    levels = np.array([coulomb_level(data, terms, i) for i in range(len(joints))])
     data = data.loaded(levels)
-    terms = [*terms, *_further(data, terms, joints, levels, missing)]
+    terms = [*terms, *further_terms(data, terms, joints, levels, missing)]
     projected = Projected(data := without_noise(data, terms), terms, columns) if columns else None
     if columns is None or projected is None or not projected.joints:
         fit, errors = _final(data.mixed(none), terms, missing)
@@ -139,9 +130,9 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
     beside = _beside(projected, causes, options)
     free = [Term(TermKind.SCALE, x.which) for x in beside.causes]
     whole = _final(data.mixed(projected.saturated), [*terms, *free], dict(missing))
+    count = projected.saturated.shape[1] + beside.count - causes.count
     attributed = len(causes.causes) <= _CAUSES and (
-        causes.square + projected.cost * causes.count
-        <= beside.square + projected.cost * (projected.saturated.shape[1] + beside.count))
+        causes.square <= beside.square + projected.cost * count)
     if attributed and _agree(named, whole):
         alike = _alike(projected, causes, options)
         for other in alike:
@@ -209,7 +200,7 @@ def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int]
            ) -> tuple[Fit, Spread]:
     """Return the fit of these terms and all columns of `data`, with its errors."""
     every = _all(terms, data.more.shape[2])
-    found = _refined(data, _without_weak(data, _refined(data, every), missing))
+    found = refined(data, without_weak(data, refined(data, every), missing))
     # As with the slopes of Stribeck columns, intervals contain what the lag is uncertain by.
     n = data.way.shape[1]
     lags = [Term(TermKind.LAG_SLOPE, i) for i in range(n) if data.late[:, i].any()]
@@ -238,164 +229,13 @@ def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
         rest = [x for j, x in enumerate(found.causes) if j != k]
         values = [x for j, x in enumerate(found.values) if j != k]
         for option in options:
-            if not possible(option, found.causes):
+            if any(option is x for x in found.causes) or not possible(option, rest):
                 continue
             other = projected.fit([*rest, option], values)
             # No motion tells a torque constant of all drives from the mass of all links.
             both = {option.kind, found.causes[k].kind} == {CauseKind.SCALE, CauseKind.MASSES}
-            alike = other.square + projected.cost * other.count < (
-                found.square + projected.cost * (found.count + 1.0))
-            if alike or (both and option.which == found.causes[k].which):
+            more = projected.cost * (found.count + 1.0 - other.count)
+            if (both and option.which == found.causes[k].which) or (
+                    other.square < found.square + more):
                 others.append(other)
     return tuple(others)
-
-
-def _friction(data: Data, joints: Sequence[str]
-              ) -> tuple[list[Term], dict[tuple[TermKind, int], str]]:
-    """Return the terms of friction that the motion contains, and why it lacks the others."""
-    terms, missing = [], {}
-    for i, name in enumerate(joints):
-        ways = {kind: int((data.way[:, i] == sign).sum())
-                for kind, sign in ((TermKind.FORWARDS, 1.0), (TermKind.BACKWARDS, -1.0))}
-        if not any(count >= _WINDOWS for count in ways.values()):
-            for kind in (*ways, TermKind.VISCOUS, TermKind.STRIBECK, TermKind.LOAD):
-                missing[kind, i] = f'{name} hardly moves'
-            continue
-        for kind, count in ways.items():
-            if count >= _WINDOWS:
-                terms.append(Term(kind, i))
-            else:
-                missing[kind, i] = f'{name} hardly moves {kind.value}'
-        speed = np.abs(data.velocity[data.way[:, i] != 0.0, i])
-        low, high = np.percentile(speed, (10.0, 90.0))
-        if high >= _RATIO * low:
-            terms.append(Term(TermKind.VISCOUS, i))
-        else:
-            missing[TermKind.VISCOUS, i] = (
-                f'{name} moves at {low:.3g} to {high:.3g} rad/s only: viscous and Coulomb '
-                'friction look the same')
-    return terms, missing
-
-
-def _further(data: Data, terms: Sequence[Term], joints: Sequence[str], levels: Array,
-             missing: dict[tuple[TermKind, int], str]) -> list[Term]:
-    """Return terms of Stribeck and load-dependent friction where the torque clearly has them."""
-    found: list[Term] = []
-    for i in range(len(joints)):
-        used = data.way[:, i] != 0.0
-        if not used.any() or not _is_friction(terms, i):
-            continue
-        speed = np.abs(data.velocity[used, i])
-        slow = [k for k, v in enumerate(STRIBECK) if (speed < v).sum() >= _SLOW]
-        options = {TermKind.STRIBECK: [Term(TermKind.STRIBECK, i, k) for k in slow],
-                   TermKind.LOAD: [Term(TermKind.LOAD, i, which) for which in (0, 1)]}
-        largest = float(data.load[used, i].max(initial=0.0))
-        size = _NEGLIGIBLE * levels[i]
-        least = {TermKind.STRIBECK: size, TermKind.LOAD: size / max(largest, 1e-12)}
-        while options:
-            tried = [(kind, _best(data, [*terms, *found], choices, i))
-                     for kind, choices in options.items()]
-            better = [(best, kind) for kind, best in tried
-                      if best is not None and best.value > least[kind]]
-            if not better:
-                break
-            best, kind = max(better, key=lambda x: x[0].gain)
-            found.append(best.term)
-            del options[kind]
-        for kind in options:
-            missing[kind, i] = NONE
-        if not slow:
-            missing[TermKind.STRIBECK, i] = (
-                f'{joints[i]} does not move slowly enough: at least '
-                f'{np.percentile(speed, 1.0):.2g} rad/s')
-    return found
-
-
-def _level(data: Data, terms: Sequence[Term], i: int) -> float:
-    """Return about how large the Coulomb friction of joint i is [N·m]."""
-    used = data.way[:, i] != 0.0
-    mine = [term for term in terms if term.joint == i]
-    if not mine:
-        return 0.0
-    x = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1)
-    length = np.sqrt(np.square(x).sum(axis=0))
-    length = np.where(length > 0.0, length, 1.0)
-    value = np.linalg.lstsq(x / length, data.residual[used, i], rcond=1e-7)[0] / length
-    levels = [v for term, v in zip(mine, value)
-              if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
-    return max(float(np.mean(levels)), 0.0)
-
-
-class _Gain(NamedTuple):
-    """A further term with its coefficient, and by how much it helps."""
-
-    term: Term
-    value: float
-    gain: float
-
-
-def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int) -> _Gain | None:
-    """Return the best of further terms of joint i, if it clearly helps."""
-    used = data.way[:, i] != 0.0
-    mine = [term for term in terms if term.joint == i]
-    x, y = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1), (
-        data.residual[used, i])
-    length = np.sqrt(np.square(x).sum(axis=0))
-    basis, sizes, _ = np.linalg.svd(x / np.where(length > 0.0, length, 1.0), full_matrices=False)
-    basis = basis[:, sizes > 1e-7 * sizes[0]]
-    rest = y - basis @ (basis.T @ y)
-    before = least = float(rest.dot(rest))
-    best, after = None, rest
-    for option in options:
-        whole = data.columns([option])[used, i, 0]
-        column = whole - basis @ (basis.T @ whole)
-        power = float(column.dot(column))
-        if power <= 1e-6 * float(whole.dot(whole)):
-            continue
-        value = float(column.dot(rest)) / power
-        squares = before - value ** 2 * power
-        if value > 0.0 and squares < least:
-            best, least, after = (option, value), squares, rest - value * column
-    least += len(y) * float(data.floor[i if len(data.floor) > 1 else 0]) ** 2
-    gain = (before - least) / max(least, 1e-300) * len(y)
-    return _Gain(*best, gain) if best and gain > _GAIN * correlation_length(after) else None
-
-
-def _refined(data: Data, terms: Sequence[Term]) -> list[Term]:
-    """Return the terms with their best Stribeck velocities, and a slope beside each of these."""
-    found = [term for term in terms if term.kind != TermKind.STRIBECK_SLOPE]
-    if not any(term.kind == TermKind.STRIBECK for term in found):
-        return found
-    for _ in range(_REFINEMENTS):
-        slopes = [Term(TermKind.STRIBECK_SLOPE, term.joint, term.which) for term in found
-                  if term.kind == TermKind.STRIBECK]
-        fit = solve(data, [*found, *slopes])
-        moved = []
-        for term in found:
-            if term.kind == TermKind.STRIBECK:
-                size = fit.of(term)
-                slope = fit.of(Term(TermKind.STRIBECK_SLOPE, term.joint, term.which))
-                step = slope / size if size else 0.0
-                place = term.which + float(np.clip(step, -1.0, 1.0))
-                term = term._replace(which=float(np.clip(place, 0.0, len(STRIBECK) - 1.0)))
-            moved.append(term)
-        found = moved
-    return [*found, *(Term(TermKind.STRIBECK_SLOPE, term.joint, term.which) for term in found
-                      if term.kind == TermKind.STRIBECK)]
-
-
-def _is_friction(terms: Sequence[Term], i: int) -> bool:
-    """Return whether Coulomb friction of joint i is among the terms."""
-    return Term(TermKind.FORWARDS, i) in terms or Term(TermKind.BACKWARDS, i) in terms
-
-
-def _without_weak(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]
-                  ) -> list[Term]:
-    """Return the terms without Stribeck and load-dependent friction that are not clear."""
-    fit = solve(data, terms)
-    error = spread(fit, data.starts).error
-    weak = {(term.kind, term.joint) for term, value, e in zip(terms, fit.value, error)
-            if term.kind in (TermKind.STRIBECK, TermKind.LOAD) and value < _CLEAR * e}
-    missing.update(dict.fromkeys(weak, NONE))
-    gone = weak | {(TermKind.STRIBECK_SLOPE, i) for kind, i in weak if kind == TermKind.STRIBECK}
-    return [term for term in terms if (term.kind, term.joint) not in gone]

@@ -12,7 +12,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.identify import Identification, identify
 from ctc_chattering.identification.regression.model_errors import candidates
-from ctc_chattering.numerics.linear_algebra import Rows, Vector
+from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 from ctc_chattering.trajectory.waypoints import Route
 from identified_robots import arm, motion, record, Recorded
 import numpy as np
@@ -126,6 +126,77 @@ def test_a_heavier_link_is_named_and_no_friction() -> None:
     ((candidate, number),) = found.errors
     assert candidate.name == 'link 2'
     assert number.value == pytest.approx(0.1, abs=0.002)
+
+
+class Rotors(TwoLink):
+    """The paper's arm with rotors that are large beside the inertia of its second link."""
+
+    def mass_matrix(self, q: Vector) -> Rows:
+        (m11, m12), (_, m22) = super().mass_matrix(q)
+        return (m11 + 0.5, m12), (m12, m22 + 0.4)
+
+    def inverse_dynamics(self, q: Vector, dq: Vector, a: Vector) -> Vector:
+        return super(TwoLink, self).inverse_dynamics(q, dq, a)
+
+    def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0) -> Vector:
+        return super(TwoLink, self).forward_dynamics(q, dq, u, fixed_joints)
+
+
+def check_intervals(found: Identification, made: Recorded, scale: float = 1.0) -> None:
+    """Coulomb friction is within its interval, with 0.01 % for numerics."""
+    for friction, coulomb in zip(found.friction, made.plant.coulomb_friction):
+        assert friction.coulomb.value == pytest.approx(
+            scale * coulomb, abs=friction.coulomb.half + 1e-4 * coulomb)
+
+
+def test_rotors_are_named_and_no_friction() -> None:
+    made = record('two_link', 5, 12.0, truth=Rotors())
+    found = of(made)
+    check_intervals(found, made)
+    assert [x.value for x in found.rotor] == pytest.approx([0.5, 0.4], abs=0.005)
+    assert any('rotor' in x.reason for x in found.findings)
+
+
+def test_a_wrong_torque_constant_of_one_joint_is_no_mass() -> None:
+    command = plain().recording.command
+    assert command is not None
+    found = of(plain(), changed(command=command / (1.0, 0.95)))
+    check_intervals(found, plain())
+    assert found.scale[1].value == pytest.approx(0.95, abs=1e-3)
+    assert found.errors == []
+
+
+def test_the_torque_constant_of_all_joints_or_all_masses() -> None:
+    """No motion tells these: intervals of friction contain what both would give."""
+    command = plain().recording.command
+    assert command is not None
+    found = of(plain(), changed(command=command / 0.95))
+    check_intervals(found, plain())
+    check_intervals(found, plain(), 1.0 / 0.95)
+    assert any('all masses' in x.reason for x in found.findings)
+
+
+def test_a_base_that_is_not_level() -> None:
+    """An arm that is turned by an angle has an encoder that is off by it."""
+    q = np.add(plain().recording.q, (0.05, 0.0))
+    found = of(plain(), changed(q=q))
+    check_intervals(found, plain())
+    assert found.tilt[0].value == pytest.approx(9.81 * np.sin(0.05), rel=0.02)
+
+
+class Own(TwoLink):
+    """A model of a user's own, without a regressor that holds."""
+
+    def inertial_parameters(self) -> Array:
+        return 2.0 * super().inertial_parameters()
+
+
+def test_a_model_without_regressor_says_so() -> None:
+    made = plain()
+    found = identify([made.recording.checked()], Own(), [])
+    check_friction(found, made)
+    (finding,) = found.findings
+    assert 'regressor' in finding.reason
 
 
 def changed(**fields: Any) -> Recording:
