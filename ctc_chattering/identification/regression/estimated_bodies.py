@@ -53,7 +53,7 @@ def body_estimate(projected: Projected, found: Explanation | None, names: Sequen
         x[p:p + n], torque, prior[p + n:], x[p + n:], columns.gravity)
 
 
-def judged(estimate: BodyEstimate | None, joints: Sequence[str]
+def judged(estimate: BodyEstimate | None, joints: Sequence[str], friction: Sequence[float]
            ) -> tuple[ConsistentBodies | None, tuple[Finding, ...]]:
     """Return bodies that can be, and findings; None without an estimate, or without a solver."""
     if estimate is None:
@@ -62,4 +62,4 @@ def judged(estimate: BodyEstimate | None, joints: Sequence[str]
         bodies = consistent(estimate)
     except CtcError as error:
         return None, (Finding(Severity.NOTE, ALL_JOINTS, f'no corrected URDF: {error}'),)
-    return bodies, tuple(physical_findings(bodies, joints))
+    return bodies, tuple(physical_findings(bodies, joints, friction))

@@ -199,7 +199,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     friction = [joint_friction(selected, i) for i in range(len(joints))]
     data = data.loaded(selected.levels).mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
-    bodies, impossible = judged(named.bodies(), joints)
+    bodies, impossible = judged(
+        named.bodies(), joints, [abs(x.coulomb.value or 0.0) for x in friction])
     noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
                *sides.findings, *named.findings(), *physical(friction, joints),
                *impossible)

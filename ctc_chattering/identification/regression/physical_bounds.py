@@ -20,7 +20,8 @@ _CURE = ('check the order of --joints, the sign and the side of the torque (--ef
          'URDF; then record a motion with more poses and accelerations')
 
 
-def physical_findings(bodies: ConsistentBodies, joints: Sequence[str]) -> Iterator[Finding]:
+def physical_findings(bodies: ConsistentBodies, joints: Sequence[str],
+                      friction: Sequence[float] = ()) -> Iterator[Finding]:
     """
     Yield findings for the joints whose torque the bounds of bodies change.
 
@@ -30,6 +31,8 @@ def physical_findings(bodies: ConsistentBodies, joints: Sequence[str]) -> Iterat
         As identified.
     joints : sequence of str, length n
         Names.
+    friction : sequence of float, shape (n,), optional
+        That is in the torque as well [N·m].
 
     """
     change = bodies.found - bodies.wanted
@@ -37,6 +40,7 @@ def physical_findings(bodies: ConsistentBodies, joints: Sequence[str]) -> Iterat
         return
     what = '; '.join(_asked(bodies, joints))
     size, whole = bodies.torque(change), bodies.torque(bodies.found)
+    whole = whole + np.asarray(friction) if len(friction) else whole
     for i, name in enumerate(joints):
         part = size[i] / whole[i] if whole[i] > 0.0 else 0.0
         if part > _CARE:

@@ -13,6 +13,8 @@ import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
+#: Part of a joint's torque, with friction, below which a correction is none.
+_LEAST = 0.01
 #: Of causes that the data do not tell apart; the torque of the corrected model has them all.
 _AMBIGUOUS = 'explained as well by'
 
@@ -35,6 +37,10 @@ def corrected_description(found: Identification, description: str,
     bodies = found.bodies
     if not description or bodies is None or not bodies.differ or any(
             x.severity == Severity.REFUSED for x in found.findings):
+        return ''
+    size = bodies.torque(bodies.found - bodies.estimate.known)
+    whole = bodies.torque(bodies.found) + [abs(x.coulomb.value or 0.0) for x in found.friction]
+    if not (size > _LEAST * whole).any():
         return ''
     return corrected_urdf(description, found.joints, bodies.parameters, bodies.rotor.tolist(),
                           bodies.tilt.tolist(), locked)
