@@ -91,8 +91,10 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.identification.report.results import IdentificationResults
     from ctc_chattering.identification.report.validation import validate
 
-    if options.trials < 0:
-        raise UsageError(f'--trials: {options.trials} is not allowed; allowed: 0 or more')
+    for name in ('trials', 'seed'):
+        if getattr(options, name) < 0:
+            raise UsageError(f'--{name}: {getattr(options, name)} is not allowed; allowed: 0 or '
+                             'more')
     side = declared(options)
     description = read_description(options.urdf) if options.urdf else ''
     joints = tuple(filter(None, (options.joints or '').split(',')))
