@@ -118,6 +118,12 @@ def run(options: argparse.Namespace) -> int:
     validation = validate(found, last, robot.model) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
                                     perturbed, recommended, validation, rate)
+    return _written(results, robot, q, out, options)
+
+
+def _written(results: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
+             options: argparse.Namespace) -> int:
+    """Try the gains, write all files, and print what was found."""
     if robot.description:
         write_text(out / _ROBOT, robot.description)
     if not _missing(results):
