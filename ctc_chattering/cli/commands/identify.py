@@ -97,8 +97,10 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.identification.report.results import IdentificationResults
     from ctc_chattering.identification.report.validation import validate
 
-    if options.trials < 0:
-        raise UsageError(f'--trials: {options.trials} is not allowed; allowed: 0 or more')
+    for name in ('trials', 'seed'):
+        if getattr(options, name) < 0:
+            raise UsageError(f'--{name}: {getattr(options, name)} is not allowed; allowed: 0 or '
+                             'more')
     side = declared(options)
     description = read_description(options.urdf) if options.urdf else ''
     joints = tuple(filter(None, (options.joints or '').split(',')))
@@ -124,6 +126,12 @@ def run(options: argparse.Namespace) -> int:
     validation = validate(found, last, robot.model) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
                                     perturbed, recommended, validation, rate)
+    return _written(results, robot, q, out, options)
+
+
+def _written(results: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
+             options: argparse.Namespace) -> int:
+    """Try the gains, write all files, and print what was found."""
     for name, text in robot.files.items():
         write_text(out / name, text)
     if not _missing(results):

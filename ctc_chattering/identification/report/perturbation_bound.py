@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.regression.estimate import NONE
 from ctc_chattering.identification.regression.finding import Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.report.fastest_motion import (
@@ -57,7 +58,8 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     effort = fastest.limits.effort
     ka = np.array([_rounded_up(MARGIN * p) for p in peak])
     return PerturbationBound(np.minimum(ka, effort), peak, fastest,
-                             _reason(fastest, recorded, peak), tuple(_beyond(peak, ka, effort)))
+                             _reason(fastest, recorded, peak),
+                             (*_beyond(peak, ka, effort), *_unknown(found)))
 
 
 def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array) -> str:
@@ -82,6 +84,17 @@ def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
             yield Finding(Severity.CARE, i, f'|P| reaches {p:.3g} N*m as fast as the limits '
                           f'allow; ka = {k:.3g} N*m is cut to its effort limit, {most:.3g} N*m',
                           'correct the model, or move more slowly')
+
+
+def _unknown(found: Identification) -> Iterator[Finding]:
+    """Yield the joints of which a part of the friction is not known."""
+    for i, one in enumerate(found.friction):
+        for severity, number, what in (
+                (Severity.CARE, one.viscous, 'ka holds at the speeds of the run only'),
+                (Severity.NOTE, one.stribeck, 'ka may be too small at a break-away')):
+            if one.coulomb.value is not None and number.value is None and number.reason != NONE:
+                yield Finding(severity, i, f'{what}: {number.reason}',
+                              'record slow reversals, and different speeds')
 
 
 def _list(values: Array) -> str:

@@ -237,17 +237,22 @@ def _run(values: Values, draw: Draw) -> _TriedRun:
     plant = {**values['plant'], **draw.values['plant'], 'duration': _DURATION,
              'initial_position': motion['center']}
     controller = {**values['controller'], **draw.values['controller']}
-    setup: Setup | None = None
+    setup = _setup(values, plant, controller)
     try:
-        setup = parameter_file.load(None, {
-            '/**': values['/**'], 'plant': plant, 'controller': controller, 'reference': motion})
         run = simulated(setup, truth=True).run
     except CtcError as error:
-        if setup is None:
-            raise
         return _TriedRun(None, np.zeros(n), str(error))
     late = run.t >= _START
     model = kept_model_of(setup.controller, setup.descriptions.get('controller', ''))
     limit = _NEAR * np.array(setup.controller.largest_torque(model.effort_limits))
     return _TriedRun(np.sqrt(np.square(run.q[late] - run.q_d[late]).mean(axis=0)),
                      (np.abs(run.tau[late]) >= limit).mean(axis=0), '')
+
+
+def _setup(values: Values, plant: Mapping[str, Any], controller: Mapping[str, Any]) -> Setup:
+    """Return a setup with the motion of trials, or that of the file if limits forbid it."""
+    both = {'/**': values['/**'], 'plant': plant, 'controller': controller}
+    try:
+        return parameter_file.load(None, {**both, 'reference': _motion(values)})
+    except CtcError:
+        return parameter_file.load(None, {**both, 'reference': values['reference']})

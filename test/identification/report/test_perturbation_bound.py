@@ -94,3 +94,11 @@ def test_the_rate_is_within_what_drives_give() -> None:
     assert torque_rate(FOUND, needed, (300.0, 300.0)).value.tolist() == [300.0, 300.0]
     (unknown,) = torque_rate(dataclasses.replace(FOUND, rate=[]), needed).findings
     assert 'not known' in unknown.reason and '--torque-rate' in unknown.cure
+
+
+def test_ka_does_not_hold_at_speeds_of_which_friction_is_not_known() -> None:
+    one = dataclasses.replace(FOUND.friction[1], viscous=Estimate.none('joint2 moves at 1 rad/s'))
+    found = dataclasses.replace(FOUND, friction=[FOUND.friction[0], one])
+    (finding,) = perturbation_bound(found, RUN, Limited(9.81)).findings
+    assert (finding.severity, finding.joint) == (Severity.CARE, 1)
+    assert 'joint2 moves at 1 rad/s' in finding.reason and 'speeds' in finding.cure

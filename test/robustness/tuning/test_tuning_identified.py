@@ -128,7 +128,8 @@ def test_what_identify_writes_is_read(tmp_path: Path) -> None:
     made = short(duration=3.0)
     bag = recorded_bag(tmp_path / 'bag', made)
     out = tmp_path / 'identified'
-    assert main(['identify', str(bag), '--model', 'two_link', '--out', str(out)]) == 0
+    assert main(['identify', str(bag), '--model', 'two_link', '--trials', '0',
+                 '--out', str(out)]) == 0
     spec = identified_spec(out, {'repeats': 8})
     assert [x.name for x in spec.uncertain] == ['coulomb', 'viscous', 'lag', 'model']
     found = json.loads((out / 'identify.json').read_text())
