@@ -47,13 +47,7 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
             for joint, good, *cells in zip(joints, usable, *columns))]
     yield 'Friction', rows([name for _, name in FRICTION], *(
         [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
-    _, lag, error = found.timing.drive
-    sensors = rows(['lag of the drive [s]'], list(map(_lag, lag, error)))
-    yield 'Sensors and drives', [
-        ['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]',
-         *sensors[0][1:]],
-        *([joint, cell(a), cell(b), cell(c), *more] for (joint, *more), a, b, c in zip(
-            sensors[1:], found.encoder, found.noise, found.velocity_lag))]
+    yield 'Sensors and drives', _sensors(found, usable)
     more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
     if more:
         yield 'Motors and drives', rows([name for name, _ in more], *(
@@ -70,6 +64,16 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
     yield 'Largest torque step per period, at most [N*m]', rows(
         [*recommended.steps, *(['allowed'] if rate else [])], *steps,
         *([[f'{x:.3g}' for x in allowed]] if rate else []))
+
+
+def _sensors(found: Identification, usable: Sequence[bool]) -> Rows:
+    """Return encoders and velocities of all joints, and lags of the drives of usable ones."""
+    _, lag, error = found.timing.drive
+    return [['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]',
+             'lag of the drive [s]'], *(
+        [joint, cell(a), cell(b), cell(c), _lag(t, e) if good else NO_NUMBER]
+        for joint, a, b, c, t, e, good in zip(found.joints, found.encoder, found.noise,
+                                              found.velocity_lag, lag, error, usable))]
 
 
 def cell(number: Estimate) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
@@ -67,6 +67,12 @@ class Verdict(NamedTuple):
     def __str__(self) -> str:
         """Return the verdict with its reasons."""
         return ': '.join([self.word, *(['; '.join(self.reasons)] if self.reasons else [])])
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {'joint': self.joint, 'verdict': self.word, 'findings': [
+            {'severity': WORDS[x.severity], 'reason': x.reason, 'cure': x.cure}
+            for x in self.findings]}
 
     def own(self) -> tuple[Finding, ...]:
         """Return what was noticed of this joint, without notes."""
