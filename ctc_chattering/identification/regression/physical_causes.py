@@ -47,7 +47,7 @@ class FittedMotion(NamedTuple):
     states: WindowStates
 
 
-class Cause(NamedTuple):
+class Guess(NamedTuple):
     """
     Columns that a physical effect would have.
 
@@ -76,41 +76,41 @@ class Cause(NamedTuple):
     unit: str
 
 
-def causes(found: FittedMotion, i: int) -> Iterator[Cause]:
+def causes(found: FittedMotion, i: int) -> Iterator[Guess]:
     """Yield what the torque of joint i may depend on besides the model."""
     data, states, used = found.data, found.states, found.data.way[:, i] != 0.0
     way, t, q = data.way[used, i], data.t[used], states.position[used, i]
     speed, load = np.abs(data.velocity[used, i]), np.abs(found.base[used, i])
     turn = np.column_stack((np.sin(q), np.cos(q), np.sin(2.0 * q), np.cos(2.0 * q), q, q * q))
-    yield Cause('position', 'a weight, spring, cable or cogging that the model lacks',
+    yield Guess('position', 'a weight, spring, cable or cogging that the model lacks',
                 'correct the model', turn, q, 'rad')
-    yield Cause('position and direction', 'friction that depends on the position',
+    yield Guess('position and direction', 'friction that depends on the position',
                 'record the positions that you will use', turn * way[:, None], q, 'rad')
-    yield Cause('speed', 'a law of friction that is not Coulomb, viscous and Stribeck',
+    yield Guess('speed', 'a law of friction that is not Coulomb, viscous and Stribeck',
                 'record the speeds that you will use', _kinks(speed) * way[:, None],
                 way * speed, 'rad/s')
-    yield Cause('acceleration', 'an inertia of rotor or link that the model lacks, or a lag of '
+    yield Guess('acceleration', 'an inertia of rotor or link that the model lacks, or a lag of '
                 'the drive', 'correct the inertia in the model',
                 np.column_stack((states.acceleration[used, i],
                                  (found.base - found.weight)[used, i])),
                 states.acceleration[used, i], 'rad/s²')
-    yield Cause('the way since a reversal', 'backlash, an elastic joint, or friction that builds '
+    yield Guess('the way since a reversal', 'backlash, an elastic joint, or friction that builds '
                 f'up over a way (looked for up to {BUILD_UP[-1]:g} rad)',
                 'reduce the backlash, or measure behind the elasticity', states.build_up[used, i],
                 states.way[used, i], 'rad')
     late = (t - t.min()) / max(float(np.ptp(t)), 1e-9)
     thirds = np.eye(3)[np.minimum((3.0 * late).astype(int), 2)]
-    yield Cause(TIME, 'friction that drifts, with temperature say',
+    yield Guess(TIME, 'friction that drifts, with temperature say',
                 'warm the robot up, and record a shorter run',
                 np.column_stack((thirds, thirds * way[:, None])), t, 's')
-    yield Cause('the load', 'friction that depends on the load',
+    yield Guess('the load', 'friction that depends on the load',
                 'record the load that you will have',
                 np.column_stack((way * load, way * load * speed)), load, 'N·m')
     others = [k for k in range(data.way.shape[1]) if k != i]
     if others:
         torque = (found.base + data.residual)[used][:, others]
         largest = int(np.argmax(np.square(torque).sum(axis=0)))
-        yield Cause('the torques of other joints', 'coupled joints, or sensors of torque that '
+        yield Guess('the torques of other joints', 'coupled joints, or sensors of torque that '
                     'mix axes', 'check --joints and the calibration of the torques',
                     np.column_stack((torque, states.acceleration[used][:, others])),
                     torque[:, largest], 'N·m')
@@ -122,7 +122,7 @@ def _kinks(speed: Array) -> Array:
     return np.column_stack([np.maximum(speed - knot, 0.0) for knot in knots])
 
 
-def periodic(found: FittedMotion, i: int, residual: Array) -> tuple[Cause | None, int]:
+def periodic(found: FittedMotion, i: int, residual: Array) -> tuple[Guess | None, int]:
     """
     Return the periodic torque that explains most of a residual, and how many were looked for.
 
@@ -153,7 +153,7 @@ def periodic(found: FittedMotion, i: int, residual: Array) -> tuple[Cause | None
             best, most = float(orders[inside][np.argmax(power)]), float(power.max())
         low *= 2.0
     tried = int(low * np.ptp(q) / np.pi) + 1
-    return Cause('the angle of the joint, periodically', f'ripple of motor or gear with about '
+    return Guess('the angle of the joint, periodically', f'ripple of motor or gear with about '
                  f'{best:.3g} periods in a turn', 'compensate the ripple',
                  _waves(best, q, speed, way), q, 'rad') if best else None, tried
 

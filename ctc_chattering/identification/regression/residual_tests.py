@@ -19,9 +19,9 @@ from ctc_chattering.identification.regression.finding import Finding, Severity
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.least_squares import Term, TermKind
 from ctc_chattering.identification.regression.physical_causes import (
-    Cause,
     causes,
     FittedMotion,
+    Guess,
     periodic,
     TIME,
 )
@@ -54,7 +54,7 @@ class Effect(NamedTuple):
 
     Attributes
     ----------
-    cause : Cause
+    cause : Guess
         What it may be.
     size : float
         RMS of the torque that it explains [N·m].
@@ -65,7 +65,7 @@ class Effect(NamedTuple):
 
     """
 
-    cause: Cause
+    cause: Guess
     size: float
     shift: Array
     before: Array
@@ -118,14 +118,14 @@ class Unexplained(NamedTuple):
         return _PEAK * float(np.sqrt(sum(x.size ** 2 for x in self.effects) + self.rest ** 2))
 
 
-def effect(cause: Cause, friction: Array, others: Array, residual: Array, tried: int = 1
+def effect(cause: Guess, friction: Array, others: Array, residual: Array, tried: int = 1
            ) -> Effect | None:
     """
     Return what the columns of a cause explain of a residual, None for what chance explains.
 
     Parameters
     ----------
-    cause : Cause
+    cause : Guess
         With K rows.
     friction, others : ndarray, shapes (K, p) and (K, m)
         Columns of the fit, and those of causes that were found before.

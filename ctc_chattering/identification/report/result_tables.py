@@ -47,13 +47,7 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
             for joint, good, *cells in zip(joints, usable, *columns))]
     yield 'Friction', rows([name for _, name in FRICTION], *(
         [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
-    sensors = rows(['lag of the drive'], [
-        lag_in_words(found.timing, i) for i in range(len(joints))])
-    yield 'Sensors and drives', [
-        ['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]',
-         *sensors[0][1:]],
-        *([joint, cell(a), cell(b), cell(c), *more] for (joint, *more), a, b, c in zip(
-            sensors[1:], found.encoder, found.noise, found.velocity_lag))]
+    yield 'Sensors and drives', _sensors(found, usable)
     more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
     if more:
         yield 'Motors and drives', rows([name for name, _ in more], *(
@@ -70,6 +64,15 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
     yield 'Largest torque step per period, at most [N*m]', rows(
         [*recommended.steps, *(['allowed'] if rate else [])], *steps,
         *([[f'{x:.3g}' for x in allowed]] if rate else []))
+
+
+def _sensors(found: Identification, usable: Sequence[bool]) -> Rows:
+    """Return encoders and velocities of all joints, and lags of the drives of usable ones."""
+    numbers = zip(found.joints, found.encoder, found.noise, found.velocity_lag, usable)
+    return [['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]',
+             'lag of the drive'], *(
+        [joint, cell(a), cell(b), cell(c), lag_in_words(found.timing, i) if good else NO_NUMBER]
+        for i, (joint, a, b, c, good) in enumerate(numbers))]
 
 
 def cell(number: Estimate) -> str:

@@ -171,8 +171,7 @@ class IdentificationResults:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as JSON has it."""
-        found, recommended = self.found, self.recommended
-        timing = found.timing
+        found, recommended, timing = self.found, self.recommended, self.found.timing
         delay, lag, error = timing.drive
         return {
             'bags': self.source, 'joint_names': list(found.joints),
@@ -185,9 +184,7 @@ class IdentificationResults:
                                 for delay, lags in timing.delays.items()],
             'torque_rate_limit_nm_per_s': [x.as_mapping() for x in found.rate],
             'actuator_lag_s': lag.tolist(), 'actuator_lag_error_s': error.tolist(),
-            'verdicts': [{'joint': x.joint, 'verdict': x.word, 'findings': [
-                {'severity': WORDS[y.severity], 'reason': y.reason, 'cure': y.cure}
-                for y in x.findings]} for x in self.verdicts],
+            'verdicts': [x.as_mapping() for x in self.verdicts],
             'friction': [_of_joint(vars(friction), verdict)
                          for friction, verdict in zip(found.friction, self.verdicts)],
             **{key: [x.as_mapping() for x in getattr(found, name)] for key, name in (

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from math import isfinite
+from typing import Any, NamedTuple
 
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
@@ -67,6 +68,12 @@ class Verdict(NamedTuple):
         """Return the verdict with its reasons."""
         return ': '.join([self.word, *(['; '.join(self.reasons)] if self.reasons else [])])
 
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {'joint': self.joint, 'verdict': self.word, 'findings': [
+            {'severity': WORDS[x.severity], 'reason': x.reason, 'cure': x.cure}
+            for x in self.findings]}
+
     def own(self) -> tuple[Finding, ...]:
         """Return what was noticed of this joint, without notes."""
         return tuple(x for x in self.findings
@@ -113,6 +120,9 @@ def _bounds(found: Identification) -> Iterator[Finding]:
     yield from _model_bounds(found)
     for i, (friction, lag) in enumerate(zip(found.friction, found.timing.drive[1])):
         left = found.unexplained[i] if found.unexplained else None
+        if found.unexplained and left is None and friction.coulomb.value is not None:
+            yield Finding(Severity.CARE, i, 'it slides for too short a time to test what its '
+                          'friction depends on', _EXCITE)
         yield from _friction_bounds(i, friction)
         yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT,
                              left is not None and left.off > 0.0)
@@ -146,6 +156,9 @@ def _friction_bounds(i: int, friction: JointFriction) -> Iterator[Finding]:
     if coulomb.value is None:
         yield Finding(Severity.REFUSED, i, coulomb.reason, _EXCITE)
         return
+    if not isfinite(coulomb.value + coulomb.half):
+        yield Finding(Severity.REFUSED, i, f'Coulomb friction is {coulomb}: no finite number',
+                      _EXCITE)
     if offset.value is not None and abs(offset.value) - offset.half > _UNEVEN * coulomb.value:
         yield Finding(Severity.CARE, i, f'both directions differ by twice {offset}, Coulomb '
                       f'friction is {coulomb}: more likely a constant torque that the model '

@@ -21,7 +21,9 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
                '--torque-rate', '5000,1000', '--trials', '0', '--out', str(out)]
     assert main(command) == 0
     text = capsys.readouterr().out
-    for words in ('Friction', 'delay of the torque: 0 samples', 'Validation on run',
+    assert max(len(line) for line in text.splitlines() if str(tmp_path) not in line) <= 100
+    for words in ('Verdict', 'joint1: usable', 'Friction', 'delay of the torque: 0 samples',
+                  'Validation on run',
                   'holds: joint1', 'ka = [', 'too fast'):
         assert words in text
     found = json.loads((out / 'identify.json').read_text())
@@ -91,3 +93,22 @@ def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     idle = str(recorded_bag(tmp_path / 'idle', made))
     assert main(['identify', idle, '--model', 'two_link', '--effort', 'motor', '--out', out]) == 2
     assert '--effort motor: idle has no effort' in capsys.readouterr().err
+
+
+def test_no_usable_joint_is_status_1_and_one_line_and_everything_is_written(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A torque that depends on the position by more than friction is not that of friction."""
+    made = short()
+    torque = made.run.tau + 30.0 * np.sin(7.0 * made.run.q)
+    bag = recorded_bag(tmp_path / 'odd', made, command=torque)
+    out = tmp_path / 'out'
+    assert main(['identify', str(bag), '--model', 'two_link', '--out', str(out)]) == 1
+    said = capsys.readouterr()
+    assert said.err.count('\n') == 1 and 'no joint is usable' in said.err
+    assert said.out.startswith('Verdict\n')
+    assert 'identified.yaml is not written' in said.out
+    found = json.loads((out / 'identify.json').read_text())
+    assert [x['verdict'] for x in found['verdicts']] == ['not usable'] * 2
+    assert all(x['coulomb']['value'] is None for x in found['friction'])
+    assert 'not usable' in (out / 'index.html').read_text()
+    assert not (out / 'identified.yaml').exists()

@@ -36,6 +36,9 @@ def test_a_joint_without_findings_is_usable() -> None:
 
 @pytest.mark.parametrize('change, lag, source, severity, reason', [
     ({'coulomb': Estimate(-0.05, 0.1, 'N*m')}, 0.0, 'command', Severity.CARE, 'no friction'),
+    ({'coulomb': Estimate(np.nan, 0.1)}, 0.0, 'command', Severity.REFUSED, 'nan'),
+    ({'coulomb': Estimate(5.0, np.inf)}, 0.0, 'command', Severity.REFUSED, 'inf'),
+    ({'coulomb': Estimate(5.0, 2.0)}, 0.0, 'command', Severity.CARE, 'longer motion'),
     ({'coulomb': Estimate(0.0, 0.003, 'N*m')}, 0.0, 'effort', Severity.REFUSED, 'gear'),
     ({'coulomb': Estimate.none('b hardly moves')}, 0.0, 'command', Severity.REFUSED, 'excite'),
     ({'offset': Estimate(4.0, 0.1)}, 0.0, 'command', Severity.CARE, 'directions'),
