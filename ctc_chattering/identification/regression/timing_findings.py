@@ -28,7 +28,8 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
         if lag >= _END * LAGS[-1]:
             found.append(Estimate.none('delay and lag of the drive are not identifiable'))
         elif np.isfinite(high):
-            found.append(Estimate(0.5 * (low + high), 0.5 * (high - low), 'N*m/s'))
+            found.append(Estimate(float(0.5 * (low + high)), float(0.5 * (high - low)),
+                                  'N*m/s'))
         elif moving and low > 0.0:
             found.append(Estimate.none(f'at least {low:.3g} N*m/s: the drive follows commands '
                                        'that change so fast'))
