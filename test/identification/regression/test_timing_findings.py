@@ -57,7 +57,7 @@ def test_rate_limits_with_intervals_or_bounds() -> None:
 
 
 def test_jitter_and_many_delays_are_said() -> None:
-    found = timing({d: NONE for d in range(4)})
+    found = timing(dict.fromkeys(range(4), NONE))
     jitter, many = timing_findings(found, JOINTS, (-0.2, 0.1))
     assert '0.2 samples' in jitter.reason
     assert many.severity == Severity.CARE and many.cure
