@@ -244,6 +244,11 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         if lags == len(LAGS) or longest < 0.99 * LAGS[lags - 1]:
             break
         lags = len(LAGS)
+    if uneven:
+        for lags_of in found.delays.values():
+            margin = (late[1] - late[0]) * profile.period * moving
+            lags_of[0] = np.maximum(lags_of[0] - margin, 0.0)
+            lags_of[2] += margin
     mine = found.delays[found.best]
     error = np.where(moving & (len(found.delays) == 1), 0.25 * (mine[2] - mine[0]), np.inf)
     # Where delay and lag may be nearly anything, a rate limit stands for something else.
