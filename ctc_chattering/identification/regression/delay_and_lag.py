@@ -246,7 +246,7 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         lags = len(LAGS)
     if uneven:
         for lags_of in found.delays.values():
-            margin = (late[1] - late[0]) * profile.period * moving
+            margin = far * (late[1] - late[0]) * profile.period * moving
             lags_of[0] = np.maximum(lags_of[0] - margin, 0.0)
             lags_of[2] += margin
     mine = found.delays[found.best]
