@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+from itertools import pairwise
 from typing import NamedTuple
 
 from ctc_chattering.errors import CtcError
@@ -134,7 +134,7 @@ def _alone(t: Array) -> npt.NDArray[np.bool_]:
     """Return which of sorted stamps are few, and far from all others."""
     edges = [0, *(np.flatnonzero(np.diff(t) > _FAR) + 1).tolist(), len(t)]
     found = np.zeros(len(t), bool)
-    for first, last in itertools.pairwise(edges):
+    for first, last in pairwise(edges):
         found[first:last] = len(edges) > 2 and last - first < _FEW
     return found
 

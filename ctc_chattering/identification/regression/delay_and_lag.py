@@ -37,6 +37,9 @@ _ALIGNMENTS = (-1.0, -0.5, 0.0)
 #: Samples by which commands may be late without a change of their shape, and times as much as
 #: that they may seem to be beyond.
 _UNEVEN, _FARTHER = 0.03, 2.0
+#: Samples between the shortest and the longest delay, and width of a set of lags [s], from which
+#: on they are not identified.
+UNSURE, _WIDE = 3, 0.01
 #: Part of a lag by which it is changed for a derivative.
 _LAG_STEP = 0.02
 #: Fewest rows of a joint.
@@ -245,10 +248,18 @@ def _of_commands(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         if lags == len(LAGS) or longest < 0.99 * LAGS[lags - 1]:
             break
         lags = len(LAGS)
+    if uneven:
+        for lags_of in found.delays.values():
+            margin = far * (late[1] - late[0]) * profile.period * moving
+            lags_of[0] = np.maximum(lags_of[0] - margin, 0.0)
+            lags_of[2] += margin
     mine = found.delays[found.best]
     error = np.where(moving & (len(found.delays) == 1), 0.25 * (mine[2] - mine[0]), np.inf)
+    # Where delay and lag may be nearly anything, a rate limit stands for something else.
+    wide = max(found.delays) - min(found.delays) >= UNSURE or max(
+        float(np.ptp(x[:, moving], axis=0).max()) for x in found.delays.values()) > _WIDE
     return Timing(COMMAND, float(found.best), mine[1], error, found.delays, found.misfit,
-                  found.rate, moving)
+                  _any_rate(n) if wide else found.rate, moving)
 
 
 def _region(profile: Profile, parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ctc_chattering.identification.regression.delay_and_lag import LAGS, Timing
+from ctc_chattering.identification.regression.delay_and_lag import LAGS, Timing, UNSURE
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.numerics.linear_algebra import Array
@@ -12,8 +12,6 @@ import numpy as np
 
 #: Part of the longest lag that is looked for that counts as it.
 _END = 0.97
-#: Samples between the shortest and the longest delay from which on care is due.
-_UNSURE = 3
 _EXCITE = 'record a motion of `ctc excite`, longer or faster'
 
 
@@ -28,13 +26,14 @@ def rate_limits(timing: Timing, joints: Sequence[str]) -> list[Estimate]:
         if lag >= _END * LAGS[-1]:
             found.append(Estimate.none('delay and lag of the drive are not identifiable'))
         elif np.isfinite(high):
-            found.append(Estimate(0.5 * (low + high), 0.5 * (high - low), 'N*m/s'))
+            found.append(Estimate(float(0.5 * (low + high)), float(0.5 * (high - low)),
+                                  'N*m/s'))
         elif moving and low > 0.0:
             found.append(Estimate.none(f'at least {low:.3g} N*m/s: the drive follows commands '
                                        'that change so fast'))
         else:
-            found.append(Estimate.none('no command changes fast while the joint moves, or '
-                                       'commands are missing'))
+            found.append(Estimate.none('no command changes fast enough, or delay and lag are '
+                                       'not identified, or commands are missing'))
     return found
 
 
@@ -62,9 +61,10 @@ def timing_findings(timing: Timing, joints: Sequence[str], late: tuple[float, fl
                       'delay is uncertain')
     delays = sorted(known.delays)
     if len(delays) > 1:
-        far = delays[-1] - delays[0] >= _UNSURE
+        far = delays[-1] - delays[0] >= UNSURE
         yield Finding(Severity.CARE if far else Severity.NOTE, ALL_JOINTS,
-                      f'delay and lag are not told apart: {drives_in_words(known, joints)}',
+                      f'delay and lag are not told apart: {drives_in_words(known, joints)}' + (
+                          '; backlash or an elastic joint looks like that' if far else ''),
                       _EXCITE if far else '')
     lags = np.array(list(known.delays.values()))
     for i in np.flatnonzero(known.moving):

@@ -14,9 +14,9 @@ from scipy.signal import lfilter  # type: ignore[import-untyped]
 
 #: Sources of the torque.
 COMMAND, EFFORT = 'command', 'effort'
-#: Samples that are computed one by one, all parts of a stretch at once; time before [s], and the
-#: fewest samples, after which it does not matter where they began.
-_CHUNK, _BEFORE, _FEWEST_BEFORE = 400, 0.5, 60
+#: Samples that are computed one by one, all parts of a stretch at once, at least, and parts at
+#: most; time before [s], and the fewest samples, after which it does not matter where they began.
+_CHUNK, _CHUNKS, _BEFORE, _FEWEST_BEFORE = 400, 40, 0.5, 60
 #: Torques that are computed at once.
 _AT_ONCE = 1e6
 #: In place of no rate limit [N·m/s].
@@ -65,14 +65,15 @@ def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
     """
     n = values.shape[1]
     warm = max(_FEWEST_BEFORE, round(_BEFORE / period))
-    chunks = -(-len(values) // _CHUNK)
-    last = np.repeat(values[-1:], chunks * _CHUNK - len(values), axis=0)
+    length = max(_CHUNK, len(values) // _CHUNKS)
+    chunks = -(-len(values) // length)
+    last = np.repeat(values[-1:], chunks * length - len(values), axis=0)
     padded = np.concatenate((np.repeat(values[:1], warm, axis=0), values, last))
     # All chunks at once, each from so long before that the drives have caught up.
-    pieces = sliding_window_view(padded, warm + _CHUNK, axis=0)[::_CHUNK].transpose(2, 0, 1)
+    pieces = sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1)
     rate = np.minimum(rate, _UNLIMITED)
     lag = np.maximum(lag, 1e-9 * period)[..., None, :]
-    mean = np.empty((*lag.shape[:-2], chunks, _CHUNK, n))
+    mean = np.empty((*lag.shape[:-2], chunks, length, n))
     tau = np.broadcast_to(pieces[0], (*lag.shape[:-2], chunks, n))
     for k, command in enumerate(pieces):
         gap = command - tau

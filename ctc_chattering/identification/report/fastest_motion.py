@@ -117,7 +117,7 @@ def _array(limits: Sequence[float] | None, n: int) -> Array:
 
 
 def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model: Model,
-                         corrected: bool = False, seed: int = 1) -> FastestPerturbation:
+                         seed: int = 1) -> FastestPerturbation:
     """
     Return the largest |P| within the limits.
 
@@ -127,8 +127,6 @@ def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model
         What was identified, and P of the run.
     model : Model
         As `identify` had it.
-    corrected : bool
-        Whether errors of the model are corrected as far as they are known.
     seed : int
         Of the random states.
 
@@ -141,7 +139,7 @@ def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model
         dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
     allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
     q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
-    error = _error(found, tau, (q, dq, ddq), corrected)
+    error = _error(found, tau, (q, dq, ddq))
     most = np.abs(tau).max(axis=0)
     load = np.minimum(most + error, limits.effort)
     friction = np.array([_friction(found, i, limits.velocity[i], load[i])
@@ -166,8 +164,7 @@ def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
                      for rows in zip(q.tolist(), dq.tolist(), ddq.tolist())])
 
 
-def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array],
-           corrected: bool) -> Array:
+def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array]) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     fit, spread = found.selected.fit, found.selected.spread
     mine = [k for k, term in enumerate(fit.terms) if term.kind in (TermKind.MODEL, TermKind.SCALE)]
@@ -182,8 +179,7 @@ def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array]
     covariance = spread.covariance[np.ix_(mine, mine)]
     half = spread.factor * np.sqrt(np.maximum(
         np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
-    known = 0.0 if corrected else np.abs(columns @ fit.value[mine])
-    largest: Array = (known + half).max(axis=0)
+    largest: Array = (np.abs(columns @ fit.value[mine]) + half).max(axis=0)
     return largest
 
 

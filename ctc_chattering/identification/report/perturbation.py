@@ -108,8 +108,7 @@ class MeasuredPerturbation:
         return found
 
 
-def perturbation(found: Identification, data: Data | None = None, corrected: bool = False
-                 ) -> MeasuredPerturbation:
+def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
     """
     Return P of the identified run, or of another one.
 
@@ -119,8 +118,6 @@ def perturbation(found: Identification, data: Data | None = None, corrected: boo
         What was identified.
     data : Data, optional
         Windows of the other run, with the same joints and errors of the model.
-    corrected : bool
-        Whether the controller gets the corrected model: errors of the model are then not in P.
 
     """
     fit, data = found.selected.fit, data or found.data
@@ -134,12 +131,10 @@ def perturbation(found: Identification, data: Data | None = None, corrected: boo
     far: Flags = np.any(rest > np.maximum(_FAR * bound, bound + _SEEN * size), axis=1)
     trusted = ~_widened(far)
     tail = np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T])
-    known = error if corrected else np.zeros_like(error)
-    left = error - known
     return MeasuredPerturbation(
-        data.t, data.residual - known, np.where(used, columns @ fit.value - known, np.nan),
-        np.abs(left) + _friction(fit, data), trusted, tail,
-        np.abs(left[trusted]).max(axis=0, initial=0.0))
+        data.t, data.residual, np.where(used, columns @ fit.value, np.nan),
+        np.abs(error) + _friction(fit, data), trusted, tail,
+        np.abs(error[trusted]).max(axis=0, initial=0.0))
 
 
 def tail_bound(sizes: Array) -> float:

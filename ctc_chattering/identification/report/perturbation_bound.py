@@ -49,10 +49,10 @@ class PerturbationBound(NamedTuple):
     findings: tuple[Finding, ...]
 
 
-def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model,
-                       corrected: bool = False) -> PerturbationBound:
+def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model
+                       ) -> PerturbationBound:
     """Return ka for motions within the limits, from what was identified and P of the run."""
-    fastest = fastest_perturbation(found, run, model, corrected)
+    fastest = fastest_perturbation(found, run, model)
     recorded = run.peak
     peak = np.maximum(recorded, fastest.peak)
     effort = fastest.limits.effort

@@ -101,7 +101,7 @@ class Recommendation:
 
 
 def recommend(found: Identification, run: MeasuredPerturbation, model: Model, positions: Array,
-              rate: Sequence[float] = (), corrected: bool = False) -> Recommendation:
+              rate: Sequence[float] = ()) -> Recommendation:
     """
     Return gains.
 
@@ -117,13 +117,11 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
         Of the run [rad].
     rate : sequence of float, shape (n,), optional
         Rate that the drives allow [N·m/s].
-    corrected : bool
-        Whether the controller gets the corrected model, as in `perturbation`.
 
     """
     period = found.clock.period
     noise = _noise_torque(found, model, positions)
-    bound = perturbation_bound(found, run, model, corrected)
+    bound = perturbation_bound(found, run, model)
     ka, peak, drives = bound.ka, bound.peak, torque_rate(found, bound.fastest.change, rate)
     texts, allowed = [], []
     for name, k, p, w in zip(found.joints, ka, peak, noise):
