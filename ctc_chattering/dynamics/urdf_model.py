@@ -228,7 +228,7 @@ class UrdfModel(Model):
             return super().forward_dynamics(q, dq, u, fixed_joints)
         return self._vector(self._pin.aba, q, dq, u)
 
-    def torque_regressor(self, q: Vector | Array, dq: Vector | Array, a: Vector | Array) -> Array:
+    def regressor(self, q: Vector | Array, dq: Vector | Array, a: Vector | Array) -> Array:
         """
         Return the derivatives of `inverse_dynamics` by the inertial parameters, shape (n, 10 n).
 

@@ -51,7 +51,7 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
     found = {'robot': robot, 'fault': fault, 'seed': seed,
              **judged(one, fault, seen, made, duration)}
     if made.results is not None:
-        found.update(tried(one, made, made.results, recording.q, seed, bool(trials)))
+        found.update(tried(one, made.results, recording.q, seed, bool(trials)))
     return found
 
 
@@ -79,8 +79,8 @@ def values_of(one: Case, results: IdentificationResults, q: Any, file: Path,
     return parameter_values(results.found, recommended, model_of(one), q, shared, None)
 
 
-def tried(one: Case, made: Outcome, results: IdentificationResults, q: Any, seed: int,
-          gains: bool) -> dict[str, Any]:
+def tried(one: Case, results: IdentificationResults, q: Any, seed: int, gains: bool
+          ) -> dict[str, Any]:
     """Return what the recommended gains are worth in an unseen motion."""
     robot, recommended = one.robot, results.recommended
     route = fast(robot, _UNSEEN, seed)

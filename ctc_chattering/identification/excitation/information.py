@@ -197,7 +197,7 @@ def _columns_of(model: Model) -> Columns:
     """Return the function that has the columns of a model."""
     if isinstance(model, TwoLink):
         return _two_link
-    one = getattr(model, 'torque_regressor', None) or (lambda *state: _parts(model, *state))
+    one = getattr(model, 'regressor', None) or (lambda *state: _parts(model, *state))
     return lambda q, dq, ddq: np.array([one(*state) for state in zip(q, dq, ddq)])
 
 
