@@ -88,7 +88,7 @@ def test_a_bag_with_jitter_has_what_was_recorded(tmp_path: Path) -> None:
                             ).recording
         assert found.q == pytest.approx(short.q)
         # A command that comes two periods late is that of another state.
-        assert found.command is not None
+        assert found.command is not None and short.command is not None
         late = np.abs(found.command - short.command).max(axis=1) > 1e-9
         assert late.mean() < 0.02
 
