@@ -140,7 +140,8 @@ def _springs(robot: Faulty, rng: Rng, gap: float, stiffness: float) -> Faulty:
     stiff = stiffness * rng.uniform(0.7, 1.5, robot.n) * sizes(robot)
     robot = robot.with_physics(
         rotor=rotor, stiffness=stiff, damping=2e-4 * stiff, gap=gap)
-    return dataclasses.replace(robot, physics=robot.physics._replace(elastic=np.ones(1, int)))
+    return dataclasses.replace(robot, caution=0.4, physics=robot.physics._replace(
+        elastic=np.ones(1, int)))
 
 
 def _backlash(robot: Faulty, rng: Rng, _duration: float) -> Faulty:

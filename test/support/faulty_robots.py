@@ -44,6 +44,8 @@ class Faulty:
         Samples.
     encoder, position_noise, velocity_noise : ndarray
         Step of the encoders [rad], and deviations of noise [rad, rad/s].
+    caution : float
+        Part of the usual gains that the lab dares.
 
     """
 
@@ -55,6 +57,7 @@ class Faulty:
     encoder: Any = 0.0
     position_noise: Any = 0.0
     velocity_noise: Any = 1e-3
+    caution: float = 1.0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -219,7 +222,7 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
 def lab_gains(robot: Faulty) -> tuple[float, float]:
     """Return kp [1/s²] and kv [1/s] that a lab would have, with what it knows of its delays."""
     late = robot.period * (1 + robot.delay) + float(robot.physics.lag.max())
-    kv = min(60.0, 0.2 / late)
+    kv = robot.caution * min(60.0, 0.2 / late)
     return 0.25 * kv * kv, kv
 
 

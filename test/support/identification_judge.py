@@ -119,6 +119,9 @@ def numbers(one: Case, found: Identification, seen: Played, duration: float) -> 
     """Yield all numbers that have a truth."""
     true = truths(one, duration)
     through = np.abs(seen.link).mean(axis=0)
+    for k, x in enumerate(found.tilt):
+        pull = np.full(2, one.robot.physics.bodies.gravity[k])
+        yield from _number(f'gravity {"xyz"[k]}', -1, x, pull, 9.81)
     for i, friction in enumerate(found.friction):
         coulomb = float(true['coulomb'][1, i])
         for name, scale in (('coulomb', 0.0), ('viscous', 0.0), ('stribeck', coulomb),
