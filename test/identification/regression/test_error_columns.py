@@ -21,8 +21,9 @@ CENTRES = PHI.centres(len(T), 10)
 
 def motion(n: int) -> tuple[Array, Array]:
     """Return positions and velocities of a smooth motion."""
-    pace, phase = 1.0 + 0.3 * np.arange(n), np.arange(n) ** 2
-    return np.sin(pace * T + phase), pace * np.cos(pace * T + phase)
+    k = np.arange(float(n))
+    pace, angle = 1.0 + 0.3 * k, (1.0 + 0.3 * k) * T + k ** 2
+    return np.sin(angle), np.asarray(pace * np.cos(angle), float)
 
 
 def columns(errors: ErrorColumns) -> Array:
