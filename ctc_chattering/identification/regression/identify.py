@@ -30,6 +30,7 @@ from ctc_chattering.identification.regression.residual_tests import (
 )
 from ctc_chattering.identification.regression.rows import Rows
 from ctc_chattering.identification.regression.selection import select, Selected
+from ctc_chattering.identification.regression.short_windows import ShortWindows
 from ctc_chattering.identification.regression.sensor_noise import (
     Clock,
     clock,
@@ -105,6 +106,8 @@ class Identification:
         Errors of the model that the regression has; `selected.mixing` is about these.
     unexplained : tuple of (Unexplained or None), length n
         What the residuals depend on.
+    short : ShortWindows or None
+        P in short windows.
 
     """
 
@@ -131,6 +134,7 @@ class Identification:
     side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
+    short: ShortWindows | None = None
 
     def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
         """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
@@ -210,7 +214,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
         selected, base, weight, duration, noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=sides.side, columns=columns),
+        rate=rate_limits(found, joints), side=sides.side, columns=columns,
+        short=ShortWindows.of(parts, rows, model, found)),
         WindowStates.of(parts, rows, phi))
 
 

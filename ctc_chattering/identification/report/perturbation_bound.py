@@ -59,7 +59,8 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     ka = np.array([_rounded_up(MARGIN * p) for p in peak])
     return PerturbationBound(np.minimum(ka, effort), peak, fastest,
                              _reason(fastest, recorded, peak),
-                             (*_beyond(peak, ka, effort), *_unknown(found)))
+                             (*_beyond(peak, ka, effort), *_unknown(found),
+                              *_impacts(run)))
 
 
 def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array) -> str:
@@ -84,6 +85,15 @@ def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
             yield Finding(Severity.CARE, i, f'|P| reaches {p:.3g} N*m as fast as the limits '
                           f'allow; ka = {k:.3g} N*m is cut to its effort limit, {most:.3g} N*m',
                           'correct the model, or move more slowly')
+
+
+def _impacts(run: MeasuredPerturbation) -> Iterator[Finding]:
+    """Yield the joints of which |P| is larger for a short time."""
+    for i, (smooth, more) in enumerate(zip(run.smooth_peak, run.impact)):
+        if more > 0.0:
+            yield Finding(Severity.CARE, i, f'|P| reaches {smooth + more:.3g} N*m for 0.02 s, and '
+                          f'{smooth:.3g} N*m over 0.1 s: impacts of backlash, or an elastic joint',
+                          'look for play in the gear; ka has them, as far as the run shows them')
 
 
 def _unknown(found: Identification) -> Iterator[Finding]:
