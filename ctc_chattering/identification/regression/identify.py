@@ -30,7 +30,6 @@ from ctc_chattering.identification.regression.residual_tests import (
 )
 from ctc_chattering.identification.regression.rows import Rows
 from ctc_chattering.identification.regression.selection import select, Selected
-from ctc_chattering.identification.regression.short_windows import ShortWindows
 from ctc_chattering.identification.regression.sensor_noise import (
     Clock,
     clock,
@@ -38,6 +37,7 @@ from ctc_chattering.identification.regression.sensor_noise import (
     stamp_findings,
     velocity_noise,
 )
+from ctc_chattering.identification.regression.short_windows import ShortWindows
 from ctc_chattering.identification.regression.timing_findings import (
     rate_limits,
     timing_findings,
