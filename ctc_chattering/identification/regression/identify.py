@@ -10,7 +10,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.causes import causes
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
-from ctc_chattering.identification.regression.effort_side import torque_sides
+from ctc_chattering.identification.regression.effort_side import placed_unevenly, torque_sides
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
@@ -184,6 +184,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
                        f'{2 * phi.half * phi.period:g} s in one direction')
     sides = torque_sides(parts, rows, phi, joints, side, source)
+    parts = placed_unevenly(parts)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
 
     def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:

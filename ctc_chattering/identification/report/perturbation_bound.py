@@ -72,10 +72,23 @@ def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array) -> str:
     text = (f'{MARGIN:g} times the largest |P| {how}, {_list(limits.velocity)} rad/s: friction '
             f'{_list(fastest.friction)}, errors of the model {_list(fastest.error)}, unexplained '
             f'{_list(fastest.unexplained)} N*m; in the run |P| is at most {_list(recorded)} N*m')
+    text += _main_part(fastest)
     if (peak > _FAR * recorded).any():
         least = np.array([_rounded_up(MARGIN * p) for p in recorded])
         text += f', for which {_list(least)} would do'
     return text
+
+
+def _main_part(fastest: FastestPerturbation) -> str:
+    """Return which part makes ka much larger than friction needs, and what lowers it."""
+    others = np.maximum(fastest.error, fastest.unexplained)
+    if not (others > fastest.friction).any():
+        return ''
+    if (fastest.error >= fastest.unexplained)[others > fastest.friction].all():
+        return ('; errors of the model make the most of it: with a corrected description (--urdf) '
+                'ka is lower')
+    return ('; what is not explained makes the most of it: a motion with another load or without '
+            'contacts may lower it')
 
 
 def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
