@@ -86,7 +86,8 @@ def cell(number: Estimate) -> str:
 
 
 def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]:
-    """Yield why a joint that is usable lacks a number."""
+    """Yield why joints that are usable lack a number, once for each reason."""
+    lacking: dict[tuple[str, str], list[str]] = {}
     for i, (joint, verdict) in enumerate(zip(found.joints, verdicts)):
         if not verdict.usable:
             continue
@@ -97,7 +98,10 @@ def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]
         reasons: dict[str, list[str]] = {}
         for name, number in named:
             if number.value is None and cell(number) == NO_NUMBER:
-                reasons.setdefault(number.reason, []).append(name.split(' [')[0])
+                reasons.setdefault(number.reason.removeprefix(f'{joint} '), []).append(
+                    name.split(' [')[0])
         for reason, names in reasons.items():
-            own = reason.removeprefix(f'{joint} ')
-            yield f'{joint}, {", ".join(names)}: not identifiable: {own}'
+            lacking.setdefault((', '.join(names), reason), []).append(joint)
+    for (names, reason), joints in lacking.items():
+        where = 'all joints' if len(joints) == len(found.joints) > 1 else ', '.join(joints)
+        yield f'{where}: {names}: not identifiable: {reason}'

@@ -18,7 +18,6 @@ from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.regression.timing_findings import drives_in_words
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.result_tables import cell, missing, tables
@@ -30,6 +29,8 @@ import numpy as np
 _TEMPLATE = 'page.html'
 _LEAD = ('Friction, delays and errors of the model from a recorded run, with intervals of 95 %, '
          'and the gains that follow.')
+#: Reasons of a joint on a terminal, at most.
+_REASONS = 3
 #: Offset that is named, as a part of the Coulomb friction.
 _OFFSET = 0.02
 
@@ -84,12 +85,18 @@ class IdentificationResults:
                 for x in self.base], 2) if self.base else None
 
     def verdict_lines(self) -> Iterator[str]:
-        """Yield the verdicts, and before them the reasons that all joints share."""
+        """Yield lines of the verdicts, and before them the reasons that all joints share."""
         for severity in (Severity.REFUSED, Severity.CARE):
             for reason in of_all_joints(self.verdicts, severity):
-                yield f'all joints: {WORDS[severity]}: {reason}'
+                yield from paragraph(f'all joints: {WORDS[severity]}: {reason}')
         for verdict in self.verdicts:
-            yield f'{verdict.joint}: {verdict.apart()}'
+            first, *others = verdict.own() or (None,)
+            yield from paragraph(f'{verdict.joint}: {verdict.word}'
+                                 + (f': {first.text}' if first else ''))
+            for other in others[:_REASONS - 1]:
+                yield from paragraph(f'- {other.text}', 4)
+            if len(others) >= _REASONS:
+                yield f'    - {len(others) - _REASONS + 1} more on the page'
 
     def sentences(self) -> Iterator[tuple[str, list[str]]]:
         """Yield headings and sentences."""
@@ -136,8 +143,7 @@ class IdentificationResults:
         if not isfinite(delay):
             yield 'delay not identifiable: no commanded torque in the bag'
         elif len(timing.delays) > 1:
-            yield ('delay and lag are not told apart; the motion fits to '
-                   + drives_in_words(timing, self.found.joints))
+            yield f'delay of the torque: one of {", ".join(map(str, timing.delays))} samples'
         else:
             yield f'delay of the torque: {int(delay)} samples'
         side = self.found.side
@@ -163,8 +169,7 @@ class IdentificationResults:
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""
-        lines = ['Verdict', *(line for text in self.verdict_lines() for line in paragraph(text)),
-                 '']
+        lines = ['Verdict', *self.verdict_lines(), '']
         for title, rows in self.tables():
             lines += [*paragraph(title, 0), *fitted(rows), '']
         for title, texts in self.sentences():
@@ -254,7 +259,7 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
     write_sections(path, f'Friction and gains from {report.source}', figures,
                    [(name, f'{name} ({what})') for name, what in files.items()], _LEAD,
                    tables=[Table(title, head, [[_together(x) for x in row] for row in rows],
-                                 len(head)) for title, (head, *rows) in report.tables()],
+                                 1) for title, (head, *rows) in report.tables()],
                    base=report.base_table(),
                    lists=report.sentences(), package=__package__, template=_TEMPLATE,
                    verdicts=report.verdicts, common=[
