@@ -258,6 +258,5 @@ def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: 
         except CtcError as error:
             raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
     write_json(report.as_mapping(), out / _JSON)
-    figures = save_identification_figures(
-        report.found, report.run, report.recommended, report.validation, out / _FIGURES)
+    figures = save_identification_figures(report, out / _FIGURES)
     write_page(report, figures, out / _PAGE, files)

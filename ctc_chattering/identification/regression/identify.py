@@ -165,20 +165,10 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         If the recordings do not belong together, are too short, or no joint moves.
 
     """
-    period = _common_period(recordings)
-    parts = [part for recording in recordings for part in stretches(recording, period)
-             if len(part.q) * period > 1.0]
-    duration = period * sum(len(part.q) for part in parts)
-    if duration < _SHORTEST:
-        raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
-                       f'{_SHORTEST:g} s are needed')
-    phi = TestFunction(period, duration)
+    parts, phi = _parts(recordings)
     columns = ErrorColumns.of(model)
     joints = recordings[0].joints
-    rows = [Rows.of(part, model, phi, columns) for part in parts]
-    if not any((part.way != 0.0).sum() for part in rows):
-        raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
-                       f'{2 * phi.half * phi.period:g} s in one direction')
+    rows = _rows(parts, model, phi, columns, recordings[0].name)
     sides = torque_sides(parts, rows, phi, joints, side, source)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
 
@@ -193,7 +183,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         columns = ErrorColumns.of(model, gravity)
         rows = [Rows.of(part, model, phi, columns) for part in parts]
         data, selected = selected_with(rows, columns)
-    noise, lag = velocity_noise(recordings[0], period)
+    noise, lag = velocity_noise(recordings[0], phi.period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
     friction = [joint_friction(selected, i) for i in range(len(joints))]
@@ -205,13 +195,35 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
                *sides.findings, *named.findings(), *physical(friction, joints),
                *impossible)
     return _tested(Identification(
-        joints, dataclasses.replace(clock(recordings[0]), period=period),
+        joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration, noticed,
+        selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=sides.side, columns=columns),
         WindowStates.of(parts, rows, phi))
+
+
+def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], TestFunction]:
+    """Return the stretches without a gap; raise `CtcError` if they are too short."""
+    period = _common_period(recordings)
+    parts = [part for recording in recordings for part in stretches(recording, period)
+             if len(part.q) * period > 1.0]
+    duration = period * sum(len(part.q) for part in parts)
+    if duration < _SHORTEST:
+        raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
+                       f'{_SHORTEST:g} s are needed')
+    return parts, TestFunction(period, duration)
+
+
+def _rows(parts: Sequence[Stretch], model: Model, phi: TestFunction, columns: ErrorColumns | None,
+          name: str) -> list[Rows]:
+    """Return the rows of each stretch; raise `CtcError` if no joint moves."""
+    rows = [Rows.of(part, model, phi, columns) for part in parts]
+    if not any((part.way != 0.0).sum() for part in rows):
+        raise CtcError(f'{name}: no joint moves for longer than '
+                       f'{2 * phi.half * phi.period:g} s in one direction')
+    return rows
 
 
 def _tested(found: Identification, states: WindowStates) -> Identification:
