@@ -13,6 +13,9 @@ import numpy as np
 from rigid_bodies import Array, Bodies, compiled, dynamics
 from set_valued_friction import with_friction
 
+#: Stiffness of an end stop [N·m/rad].
+_STOP = 2000.0
+
 
 class Physics(NamedTuple):
     """
@@ -44,6 +47,10 @@ class Physics(NamedTuple):
         The drive: torque for a commanded one, lag [s], rate limit [N·m/s], largest command.
     helped : ndarray
         1 where the robot adds the weight of `helper`.
+    quadratic, band : ndarray
+        Friction quadratic max(|v| - band, 0)² [N·m s²/rad², rad/s].
+    stop : ndarray
+        Position of a hard end stop [rad].
 
     """
 
@@ -71,6 +78,9 @@ class Physics(NamedTuple):
     rate: Array
     saturation: Array
     helped: Array
+    quadratic: Array
+    band: Array
+    stop: Array
 
 
 class State(NamedTuple):
@@ -158,7 +168,8 @@ def advance(plant: Physics, now: State, command: Array, steps: int, h: float) ->
         rhs[:] = 0.0
         for i in range(n):
             mean[i] = (plant.scale[i] * mean[i] + plant.helped[i] * weight[i]
-                       - plant.cogging[i] * np.sin(plant.waves[i] * middle[i]))
+                       - plant.cogging[i] * np.sin(plant.waves[i] * middle[i])
+                       - _STOP * max(middle[i] - plant.stop[i], 0.0))
             w[i, i] += plant.rotor[i]
         for i in range(size):
             for j in range(size):
@@ -232,6 +243,5 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
                 command[i] += mass[i, j] * (
                     wanted[k, 2, j] + gains[1, j] * (wanted[k, 1, j] - out[k, 1, j])
                     + gains[0, j] * (wanted[k, 0, j] - out[k, 0, j]))
-            limit = plant.saturation[i]
-            out[k, 4, i] = min(max(command[i], -limit), limit)
+            out[k, 4, i] = command[i]
         advance(plant, now, out[k, 4], steps, period / steps)

@@ -100,7 +100,8 @@ def plain(name: str, seed: int) -> Faulty:
         viscous=rng.uniform(0.1, 0.4, n) * coulomb, stribeck=zero, stribeck_speed=one, load=zero,
         ripple=zero, cogging=zero, waves=zero, phase=zero, drift=zero, drift_time=one,
         rotor=zero, elastic=np.zeros(1, np.int64), stiffness=zero, damping=zero, gap=zero,
-        scale=one, lag=zero, rate=np.inf * one, saturation=np.inf * one, helped=zero),
+        scale=one, lag=zero, rate=np.inf * one, saturation=np.inf * one, helped=zero,
+        quadratic=zero, band=zero, stop=np.inf * one),
         encoder=robot.resolution * one, position_noise=zero, velocity_noise=1e-3 * one)
 
 
