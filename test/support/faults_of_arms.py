@@ -120,9 +120,9 @@ def _springs(robot: Faulty, rng: Rng, gap: float, stiffness: float) -> Faulty:
     # The loop acts on a rotor with gains for the whole inertia; more than this diverges.
     mass, bias = np.empty((robot.n, robot.n)), np.empty(robot.n)
     dynamics(robot.nominal, np.array(arm(robot.name).centre), np.zeros(robot.n), mass, bias)
-    most = 0.3 * float((rotor / np.abs(mass).sum(axis=1)).min()) / robot.period
+    most = 0.6 * float((rotor / np.abs(mass).sum(axis=1)).min()) / robot.period
     return dataclasses.replace(
-        robot, caution=min(0.4, most / lab_gains(robot)[1]),
+        robot, caution=min(0.4, most / lab_gains(robot)[1]), ahead=0.8,
         physics=robot.physics._replace(elastic=np.ones(1, int)))
 
 

@@ -138,7 +138,8 @@ def frictions(plant: Physics, now: State, h: float, most: Array, least: Array) -
         warm = 1.0 + plant.drift[i] * np.exp(-now.time[0] / plant.drift_time[i])
         size = warm * (1.0 + plant.ripple[i] * np.sin(plant.waves[i] * x + plant.phase[i]))
         more = plant.load[i] * abs(now.through[i]) + plant.stribeck[i] * np.exp(
-            -(v / plant.stribeck_speed[i]) ** 2)
+            -(v / plant.stribeck_speed[i]) ** 2) + plant.quadratic[i] * max(
+                abs(v) - plant.band[i], 0.0) ** 2
         most[i] = h * (size * (plant.coulomb[i] + plant.offset[i]) + more)
         least[i] = -h * (size * (plant.coulomb[i] - plant.offset[i]) + more)
 
@@ -212,8 +213,8 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
 
     Parameters
     ----------
-    gains : ndarray, shape (2, n)
-        kp [1/s²] and kv [1/s].
+    gains : ndarray, shape (3, n)
+        kp [1/s²], kv [1/s], and the friction that is added ahead [N·m].
     wanted : ndarray, shape (N, 3, n)
         Positions, velocities and accelerations.
     noise : ndarray, shape (N, 2, n)
@@ -238,7 +239,8 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
             dynamics(nominal, out[k, 0], still, mass, weight)
         dynamics(nominal, out[k, 0], out[k, 1], mass, bias)
         for i in range(n):
-            command[i] = bias[i] - plant.helped[i] * weight[i]
+            command[i] = (bias[i] - plant.helped[i] * weight[i]
+                          + gains[2, i] * np.tanh(wanted[k, 1, i] / 0.02))
             for j in range(n):
                 command[i] += mass[i, j] * (
                     wanted[k, 2, j] + gains[1, j] * (wanted[k, 1, j] - out[k, 1, j])

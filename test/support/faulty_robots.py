@@ -46,6 +46,8 @@ class Faulty:
         Step of the encoders [rad], and deviations of noise [rad, rad/s].
     caution : float
         Part of the usual gains that the lab dares.
+    ahead : float
+        Part of the Coulomb friction that the lab adds to its commands.
 
     """
 
@@ -58,6 +60,7 @@ class Faulty:
     position_noise: Any = 0.0
     velocity_noise: Any = 1e-3
     caution: float = 1.0
+    ahead: float = 0.0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -214,7 +217,7 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
     steps = round(np.ceil(robot.period / _STEP))
     out = np.empty((len(wanted), 8, n))
     play(robot.physics, state_of(robot, wanted[0, 0]), robot.nominal,
-         np.array([[kp] * n, [kv] * n]), wanted, noise, np.array(robot.encoder, float),
+         np.stack((np.full(n, kp), np.full(n, kv), robot.ahead * robot.physics.coulomb)), wanted, noise, np.array(robot.encoder, float),
          robot.period, steps, out)
     t: Array = robot.period * np.arange(len(wanted), dtype=float)
     return Played(t, *out.transpose(1, 0, 2), wanted[:, 0])  # type: ignore[call-arg]
