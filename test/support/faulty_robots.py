@@ -217,7 +217,8 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
     steps = round(np.ceil(robot.period / _STEP))
     out = np.empty((len(wanted), 8, n))
     play(robot.physics, state_of(robot, wanted[0, 0]), robot.nominal,
-         np.stack((np.full(n, kp), np.full(n, kv), robot.ahead * robot.physics.coulomb)), wanted, noise, np.array(robot.encoder, float),
+         np.stack((np.full(n, kp), np.full(n, kv), robot.ahead * robot.physics.coulomb)),
+         wanted, noise, np.array(robot.encoder, float),
          robot.period, steps, out)
     t: Array = robot.period * np.arange(len(wanted), dtype=float)
     return Played(t, *out.transpose(1, 0, 2), wanted[:, 0])  # type: ignore[call-arg]

@@ -122,7 +122,8 @@ def test_quadratic_friction_and_an_end_stop_agree_with_their_closed_forms() -> N
     for _ in range(1000):
         plant.step((0.0, 0.0))
     assert plant.state.v[0] == pytest.approx(1.5 / (1.0 + 0.8 * 1.5 / mass[0, 0]), rel=1e-3)
-    plant = Plant(robot.with_physics(coulomb=(0.1, 50.0), viscous=5.0, stop=(0.01, np.inf)), (0, 0))
+    robot = robot.with_physics(coulomb=(0.1, 50.0), viscous=5.0, stop=(0.01, np.inf))
+    plant = Plant(robot, (0, 0))
     for _ in range(3000):
         plant.step((10.0, 0.0))
     assert plant.state.x[0] == pytest.approx(0.01 + 10.0 / 2000.0, abs=1e-4)
