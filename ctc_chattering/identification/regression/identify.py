@@ -10,7 +10,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.causes import causes
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
-from ctc_chattering.identification.regression.effort_side import torque_sides
+from ctc_chattering.identification.regression.effort_side import placed_unevenly, torque_sides
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
@@ -37,6 +37,7 @@ from ctc_chattering.identification.regression.sensor_noise import (
     stamp_findings,
     velocity_noise,
 )
+from ctc_chattering.identification.regression.short_windows import ShortWindows
 from ctc_chattering.identification.regression.timing_findings import (
     rate_limits,
     timing_findings,
@@ -105,6 +106,8 @@ class Identification:
         Errors of the model that the regression has; `selected.mixing` is about these.
     unexplained : tuple of (Unexplained or None), length n
         What the residuals depend on.
+    short : ShortWindows or None
+        P in short windows.
 
     """
 
@@ -131,6 +134,7 @@ class Identification:
     side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
+    short: ShortWindows | None = None
 
     def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
         """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
@@ -170,6 +174,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     joints = recordings[0].joints
     rows = _rows(parts, model, phi, columns, recordings[0].name)
     sides = torque_sides(parts, rows, phi, joints, side, source)
+    parts = placed_unevenly(parts)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
 
     def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
@@ -200,7 +205,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
         selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=sides.side, columns=columns),
+        rate=rate_limits(found, joints), side=sides.side, columns=columns,
+        short=ShortWindows.of(parts, rows, model, found)),
         WindowStates.of(parts, rows, phi))
 
 

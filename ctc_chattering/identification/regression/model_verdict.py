@@ -22,6 +22,8 @@ import numpy as np
 _TURN = 3e-3
 #: Half an interval of a torque scale from which on friction is in doubt.
 _UNSURE = 0.05
+#: Part of the Coulomb friction below which another friction is nothing (viscous: at 1 rad/s).
+_NOTHING = 1e-4
 #: Largest share of the load that friction may have.
 _LOAD = 0.5
 _RECORD = 'record a motion with more speed and larger accelerations of all joints'
@@ -222,7 +224,8 @@ def physical(friction: Sequence[JointFriction], joints: Sequence[str]) -> Iterat
     """Yield numbers of friction that no joint can have."""
     for i, one in enumerate(friction):
         for what, number in (('Coulomb friction', one.coulomb), ('viscous friction', one.viscous)):
-            if number.value is not None and number.value < 0.0:
+            least = _NOTHING * abs(one.coulomb.value or 0.0)
+            if number.value is not None and number.value < -least:
                 worse = number.value + number.half < 0.0
                 yield Finding(Severity.REFUSED if worse else Severity.CARE, i, (
                     f'{joints[i]}: {what} of {number}, allowed: at least 0; the model, the '

@@ -49,6 +49,8 @@ class TestFunction:
         h [s].
     duration : float
         Of all that is evaluated [s]: beyond some minutes windows lie farther apart.
+    around : float
+        Time on each side of the centre [s].
 
     Attributes
     ----------
@@ -67,13 +69,13 @@ class TestFunction:
 
     __test__ = False  # No test of pytest.
 
-    def __init__(self, period: float, duration: float = 0.0) -> None:
+    def __init__(self, period: float, duration: float = 0.0, around: float = HALF) -> None:
         self.period = period
-        self.half = max(FEWEST, round(HALF / period))
+        self.half = max(FEWEST, round(around / period))
         self.step = max(1, round(_STEP * self.half), round(duration / period / _MOST_WINDOWS))
-        around = np.arange(-self.half, self.half + 1)
-        self.at, self.slope = self.weights(around, 1)
-        s = around / self.half
+        samples = np.arange(-self.half, self.half + 1)
+        self.at, self.slope = self.weights(samples, 1)
+        s = samples / self.half
         primitive = 315.0 / 256.0 * (
             s - 4.0 * s ** 3 / 3.0 + 6.0 * s ** 5 / 5.0 - 4.0 * s ** 7 / 7.0 + s ** 9 / 9.0)
         self.over = np.append(np.diff(primitive), 0.0)
