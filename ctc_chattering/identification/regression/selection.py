@@ -40,6 +40,8 @@ import numpy as np
 _CAUSES = 3
 #: Deviation of a torque constant where the motion does not show it.
 _SCALE = 0.03
+#: Part of the difference between both forms of load-dependent friction that is in doubt.
+_FORM = 0.05
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -196,6 +198,23 @@ def _all(terms: Sequence[Term], count: int) -> list[Term]:
     return [*terms, *(Term(TermKind.MODEL, -1, k) for k in range(count))]
 
 
+def _other_load(data: Data, fit: Fit, errors: Spread) -> Spread:
+    """
+    Return the spread with what the form of load-dependent friction is uncertain by.
+
+    Whether it goes with the torque of the gear or of the motor is known less well than a
+    coefficient: a part of the difference between both is in the intervals.
+    """
+    if not any(term.kind == TermKind.LOAD for term in fit.terms):
+        return errors
+    swapped = [term._replace(which=1 - term.which) if term.kind == TermKind.LOAD else term
+               for term in fit.terms]
+    other = solve(data, swapped)
+    off = _FORM * np.where([term.joint >= 0 for term in fit.terms], other.value - fit.value,
+                           0.0) / errors.factor
+    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+
+
 def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]
            ) -> tuple[Fit, Spread]:
     """Return the fit of these terms and all columns of `data`, with its errors."""
@@ -205,7 +224,7 @@ def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int]
     n = data.way.shape[1]
     lags = [Term(TermKind.LAG_SLOPE, i) for i in range(n) if data.late[:, i].any()]
     fit = solve(data, [*found, *lags])
-    return fit, spread(fit, data.starts)
+    return fit, _other_load(data, fit, spread(fit, data.starts))
 
 
 def _agree(named: tuple[Fit, Spread], whole: tuple[Fit, Spread]) -> bool:
