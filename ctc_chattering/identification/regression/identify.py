@@ -16,6 +16,7 @@ from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
 from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.intervals import correlation_length
+from ctc_chattering.identification.regression.held_out import left_over
 from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
 from ctc_chattering.identification.regression.least_squares import Data
 from ctc_chattering.identification.regression.model_errors import ModelError
@@ -105,6 +106,9 @@ class Identification:
         Errors of the model that the regression has; `selected.mixing` is about these.
     unexplained : tuple of (Unexplained or None), length n
         What the residuals depend on.
+    held_out : ndarray, shape (n,)
+        What the corrected bodies leave of each joint's torque on windows that they were not
+        fitted to, over what the model leaves; empty where the bodies are those of the model.
 
     """
 
@@ -131,6 +135,7 @@ class Identification:
     side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
+    held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
         """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
@@ -197,10 +202,14 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
     friction = [joint_friction(selected, i) for i in range(len(joints))]
-    data = data.loaded(selected.levels).mixed(selected.mixing)
+    whole = data.loaded(selected.levels)
+    data = whole.mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
     bodies, impossible = judged(
         named.bodies(), joints, [abs(x.coulomb.value or 0.0) for x in friction])
+    held_out = np.zeros(0)
+    if bodies is not None and bodies.differ and columns is not None:
+        held_out = left_over(whole, selected.friction, columns, selected.scales)
     noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
                *sides.findings, *named.findings(), *physical(friction, joints),
                *impossible)
@@ -210,7 +219,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
         selected, base, weight, duration, noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=sides.side, columns=columns),
+        rate=rate_limits(found, joints), side=sides.side, columns=columns, held_out=held_out),
         WindowStates.of(parts, rows, phi))
 
 

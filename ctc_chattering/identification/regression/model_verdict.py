@@ -141,8 +141,7 @@ class ModelVerdict:
         projected = self._selected.projected
         if projected is None:
             return None
-        found = self._selected.explanation if self._selected.attributed else None
-        return body_estimate(projected, found, self._bodies())
+        return body_estimate(projected, self._selected.scales, self._bodies())
 
     def _bodies(self) -> list[str]:
         """Return a name for the body of each joint."""
