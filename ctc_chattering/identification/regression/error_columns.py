@@ -93,6 +93,23 @@ class ErrorColumns:
         """Return the number p of inertial parameters."""
         return len(self.sizes) - self.model.n - 3
 
+    def across(self) -> Array:
+        """
+        Return the direction across which gravity has no torque, shape (3,).
+
+        It is that across the plane of an arm whose joints all turn about it; empty for others,
+        and where gravity goes along it.
+        """
+        rng, down = np.random.default_rng(2), self.prior[-3:]
+        rows = np.concatenate([self.model.gravity_map(q)
+                               for q in rng.normal(size=(_STATES, self.model.n))])
+        _, s, v = np.linalg.svd(rows)
+        shown = int((s > _RANK * s[0]).sum())
+        inside = down - v[2] * (v[2] @ down)
+        planar = shown == 2 and np.linalg.norm(inside) > _TILT * np.linalg.norm(down)
+        found: Array = v[2] if planar else np.zeros(0)
+        return found
+
     def coordinates(self, x: Array) -> Array:
         """Return errors x, shape (p + n + 3, ...), as coefficients of the columns."""
         found: Array = self.basis.T @ (x.T / self.sizes).T

@@ -16,6 +16,7 @@ from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
 from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.intervals import correlation_length
+from ctc_chattering.identification.regression.held_out import left_over
 from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
 from ctc_chattering.identification.regression.least_squares import Data
 from ctc_chattering.identification.regression.model_errors import ModelError
@@ -108,6 +109,9 @@ class Identification:
         What the residuals depend on.
     short : ShortWindows or None
         P in short windows.
+    held_out : ndarray, shape (n,)
+        What the corrected bodies leave of each joint's torque on windows that they were not
+        fitted to, over what the model leaves; empty where the bodies are those of the model.
 
     """
 
@@ -135,6 +139,7 @@ class Identification:
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
     short: ShortWindows | None = None
+    held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
         """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
@@ -192,10 +197,14 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
     friction = [joint_friction(selected, i) for i in range(len(joints))]
-    data = data.loaded(selected.levels).mixed(selected.mixing)
+    whole = data.loaded(selected.levels)
+    data = whole.mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
     bodies, impossible = judged(
         named.bodies(), joints, [abs(x.coulomb.value or 0.0) for x in friction])
+    held_out = np.zeros(0)
+    if bodies is not None and bodies.differ and columns is not None:
+        held_out = left_over(whole, selected.friction, columns, selected.scales)
     noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
                *sides.findings, *named.findings(), *physical(friction, joints),
                *impossible)
@@ -206,7 +215,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=sides.side, columns=columns,
-        short=ShortWindows.of(parts, rows, model, found)),
+        short=ShortWindows.of(parts, rows, model, found), held_out=held_out),
         WindowStates.of(parts, rows, phi))
 
 

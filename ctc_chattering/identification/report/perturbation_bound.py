@@ -19,6 +19,7 @@ from ctc_chattering.identification.report.perturbation import MeasuredPerturbati
 from ctc_chattering.identification.report.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
 
 #: ka over the largest |P|.
 MARGIN = 1.2
@@ -85,7 +86,7 @@ def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array, usable: 
     return text
 
 
-def _main_part(fastest: FastestPerturbation, usable: Flags) -> str:
+def _main_part(fastest: FastestPerturbation, usable: npt.NDArray[np.bool_]) -> str:
     """Return which part makes ka much larger than friction needs, and what lowers it."""
     far = usable & (np.maximum(fastest.error, fastest.unexplained) > fastest.friction)
     if not far.any():
