@@ -135,7 +135,7 @@ class ErrorColumns:
         return [None if bad else np.append(x * self.sizes[:self.count], np.zeros(own.n + 3))
                 for x, bad in zip(found.T, off)]
 
-    def weak(self, place: Array, dq: Array, moved: Array, phi: TestFunction, first: int,
+    def weak(self, place: Array, dq: Array, moved: Array, phi: TestFunction,
              centres: Indices) -> Array:
         """
         Return the weak torque of each column, shape (J, n, m).
@@ -146,15 +146,13 @@ class ErrorColumns:
             Smoothed positions and velocities, and velocities as differences of positions.
         phi : TestFunction
             φ.
-        first : int
-            Sample from which on the grid is laid.
         centres : ndarray, shape (J,)
             Of the windows.
 
         """
         n, p = self.model.n, self.count
         step = max(1, int(_GRID / phi.period))
-        grid = np.arange(first, min(len(place), centres[-1] + phi.half + 1), step)
+        grid = np.arange(0, len(place), step)
         momentum, rest = np.empty((2, len(grid), n, p))
         pull = np.empty((len(grid), n, 3))
         for k, at in enumerate(grid):
