@@ -250,7 +250,9 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
 def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
            refused: bool) -> None:
     """Write all files; the parameter file not if a joint is refused."""
-    from ctc_chattering.identification.report.figures import save_identification_figures
+    from ctc_chattering.identification.report.identification_figures import (
+        save_identification_figures,
+    )
     from ctc_chattering.identification.report.results import write_page
 
     files = {_JSON: 'all numbers'}

@@ -15,8 +15,8 @@ from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
 from ctc_chattering.identification.regression.finding import Finding
-from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.held_out import left_over
+from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
 from ctc_chattering.identification.regression.least_squares import Data
 from ctc_chattering.identification.regression.model_errors import ModelError
