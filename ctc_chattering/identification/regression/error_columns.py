@@ -155,8 +155,8 @@ class ErrorColumns:
         grid = np.arange(0, len(place), step)
         momentum, rest = np.empty((2, len(grid), n, p))
         pull = np.empty((len(grid), n, 3))
-        for k, at in enumerate(grid):
-            momentum[k], rest[k], pull[k] = self._terms(place[at], dq[at])
+        for k, sample in enumerate(grid):
+            momentum[k], rest[k], pull[k] = self._terms(place[sample], dq[sample])
         at, slope = phi.weights(grid - centres[:, None], step)
         found = np.zeros((len(centres), n, len(self.sizes)))
         found[:, :, :p] = (np.tensordot(at, rest, 1) - np.tensordot(slope, momentum, 1))
