@@ -1,4 +1,4 @@
-"""The table of docs/identification.md: many robots with random friction, identified one by one."""
+"""The table of docs/identification_measured.md: robots with random friction, identified."""
 
 from __future__ import annotations
 

@@ -250,7 +250,9 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
 def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
            refused: bool) -> None:
     """Write all files; the parameter file not if a joint is refused."""
-    from ctc_chattering.identification.report.figures import save_identification_figures
+    from ctc_chattering.identification.report.identification_figures import (
+        save_identification_figures,
+    )
     from ctc_chattering.identification.report.results import write_page
 
     files = {_JSON: 'all numbers'}
@@ -266,6 +268,5 @@ def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: 
         except CtcError as error:
             raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
     write_json(report.as_mapping(), out / _JSON)
-    figures = save_identification_figures(
-        report.found, report.run, report.recommended, report.validation, out / _FIGURES)
+    figures = save_identification_figures(report, out / _FIGURES)
     write_page(report, figures, out / _PAGE, files)

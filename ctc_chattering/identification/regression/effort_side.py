@@ -103,7 +103,7 @@ def torque_sides(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFuncti
         if delay is not None:
             return TorqueSides('', source, (Finding(
                 Severity.NOTE, ALL_JOINTS, 'the effort is the command, '
-                f'{delay} samples later: it is not measured'),))
+                f'{delay} samples later: it is not measured, but it has stamps'),))
     mine = windows.shape(effort)
     guess = _guess(mine, theirs)
     if theirs is None:

@@ -38,3 +38,8 @@ class Finding(NamedTuple):
     joint: int
     reason: str
     cure: str = ''
+
+    @property
+    def text(self) -> str:
+        """Return the reason with the cure."""
+        return f'{self.reason}; {self.cure}' if self.cure else self.reason

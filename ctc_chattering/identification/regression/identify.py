@@ -15,6 +15,7 @@ from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
 from ctc_chattering.identification.regression.finding import Finding
+from ctc_chattering.identification.regression.held_out import left_over
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
 from ctc_chattering.identification.regression.least_squares import Data
@@ -108,6 +109,9 @@ class Identification:
         What the residuals depend on.
     short : ShortWindows or None
         P in short windows.
+    held_out : ndarray, shape (n,)
+        What the corrected bodies leave of each joint's torque on windows that they were not
+        fitted to, over what the model leaves; empty where the bodies are those of the model.
 
     """
 
@@ -135,6 +139,7 @@ class Identification:
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
     short: ShortWindows | None = None
+    held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
         """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
@@ -169,20 +174,10 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         If the recordings do not belong together, are too short, or no joint moves.
 
     """
-    period = _common_period(recordings)
-    parts = [part for recording in recordings for part in stretches(recording, period)
-             if len(part.q) * period > 1.0]
-    duration = period * sum(len(part.q) for part in parts)
-    if duration < _SHORTEST:
-        raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
-                       f'{_SHORTEST:g} s are needed')
-    phi = TestFunction(period, duration)
+    parts, phi = _parts(recordings)
     columns = ErrorColumns.of(model)
     joints = recordings[0].joints
-    rows = [Rows.of(part, model, phi, columns) for part in parts]
-    if not any((part.way != 0.0).sum() for part in rows):
-        raise CtcError(f'{recordings[0].name}: no joint moves for longer than '
-                       f'{2 * phi.half * phi.period:g} s in one direction')
+    rows = _rows(parts, model, phi, columns, recordings[0].name)
     sides = torque_sides(parts, rows, phi, joints, side, source)
     parts = placed_unevenly(parts)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
@@ -198,26 +193,52 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         columns = ErrorColumns.of(model, gravity)
         rows = [Rows.of(part, model, phi, columns) for part in parts]
         data, selected = selected_with(rows, columns)
-    noise, lag = velocity_noise(recordings[0], period)
+    noise, lag = velocity_noise(recordings[0], phi.period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
     friction = [joint_friction(selected, i) for i in range(len(joints))]
-    data = data.loaded(selected.levels).mixed(selected.mixing)
+    whole = data.loaded(selected.levels)
+    data = whole.mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
     bodies, impossible = judged(
         named.bodies(), joints, [abs(x.coulomb.value or 0.0) for x in friction])
+    held_out = np.zeros(0)
+    if bodies is not None and bodies.differ and columns is not None:
+        held_out = left_over(whole, selected.friction, columns, selected.scales)
     noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
                *sides.findings, *named.findings(), *physical(friction, joints),
                *impossible)
     return _tested(Identification(
-        joints, dataclasses.replace(clock(recordings[0]), period=period),
+        joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
-        selected, base, weight, duration, noticed,
+        selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=sides.side, columns=columns,
-        short=ShortWindows.of(parts, rows, model, found)),
+        short=ShortWindows.of(parts, rows, model, found), held_out=held_out),
         WindowStates.of(parts, rows, phi))
+
+
+def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], TestFunction]:
+    """Return the stretches without a gap; raise `CtcError` if they are too short."""
+    period = _common_period(recordings)
+    parts = [part for recording in recordings for part in stretches(recording, period)
+             if len(part.q) * period > 1.0]
+    duration = period * sum(len(part.q) for part in parts)
+    if duration < _SHORTEST:
+        raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
+                       f'{_SHORTEST:g} s are needed')
+    return parts, TestFunction(period, duration)
+
+
+def _rows(parts: Sequence[Stretch], model: Model, phi: TestFunction, columns: ErrorColumns | None,
+          name: str) -> list[Rows]:
+    """Return the rows of each stretch; raise `CtcError` if no joint moves."""
+    rows = [Rows.of(part, model, phi, columns) for part in parts]
+    if not any((part.way != 0.0).sum() for part in rows):
+        raise CtcError(f'{name}: no joint moves for longer than '
+                       f'{2 * phi.half * phi.period:g} s in one direction')
+    return rows
 
 
 def _tested(found: Identification, states: WindowStates) -> Identification:

@@ -113,16 +113,21 @@ def smoothed(q: Array, period: float) -> tuple[Array, Array, Array]:
 
     That is the filter of Savitzky and Golay, without delay.
     """
-    window = 2 * smoothing_half(period) + 1
-    q, dq, ddq = (savgol_filter(q, window, _ORDER, order, period, axis=0) for order in range(3))
-    return q, dq, ddq
+    place, dq, ddq = (smooth(q, period, order) for order in range(3))
+    return place, dq, ddq
+
+
+def smooth(q: Array, period: float, order: int = 0) -> Array:
+    """Return a derivative of some order of positions by local cubics, shape (N, ...)."""
+    found: Array = savgol_filter(q, 2 * smoothing_half(period) + 1, _ORDER, order, period, axis=0)
+    return found
 
 
 def position_noise(q: Array, period: float) -> Array:
     """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
     hat = savgol_coeffs(2 * m + 1, _ORDER)
-    rest = (q - smoothed(q, period)[0])[m:-m]
+    rest = (q - smooth(q, period))[m:-m]
     # Robust: where a joint stops, no cubic fits.
     spread = median_abs_deviation(rest, axis=0, scale='normal')
     found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))

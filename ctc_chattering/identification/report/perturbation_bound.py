@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import floor, log10
 from typing import NamedTuple
 
@@ -16,8 +16,10 @@ from ctc_chattering.identification.report.fastest_motion import (
     FastestPerturbation,
 )
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.report.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
 
 #: ka over the largest |P|.
 MARGIN = 1.2
@@ -58,33 +60,38 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     effort = fastest.limits.effort
     ka = np.array([_rounded_up(MARGIN * p) for p in peak])
     return PerturbationBound(np.minimum(ka, effort), peak, fastest,
-                             _reason(fastest, recorded, peak),
-                             (*_beyond(peak, ka, effort), *_unknown(found),
-                              *_impacts(run)))
+                             _reason(fastest, recorded, peak, [
+                                 x.usable for x in verdicts(found)]),
+                             (*_beyond(peak, ka, effort), *_unknown(found), *_impacts(run)))
 
 
-def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array) -> str:
-    """Return the parts of ka in words."""
+def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array, usable: Sequence[bool]
+            ) -> str:
+    """Return the parts of ka in words, without numbers of joints that are not usable."""
+    def listed(values: Array) -> str:
+        return ', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
+
     limits = fastest.limits
     how = 'at the limits of the description' if limits.known.all() else (
         'at the speed of the run, for no limit of it is known' if not limits.known.any() else
         'at the limits of the description, or the speed of the run where there is none')
-    text = (f'{MARGIN:g} times the largest |P| {how}, {_list(limits.velocity)} rad/s: friction '
-            f'{_list(fastest.friction)}, errors of the model {_list(fastest.error)}, unexplained '
-            f'{_list(fastest.unexplained)} N*m; in the run |P| is at most {_list(recorded)} N*m')
-    text += _main_part(fastest)
-    if (peak > _FAR * recorded).any():
+    text = (f'{MARGIN:g} times the largest |P| {how}, {listed(limits.velocity)} rad/s: friction '
+            f'{listed(fastest.friction)}, errors of the model {listed(fastest.error)}, '
+            f'unexplained {listed(fastest.unexplained)} N*m; in the run |P| is at most '
+            f'{listed(recorded)} N*m')
+    text += _main_part(fastest, np.array(usable))
+    if (peak > _FAR * recorded)[np.array(usable)].any():
         least = np.array([_rounded_up(MARGIN * p) for p in recorded])
-        text += f', for which {_list(least)} would do'
+        text += f', for which {listed(least)} would do'
     return text
 
 
-def _main_part(fastest: FastestPerturbation) -> str:
+def _main_part(fastest: FastestPerturbation, usable: npt.NDArray[np.bool_]) -> str:
     """Return which part makes ka much larger than friction needs, and what lowers it."""
-    others = np.maximum(fastest.error, fastest.unexplained)
-    if not (others > fastest.friction).any():
+    far = usable & (np.maximum(fastest.error, fastest.unexplained) > fastest.friction)
+    if not far.any():
         return ''
-    if (fastest.error >= fastest.unexplained)[others > fastest.friction].all():
+    if (fastest.error >= fastest.unexplained)[far].all():
         return ('; errors of the model make the most of it: with a corrected description (--urdf) '
                 'ka is lower')
     return ('; what is not explained makes the most of it: a motion with another load or without '
@@ -118,11 +125,6 @@ def _unknown(found: Identification) -> Iterator[Finding]:
             if one.coulomb.value is not None and number.value is None and number.reason != NONE:
                 yield Finding(severity, i, f'{what}: {number.reason}',
                               'record slow reversals, and different speeds')
-
-
-def _list(values: Array) -> str:
-    """Return numbers with commas."""
-    return ', '.join(f'{x:.3g}' for x in values)
 
 
 def _rounded_up(value: float) -> float:

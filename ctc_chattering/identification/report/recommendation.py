@@ -212,7 +212,8 @@ def _law_values(found: Identification, law: str, why: str, resolution: float, sl
     text = (f'a double pole at p = {pole:g} rad/s, p (T + h (1 + d)) = {pole * late:.2g} ≤ '
             f'{SLOWNESS:g} with T = {slowest:.3g} s, h = {period:g} s, d = {most}')
     ratio = estimator_bandwidth(1.0, resolution)
-    return {'law': (law, why), 'kp': ([pole ** 2] * n, text), 'kv': ([2.0 * pole] * n, text),
+    return {'law': (law, why), 'kp': ([pole ** 2] * n, text),
+            'kv': ([2.0 * pole] * n, '2 p'),
             'estimator_bandwidth': (ratio * pole,
                                     f'{ratio:g} p for positions to {resolution:.2g} rad')}
 

@@ -14,6 +14,8 @@ from ctc_chattering.identification.report.verdict import Verdict
 
 #: In place of a number that there is none of; why stands in the verdict or below the table.
 NO_NUMBER = '-'
+#: With it begins the reason why there is a bound in place of a number.
+_AT_LEAST = 'at least '
 #: Friction in the order of the table: field and heading.
 FRICTION = (('coulomb', 'Coulomb [N*m]'), ('forwards', 'forwards'), ('backwards', 'backwards'),
             ('viscous', 'viscous [N*m*s/rad]'), ('stribeck', 'Stribeck [N*m]'),
@@ -47,11 +49,12 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
             for joint, good, *cells in zip(joints, usable, *columns))]
     yield 'Friction', rows([name for _, name in FRICTION], *(
         [cell(getattr(x, key)) for x in found.friction] for key, _ in FRICTION))
-    yield 'Sensors and drives', _sensors(found, usable)
+    yield 'Sensors', _sensors(found)
     more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
-    if more:
-        yield 'Motors and drives', rows([name for name, _ in more], *(
-            [cell(x) for x in values] for _, values in more))
+    yield 'Motors and drives', rows(
+        ['lag of the drive', *(name for name, _ in more)],
+        [lag_in_words(found.timing, i) for i in range(len(joints))],
+        *([cell(x) for x in values] for _, values in more))
     whole, rest = run.misfit()
     yield 'Perturbation', rows(
         ['largest |P| [N*m]', 'ka [N*m]', 'RMS P [N*m]', 'unexplained [N*m]'],
@@ -66,24 +69,25 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
         *([[f'{x:.3g}' for x in allowed]] if rate else []))
 
 
-def _sensors(found: Identification, usable: Sequence[bool]) -> Rows:
-    """Return encoders and velocities of all joints, and lags of the drives of usable ones."""
-    numbers = zip(found.joints, found.encoder, found.noise, found.velocity_lag, usable)
-    return [['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]',
-             'lag of the drive'], *(
-        [joint, cell(a), cell(b), cell(c), lag_in_words(found.timing, i) if good else NO_NUMBER]
-        for i, (joint, a, b, c, good) in enumerate(numbers))]
+def _sensors(found: Identification) -> Rows:
+    """Return encoders and velocities of all joints: what they show needs no friction."""
+    numbers = zip(found.joints, found.encoder, found.noise, found.velocity_lag)
+    return [['joint', 'encoder step [rad]', 'velocity noise [rad/s]', 'lag of the velocity [s]'],
+            *([joint, *map(cell, values)] for joint, *values in numbers)]
 
 
 def cell(number: Estimate) -> str:
-    """Return a number with its interval, `none` where it would show, `NO_NUMBER` without."""
+    """Return a number with its interval or bound, `none` where it would show, else `NO_NUMBER`."""
+    if number.value is None and number.reason.startswith(_AT_LEAST):
+        return ' '.join(number.reason.split()[:3])
     if number.value is None:
         return 'none' if number.reason == NONE else NO_NUMBER
     return with_interval(number.value, number.half)
 
 
 def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]:
-    """Yield why a joint that is usable lacks a number."""
+    """Yield why joints that are usable lack a number, once for each reason."""
+    lacking: dict[tuple[str, str], list[str]] = {}
     for i, (joint, verdict) in enumerate(zip(found.joints, verdicts)):
         if not verdict.usable:
             continue
@@ -93,8 +97,11 @@ def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]
         named += [(name, getattr(found, key)[i]) for key, name in _MORE if getattr(found, key)]
         reasons: dict[str, list[str]] = {}
         for name, number in named:
-            if number.value is None and number.reason != NONE:
-                reasons.setdefault(number.reason, []).append(name.split(' [')[0])
+            if number.value is None and cell(number) == NO_NUMBER:
+                reasons.setdefault(number.reason.removeprefix(f'{joint} '), []).append(
+                    name.split(' [')[0])
         for reason, names in reasons.items():
-            own = reason.removeprefix(f'{joint} ')
-            yield f'{joint}, {", ".join(names)}: not identifiable: {own}'
+            lacking.setdefault((', '.join(names), reason), []).append(joint)
+    for (what, reason), joints in lacking.items():
+        where = 'all joints' if len(joints) == len(found.joints) > 1 else ', '.join(joints)
+        yield f'{where}: {what}: not identifiable: {reason}'

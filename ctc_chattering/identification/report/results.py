@@ -18,7 +18,6 @@ from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Severity
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.regression.timing_findings import drives_in_words
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.result_tables import cell, missing, tables
@@ -30,6 +29,8 @@ import numpy as np
 _TEMPLATE = 'page.html'
 _LEAD = ('Friction, delays and errors of the model from a recorded run, with intervals of 95 %, '
          'and the gains that follow.')
+#: Reasons of a joint on a terminal, at most.
+_REASONS = 3
 #: Offset that is named, as a part of the Coulomb friction.
 _OFFSET = 0.02
 
@@ -76,20 +77,26 @@ class IdentificationResults:
         """Yield headings and tables, the first row of each having the names of the columns."""
         return tables(self.found, self.verdicts, self.run, self.recommended, self.rate)
 
-    def base_table(self) -> Iterator[tuple[str, list[list[str]]]]:
-        """Yield heading and table of the base parameters, which are many."""
-        if self.base:
-            yield 'Inertial parameters that have a torque', [
-                ['body', 'combination', 'of the model', 'identified'],
-                *([x.body, str(x), f'{x.known:.4g}', cell(x.found)] for x in self.base)]
+    def base_table(self) -> Table | None:
+        """Return the table of the base parameters, which are many; None without a URDF."""
+        return Table('Inertial parameters that have a torque', [
+            'body', 'combination', 'of the model', 'identified'], [
+                [x.body, str(x), f'{x.known:.4g}', _together(cell(x.found))]
+                for x in self.base], 2) if self.base else None
 
     def verdict_lines(self) -> Iterator[str]:
-        """Yield the verdicts, and before them the reasons that all joints share."""
+        """Yield lines of the verdicts, and before them the reasons that all joints share."""
         for severity in (Severity.REFUSED, Severity.CARE):
             for reason in of_all_joints(self.verdicts, severity):
-                yield f'all joints: {WORDS[severity]}: {reason}'
+                yield from paragraph(f'all joints: {WORDS[severity]}: {reason}')
         for verdict in self.verdicts:
-            yield f'{verdict.joint}: {verdict.apart()}'
+            first, *others = verdict.own() or (None,)
+            yield from paragraph(f'{verdict.joint}: {verdict.word}'
+                                 + (f': {first.text}' if first else ''))
+            for other in others[:_REASONS - 1]:
+                yield from paragraph(f'- {other.text}', 4)
+            if len(others) >= _REASONS:
+                yield f'    - {len(others) - _REASONS + 1} more on the page'
 
     def sentences(self) -> Iterator[tuple[str, list[str]]]:
         """Yield headings and sentences."""
@@ -136,17 +143,19 @@ class IdentificationResults:
         if not isfinite(delay):
             yield 'delay not identifiable: no commanded torque in the bag'
         elif len(timing.delays) > 1:
-            yield ('delay and lag are not told apart; the motion fits to '
-                   + drives_in_words(timing, self.found.joints))
+            yield f'delay of the torque: one of {", ".join(map(str, timing.delays))} samples'
         else:
             yield f'delay of the torque: {int(delay)} samples'
-        yield f'torques are taken from the {timing.source}'
+        side = self.found.side
+        yield f'torques are taken from the {timing.source}' + (
+            f'; the effort is that of the {side}' if side in ('motor', 'link') else
+            '; the effort is a current' if side else '')
 
     def _model(self) -> Iterator[str]:
         """Yield errors of the model, offsets and what is left."""
         found = self.found
         yield from (error_sentence(*pair) for pair in found.errors)
-        if found.tilt:
+        if any(x.half for x in found.tilt):
             yield 'gravity in the frame of the base: ' + ', '.join(map(str, found.tilt))
         for joint, friction, verdict in zip(found.joints, found.friction, self.verdicts):
             offset = friction.offset
@@ -160,8 +169,7 @@ class IdentificationResults:
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""
-        lines = ['Verdict', *(line for text in self.verdict_lines() for line in paragraph(text)),
-                 '']
+        lines = ['Verdict', *self.verdict_lines(), '']
         for title, rows in self.tables():
             lines += [*paragraph(title, 0), *fitted(rows), '']
         for title, texts in self.sentences():
@@ -171,19 +179,10 @@ class IdentificationResults:
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as JSON has it."""
-        found, recommended, timing = self.found, self.recommended, self.found.timing
-        delay, lag, error = timing.drive
+        found, recommended = self.found, self.recommended
         return {
             'bags': self.source, 'joint_names': list(found.joints),
-            'clock': dataclasses.asdict(found.clock),
-            'torque_from': timing.source,
-            'delay_samples': int(delay) if isfinite(delay) and len(timing.delays) == 1
-            else None,
-            'delays_possible': [{'delay_samples': delay, 'actuator_lag_s': lags[1].tolist(),
-                                 'actuator_lag_interval_95_s': lags[[0, 2]].T.tolist()}
-                                for delay, lags in timing.delays.items()],
-            'torque_rate_limit_nm_per_s': [x.as_mapping() for x in found.rate],
-            'actuator_lag_s': lag.tolist(), 'actuator_lag_error_s': error.tolist(),
+            'clock': dataclasses.asdict(found.clock), **self._drives(),
             'verdicts': [x.as_mapping() for x in self.verdicts],
             'friction': [_of_joint(vars(friction), verdict)
                          for friction, verdict in zip(found.friction, self.verdicts)],
@@ -195,7 +194,6 @@ class IdentificationResults:
                 ('torque_scale', 'scale'), ('rotor_inertia_kgm2', 'rotor'),
                 ('torque_rate_nm_per_s', 'rate'))},
             'gravity_mps2': [x.as_mapping() for x in found.tilt],
-            'effort_side': found.side,
             'base_parameters': [x.as_mapping() for x in self.base],
             'model_errors': [{'name': error.name, 'unit': error.unit, **number.as_mapping()}
                              for error, number in found.errors],
@@ -210,6 +208,21 @@ class IdentificationResults:
             'trial_runs': list(self.recommended.trials),
             'validation': self.validation and [
                 {'holds': good, 'reason': text} for good, text in self._validated()]}
+
+    def _drives(self) -> dict[str, Any]:
+        """Return delay and lags as JSON has them."""
+        timing = self.found.timing
+        delay, lag, error = timing.drive
+        known = isfinite(delay) and len(timing.delays) == 1
+        return {
+            'torque_from': timing.source, 'effort_side': self.found.side,
+            'delay_samples': int(delay) if known else None,
+            'delays_possible': [
+                {'delay_samples': delay, 'actuator_lag_s': self._usable(lags[1].tolist()),
+                 'actuator_lag_interval_95_s': self._usable(lags[[0, 2]].T.tolist())}
+                for delay, lags in timing.delays.items()],
+            'actuator_lag_s': self._usable(lag.tolist()),
+            'actuator_lag_error_s': self._usable(error.tolist())}
 
 
 def error_sentence(candidate: ModelError, number: Estimate) -> str:
@@ -245,13 +258,18 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
     """
     write_sections(path, f'Friction and gains from {report.source}', figures,
                    [(name, f'{name} ({what})') for name, what in files.items()], _LEAD,
-                   tables=[Table(title, head, [[x.replace(' ± ', '\xa0±\xa0') for x in row]
-                                               for row in rows], len(head))
-                           for title, (head, *rows) in (*report.tables(), *report.base_table())],
+                   tables=[Table(title, head, [[_together(x) for x in row] for row in rows],
+                                 1) for title, (head, *rows) in report.tables()],
+                   base=report.base_table(),
                    lists=report.sentences(), package=__package__, template=_TEMPLATE,
                    verdicts=report.verdicts, common=[
                        (WORDS[x], of_all_joints(report.verdicts, x))
                        for x in (Severity.REFUSED, Severity.CARE)])
+
+
+def _together(text: str) -> str:
+    """Return text that is not broken at its interval."""
+    return text.replace(' ± ', '\xa0±\xa0')
 
 
 def _of_joint(numbers: Mapping[str, Estimate], verdict: Verdict) -> dict[str, Any]:

@@ -81,10 +81,10 @@ def torque_rate(found: Identification, fastest: Array, given: Sequence[float] = 
     if np.isfinite(known).any():
         text += '; within ' + ('--torque-rate' if len(given) else
                                'the lower end of the interval of the rate of the drives')
-    return TorqueRate(value, known, text, tuple(_noticed(needed, known, value)))
+    return TorqueRate(value, known, text, tuple(_noticed(needed, known)))
 
 
-def _noticed(needed: Array, known: Array, value: Array) -> Iterator[Finding]:
+def _noticed(needed: Array, known: Array) -> Iterator[Finding]:
     """Yield for which joints the rate is too little, and whether any is not known."""
     for i, (need, have) in enumerate(zip(needed, known)):
         if have < need:
@@ -93,9 +93,9 @@ def _noticed(needed: Array, known: Array, value: Array) -> Iterator[Finding]:
                 f'N*m/s are needed for reversals in {_REVERSAL:g} s and faster motions',
                 'expect errors at reversals, and slow the motion down')
     if np.isnan(known).any():
-        asked = ', '.join(f'{x:.3g}' for x in value)
-        yield Finding(Severity.NOTE, ALL_JOINTS, 'the rate of the drives is not known; the law '
-                      f'asks for {asked} N*m/s', 'give --torque-rate where a drive is slower')
+        yield Finding(Severity.NOTE, ALL_JOINTS, 'the rate of the drives is not known',
+                      'give --torque-rate where a drive is slower than the torque_rate_limit that '
+                      'is recommended')
 
 
 def longest_lag(found: Identification) -> Array:

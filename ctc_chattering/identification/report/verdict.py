@@ -61,7 +61,7 @@ class Verdict(NamedTuple):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return the reasons for the verdict, with what to record or to give."""
-        return tuple(f'{x.reason}; {x.cure}' if x.cure else x.reason for x in self.findings
+        return tuple(x.text for x in self.findings
                      if x.severity == self.severity and x.severity > Severity.NOTE)
 
     def __str__(self) -> str:
@@ -79,16 +79,12 @@ class Verdict(NamedTuple):
         return tuple(x for x in self.findings
                      if x.joint != ALL_JOINTS and x.severity > Severity.NOTE)
 
-    def apart(self) -> str:
-        """Return the verdict, without the reasons that hold for all joints."""
-        return str(self._replace(findings=self.own()))
-
 
 def of_all_joints(verdicts: Sequence[Verdict], severity: Severity) -> list[str]:
     """Return what was noticed for all joints, with this severity."""
     found = dict.fromkeys(x for verdict in verdicts for x in verdict.findings
                           if x.joint == ALL_JOINTS and x.severity == severity)
-    return [f'{x.reason}; {x.cure}' if x.cure else x.reason for x in found]
+    return [x.text for x in found]
 
 
 def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdict]:

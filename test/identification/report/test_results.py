@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,6 +14,7 @@ from ctc_chattering.identification.regression.joint_friction import JointFrictio
 from ctc_chattering.identification.regression.sensor_noise import Clock
 from ctc_chattering.identification.report.results import IdentificationResults, write_page
 import numpy as np
+import pytest
 
 NAMES = tuple(f'left_manipulator_of_the_second_cell_joint_{k}' for k in range(7))
 #: A number that is only of the joint that is refused.
@@ -33,15 +35,19 @@ def results(refused: int = 2) -> IdentificationResults:
     size[refused] = SECRET
     numbers = [Estimate(1.0, 0.1)] * n
     lags = np.full(n, 1e-3)
-    timing = SimpleNamespace(drive=(1.0, lags, 0.1 * lags), source='command', delays={1: lags})
+    lags[refused] = SECRET
+    timing = SimpleNamespace(
+        drive=(1.0, lags, 0.1 * lags), source='command', of_commands=None,
+        delays={1: np.stack((lags, lags, lags))})
+    rate = [Estimate.none('at least 680 N*m/s: the drive follows commands that change so fast')]
     findings = (Finding(Severity.REFUSED, refused, WHY, 'reduce the backlash'),
                 Finding(Severity.CARE, 3, WHY), Finding(Severity.CARE, ALL_JOINTS, 'base tilted'),
                 Finding(Severity.NOTE, 1, 'a note'))
     found = SimpleNamespace(
         joints=NAMES, friction=[friction(i) for i in range(n)], timing=timing, findings=findings,
         unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, velocity_lag=[
-            Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers, rate=[],
-        tilt=(), bodies=None, side='', errors=[], left=[], duration=20.0,
+            Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers,
+        rate=n * rate, tilt=(), bodies=None, side='', errors=[], left=[], duration=20.0,
         clock=Clock(1e-3, 0.0, 1e-3, 0, ()))
     steps = {'sign': 2.0 * size, 'implicit': size, 'observer_feedback': size}
     recommended = SimpleNamespace(
@@ -65,6 +71,15 @@ def test_lines_of_the_terminal_are_short_and_verdicts_come_first() -> None:
     assert len({row.split()[0] for row in rows}) == 7
 
 
+def test_a_terminal_has_few_reasons_of_a_joint() -> None:
+    one = results()
+    more = [Finding(Severity.CARE, 4, f'reason {k}', f'cure {k}') for k in range(5)]
+    text = dataclasses.replace(one, found=cast(Any, SimpleNamespace(
+        **{**vars(one.found), 'findings': more}))).text()
+    assert f'{NAMES[4]}: usable with care: reason 0; cure 0\n    - reason 1; cure 1\n' in text
+    assert '    - reason 2; cure 2\n    - 2 more on the page\n' in text and 'reason 3' not in text
+
+
 def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:
     one = results()
     page = tmp_path / 'index.html'
@@ -82,6 +97,10 @@ def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:
                    found['torque_steps_nm']['implicit'], found['noise_torque_nm']):
         assert values[2] is None and values[0] is not None
     assert found['torque_scale'][2]['value'] is None
+    drives = found['delays_possible'][0]
+    for values in (found['actuator_lag_s'], found['actuator_lag_error_s'],
+                   drives['actuator_lag_s'], drives['actuator_lag_interval_95_s']):
+        assert values[2] is None and values[0] is not None
 
 
 def test_the_page_has_the_verdicts_before_the_numbers(tmp_path: Path) -> None:
@@ -95,5 +114,17 @@ def test_the_page_has_the_verdicts_before_the_numbers(tmp_path: Path) -> None:
 def test_notes_and_why_a_number_lacks_stand_below_the_tables() -> None:
     text = ' '.join(results().text().split())
     assert f'{NAMES[1]}: a note' in text
-    assert f'{NAMES[0]}, lag of the velocity: not identifiable: it hardly accelerates' in text
-    assert f'{NAMES[2]}, lag' not in text
+    assert text.count('lag of the velocity: not identifiable: it hardly accelerates') == 1
+    assert f'{NAMES[1]}, {NAMES[3]}, ' in text and f'{NAMES[2]}, ' not in text
+    # A bound stands in the table, and needs no sentence.
+    assert ' at least 680 ' in text and 'follows commands' not in text
+
+
+def test_the_page_folds_what_is_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(IdentificationResults, 'base', [SimpleNamespace(
+        body=f'link{k}', known=1.0, found=Estimate(SECRET, 0.1)) for k in range(48)])
+    page = tmp_path / 'index.html'
+    write_page(results(), [], page, {})
+    folded = page.read_text().partition('<details>')[2].partition('</details>')[0]
+    assert '<summary>Inertial parameters that have a torque: 48</summary>' in folded
+    assert all(f'link{k}<' in folded for k in range(48))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import stribeck_velocity, TermKind
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
-from ctc_chattering.identification.report.recommendation import Recommendation
+from ctc_chattering.identification.report.results import IdentificationResults
 from ctc_chattering.identification.report.validation import Validation
+from ctc_chattering.identification.report.verdict import Verdict
 from ctc_chattering.numerics.linear_algebra import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,31 +23,36 @@ _POINTS = 200
 _Named = tuple[str, Figure, str]
 
 
-def save_identification_figures(found: Identification, run: MeasuredPerturbation,
-                                recommended: Recommendation, validation: Validation | None,
-                                directory: Path) -> list[FigureFile]:
+def save_identification_figures(results: IdentificationResults, directory: Path
+                                ) -> list[FigureFile]:
     """Write all figures as SVG into `directory`, and return them."""
-    ka = np.asarray(recommended.values['ka'][0], float)
-    figures = [_friction(found), _perturbation(found, run, ka), *_dependence(found),
-               _residual(found, run), _spectrum(found, run)]
-    if validation is not None:
-        figures.append(_validation(found, validation))
+    found, run, verdicts = results.found, results.run, results.verdicts
+    ka = np.asarray(results.recommended.values['ka'][0], float)
+    figures = [_friction(found, verdicts), _perturbation(run, ka, verdicts),
+               *_dependence(found, verdicts), _residual(run, verdicts),
+               _spectrum(run, verdicts)]
+    if results.validation is not None:
+        figures.append(_validation(results.validation, verdicts))
     return save(((stem, fit_titles(figure), caption) for stem, figure, caption in figures),
                 directory, ('svg',))
 
 
-def _panels(found: Identification, title: str, ylabel: str) -> tuple[Figure, list[Axes]]:
+def _panels(verdicts: Sequence[Verdict], title: str, ylabel: str) -> tuple[Figure, list[Axes]]:
     """Return a figure, and axes in it for each joint, two in a row."""
-    n = len(found.joints)
-    figure, grid = sheet(title, (n + 1) // 2, (1.0, 1.0), 2.0)
-    return figure, [panel(figure, grid[i // 2, i % 2], joint, ylabel)
-                    for i, joint in enumerate(found.joints)]
+    figure, grid = sheet(title, (len(verdicts) + 1) // 2, (1.0, 1.0), 2.0)
+    return figure, [panel(figure, grid[i // 2, i % 2], _title(verdict), ylabel)
+                    for i, verdict in enumerate(verdicts)]
 
 
-def _friction(found: Identification) -> _Named:
-    """Return friction against velocity."""
+def _title(verdict: Verdict) -> str:
+    """Return the name of a joint, and whether it is not usable."""
+    return verdict.joint if verdict.usable else f'{verdict.joint}: {verdict.word}'
+
+
+def _friction(found: Identification, verdicts: Sequence[Verdict]) -> _Named:
+    """Return friction against velocity; without a fit for a joint that is not usable."""
     data, fit = found.data, found.selected.fit
-    figure, panels = _panels(found, 'Friction against velocity', 'torque [N·m]')
+    figure, panels = _panels(verdicts, 'Friction against velocity', 'torque [N·m]')
     for i, axes in enumerate(panels):
         used = data.way[:, i] != 0.0
         mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
@@ -55,7 +61,7 @@ def _friction(found: Identification) -> _Named:
         rest = fit.residual[used, i] + fit.design[used, i][:, mine] @ fit.value[mine]
         axes.plot(speed, rest, '.', markersize=2.0, color=_MEASURED, rasterized=len(speed) > 5000)
         axes.set_xlabel('velocity [rad/s]')
-        for sign in (1.0, -1.0):
+        for sign in (1.0, -1.0) if verdicts[i].usable else ():
             mine_speed = speed[np.sign(speed) == sign]
             if len(mine_speed):
                 v = sign * np.linspace(np.abs(mine_speed).min(), np.abs(mine_speed).max(), _POINTS)
@@ -66,7 +72,7 @@ def _friction(found: Identification) -> _Named:
                 axes.plot(v, value, color=_FIT, linewidth=1.2)
     return 'friction', figure, ('Dots: torque less the corrected model, in windows of 0.1 s in '
                                 'which the joint slides one way. Line: the fit with its interval '
-                                'of 95 %.')
+                                'of 95 %; a joint that is not usable has none.')
 
 
 def _curve(found: Identification, i: int, v: Array) -> tuple[Array, Array]:
@@ -86,37 +92,38 @@ def _curve(found: Identification, i: int, v: Array) -> tuple[Array, Array]:
     return columns @ fit.value, half
 
 
-def _perturbation(found: Identification, run: MeasuredPerturbation, ka: Array) -> _Named:
-    """Return P over time with ±ka."""
-    figure, panels = _panels(found, 'Perturbation P and the recommended ka', 'P [N·m]')
+def _perturbation(run: MeasuredPerturbation, ka: Array, verdicts: Sequence[Verdict]) -> _Named:
+    """Return P over time, with ±ka where there is one."""
+    figure, panels = _panels(verdicts, 'Perturbation P and the recommended ka', 'P [N·m]')
     for i, axes in enumerate(panels):
         axes.plot(run.t, run.measured[:, i], color=_MEASURED, linewidth=0.8)
-        for sign in (1.0, -1.0):
+        for sign in (1.0, -1.0) if verdicts[i].usable else ():
             axes.plot(run.t, sign * run.envelope[:, i], color=_FIT, linewidth=0.5, alpha=0.6)
             axes.axhline(sign * ka[i], color=REFERENCE, linewidth=1.0, linestyle='--')
     return 'perturbation', figure, ('P: torque less the model. Thin lines: the most that what was '
-                                    'identified allows at each time. Dashed: ±ka.')
+                                    'identified allows at each time. Dashed: ±ka. A joint that '
+                                    'is not usable has neither.')
 
 
-def _residual(found: Identification, run: MeasuredPerturbation) -> _Named:
+def _residual(run: MeasuredPerturbation, verdicts: Sequence[Verdict]) -> _Named:
     """Return what is not explained over time."""
-    figure, panels = _panels(found, 'What is not explained', 'torque [N·m]')
+    figure, panels = _panels(verdicts, 'What is not explained', 'torque [N·m]')
     for i, axes in enumerate(panels):
         axes.plot(run.t, run.measured[:, i] - run.predicted[:, i], color=_MEASURED, linewidth=0.8)
     return 'residual', figure, ('Measured P less friction and errors of the model as identified, '
                                 'where the joint slides.')
 
 
-def _dependence(found: Identification) -> Iterator[_Named]:
+def _dependence(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[_Named]:
     """Yield on what the unexplained torque depends, for the joints with such a finding."""
-    shown = [(joint, effect) for joint, left in zip(found.joints, found.unexplained)
+    shown = [(_title(verdict), effect) for verdict, left in zip(verdicts, found.unexplained)
              if left and (effect := left.shown())]
     if not shown:
         return
     figure, grid = sheet('What the unexplained torque depends on', (len(shown) + 1) // 2,
                          (1.0, 1.0), 2.0)
-    for k, (joint, effect) in enumerate(shown):
-        axes = panel(figure, grid[k // 2, k % 2], joint, 'torque [N·m]')
+    for k, (title, effect) in enumerate(shown):
+        axes = panel(figure, grid[k // 2, k % 2], title, 'torque [N·m]')
         x = effect.cause.variable
         axes.plot(x, effect.before, '.', markersize=2.0, color=_MEASURED,
                   rasterized=len(x) > 5000)
@@ -127,9 +134,9 @@ def _dependence(found: Identification) -> Iterator[_Named]:
                                  'in the verdict.')
 
 
-def _spectrum(found: Identification, run: MeasuredPerturbation) -> _Named:
+def _spectrum(run: MeasuredPerturbation, verdicts: Sequence[Verdict]) -> _Named:
     """Return the spectrum of what is not explained."""
-    figure, panels = _panels(found, 'Spectrum of what is not explained', 'N·m / √Hz')
+    figure, panels = _panels(verdicts, 'Spectrum of what is not explained', 'N·m / √Hz')
     for i, axes in enumerate(panels):
         rest = run.measured[:, i] - run.predicted[:, i]
         step = float(np.median(np.diff(run.t)))
@@ -142,17 +149,17 @@ def _spectrum(found: Identification, run: MeasuredPerturbation) -> _Named:
                                 'of a gear; windows of 0.1 s hide what is above 10 Hz.')
 
 
-def _validation(found: Identification, validation: Validation) -> _Named:
+def _validation(validation: Validation, verdicts: Sequence[Verdict]) -> _Named:
     """Return measured and predicted torque of another run."""
-    figure, panels = _panels(found, f'Validation on {validation.name}', 'torque [N·m]')
+    figure, panels = _panels(verdicts, f'Validation on {validation.name}', 'torque [N·m]')
     for i, axes in enumerate(panels):
         t = validation.run.t
         predicted = validation.model[:, i] + validation.run.predicted[:, i]
         axes.plot(t, validation.torque[:, i], color=_MEASURED, linewidth=1.4, label='measured')
-        axes.plot(t, predicted, color=_FIT, linewidth=0.8, label='predicted')
-        axes.plot(t, validation.torque[:, i] - predicted, color=REFERENCE, linewidth=0.6,
-                  label='difference')
-        if not i:
-            axes.legend(fontsize=8, loc='upper right')
+        if verdicts[i].usable:
+            axes.plot(t, predicted, color=_FIT, linewidth=0.8, label='predicted')
+            axes.plot(t, validation.torque[:, i] - predicted, color=REFERENCE, linewidth=0.6,
+                      label='difference')
+        axes.legend(fontsize=8, loc='upper right')
     return 'validation', figure, ('Torque of a run that was not used, and the prediction where '
-                                  'the joint slides.')
+                                  'the joint slides; none for a joint that is not usable.')

@@ -1,0 +1,24 @@
+"""Figures of a joint that is not usable have no fit and no ka."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+from ctc_chattering.identification.regression.finding import Severity
+from ctc_chattering.identification.report import identification_figures
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.report.verdict import Verdict
+import numpy as np
+
+
+def test_a_joint_that_is_not_usable_has_no_ka_and_says_so() -> None:
+    ones = np.ones((5, 2))
+    run = cast(MeasuredPerturbation, SimpleNamespace(
+        t=np.arange(5.0), measured=ones, envelope=2.0 * ones))
+    verdicts = [Verdict('a', Severity.CARE, ()), Verdict('b', Severity.REFUSED, ())]
+    _, figure, caption = identification_figures._perturbation(run, np.array([3.0, 4.0]), verdicts)
+    good, bad = figure.axes
+    assert [len(good.lines), len(bad.lines)] == [5, 1]
+    assert bad.get_title(loc='left') == 'b: not usable' and good.get_title(loc='left') == 'a'
+    assert 'not usable' in caption
