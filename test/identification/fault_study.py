@@ -22,15 +22,15 @@ import traceback
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.report.parameter_values import parameter_values
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.results import IdentificationResults
 from ctc_chattering.identification.report.trial_runs import COUNT, setups_tried, trial_runs
 from faults_of_arms import case, FAULTS, recorded
 from faulty_case import Case
-from faulty_robots import lab_gains, played
+from faulty_robots import lab_gains, Played, played
 from identification_judge import judged, model_of, Outcome, outcome
-from identified_robots import arm
 import numpy as np
 from other_arms import DESCRIBED
 from unseen_motion import config_of, fast, tracked
@@ -50,21 +50,20 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
         return {'robot': robot, 'fault': fault, 'seed': seed, 'lost': 'the plant diverged'}
     made = outcome(one, recording, seed)
     if made.results is not None and trials and all(x.usable for x in made.results.verdicts):
-        made = with_trials(one, made, made.results, recording.q, trials)
+        made = with_trials(made, made.results, recording.q, trials)
     found = {'robot': robot, 'fault': fault, 'seed': seed,
              **judged(one, fault, seen, made, duration)}
     if made.results is not None:
-        found.update(tried(one, made.results, recording.q, seed, bool(trials)))
+        found.update(tried(one, made, made.results, recording.q, seed, bool(trials)))
     return found
 
 
-def with_trials(one: Case, made: Outcome, results: IdentificationResults, q: Any, trials: int
-                ) -> Outcome:
+def with_trials(made: Outcome, results: IdentificationResults, q: Any, trials: int) -> Outcome:
     """Return an outcome with gains that survive trial runs."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / 'robot.urdf'
-        file.write_text(arm(one.robot.name).urdf, encoding='utf-8')
-        values = partial(values_of, one, results, q, file)
+        file.write_text(made.urdf, encoding='utf-8')
+        values = partial(values_of, made, results, q, file)
         compile_setups(setups_tried(results.recommended, values), lambda _: None)
         recommended = trial_runs(results.found, results.run, results.recommended, values, None,
                                  trials, 1)
@@ -73,38 +72,48 @@ def with_trials(one: Case, made: Outcome, results: IdentificationResults, q: Any
                          reasons=tuple(map(str, results.verdicts)))
 
 
-def values_of(one: Case, results: IdentificationResults, q: Any, file: Path,
+def values_of(made: Outcome, results: IdentificationResults, q: Any, file: Path,
               recommended: Recommendation) -> dict[str, dict[str, Any]]:
     """Return the parameter file of gains."""
     shared = {'model': 'two_link', 'gravity': 9.81}
-    if arm(one.robot.name).urdf:
+    if made.urdf:
         shared = {'model': 'urdf', 'gravity': 9.81, 'description': str(file)}
-    return parameter_values(results.found, recommended, model_of(one), q, shared, None)
+    assert made.model is not None
+    return parameter_values(results.found, recommended, made.model, q, shared, None)
 
 
-def tried(one: Case, results: IdentificationResults, q: Any, seed: int, gains: bool
-          ) -> dict[str, Any]:
+def tried(one: Case, made: Outcome, results: IdentificationResults, q: Any, seed: int,
+          gains: bool) -> dict[str, Any]:
     """Return what the recommended gains are worth in an unseen motion."""
     robot, recommended = one.robot, results.recommended
     route = fast(robot, _UNSEEN, seed)
-    peak = np.abs(played(robot, route, seed).perturbation(robot.nominal)).max(axis=0)
+    assert made.model is not None
+    peak = np.abs(perturbation_of(played(robot, route, seed), made.model)).max(axis=0)
     usable = [x.usable for x in results.verdicts]
     found: dict[str, Any] = {'ka_over_peak': [
         round(k / p, 3) for k, p, good in zip(recommended.ka, peak.tolist(), usable)
         if good and k is not None]}
     if not gains or not all(usable):
         return found
-    values = values_of(one, results, q, Path(), recommended)['controller']
+    values = values_of(made, results, q, Path(), recommended)['controller']
     kp, kv = lab_gains(robot)
     n = [1.0] * robot.n
     before = config_of(robot, {'law': 'compensation', 'kp': [kp * x for x in n],
                                'kv': [kv * x for x in n]})
-    rms = [tracked(robot, model_of(one), config, route, seed)
-           for config in (before, config_of(robot, values))]
+    rms = [tracked(robot, model, config, route, seed) for model, config in (
+        (model_of(one), before), (made.model, config_of(robot, values)))]
     with np.errstate(all='ignore'):
         better = rms[0] / rms[1]
     return {**found, 'law': recommended.law, 'trials': list(recommended.trials),
             'better': np.nan_to_num(better, nan=0.0).round(2).tolist()}
+
+
+def perturbation_of(seen: Played, model: Model) -> Any:
+    """Return the torque of the drives less that of a model, means of 20 samples [N·m]."""
+    torque = np.array([model.inverse_dynamics(*state) for state in zip(
+        seen.position.tolist(), seen.velocity.tolist(), seen.acceleration.tolist())])
+    rest, whole = seen.drive - torque, len(torque) // 20
+    return rest[:20 * whole].reshape(whole, 20, -1).mean(axis=1)
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:

@@ -17,6 +17,10 @@ from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Severity
 from ctc_chattering.identification.regression.identify import Identification, identify
 from ctc_chattering.identification.regression.model_errors import candidates
+from ctc_chattering.identification.report.corrected_model import (
+    corrected_description,
+    with_correction,
+)
 from ctc_chattering.identification.report.perturbation import perturbation
 from ctc_chattering.identification.report.recommendation import recommend
 from ctc_chattering.identification.report.results import IdentificationResults
@@ -80,13 +84,19 @@ class Number(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What `ctc identify` makes of a recording; nothing but `refusal` where it refuses all."""
+    """
+    What `ctc identify` makes of a recording; nothing but `refusal` where it refuses all.
+
+    `model` and `urdf` are what its gains are for: corrected where it corrects the description.
+    """
 
     refusal: str
     results: IdentificationResults | None = None
     severity: tuple[Severity, ...] = ()
     reasons: tuple[str, ...] = ()
     seconds: float = 0.0
+    model: Model | None = None
+    urdf: str = ''
 
 
 def model_of(one: Case) -> Model:
@@ -107,13 +117,26 @@ def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
             begin = time.perf_counter()
         recording = recording.checked()
         found = identify([recording], model, candidates(model, urdf, {}))
+        found, model, urdf = _corrected(one, recording, found, model, urdf)
         run = perturbation(found)
         results = IdentificationResults(recording.name, found, run,
                                         recommend(found, run, model, recording.q), None)
     except CtcError as error:
         return Outcome(str(error))
     return Outcome('', results, tuple(x.severity for x in results.verdicts),
-                   tuple(map(str, results.verdicts)), time.perf_counter() - begin)
+                   tuple(map(str, results.verdicts)), time.perf_counter() - begin, model, urdf)
+
+
+def _corrected(one: Case, recording: Recording, found: Identification, model: Model, urdf: str
+               ) -> tuple[Identification, Model, str]:
+    """Return an identification with its model, corrected as the command does it."""
+    text = corrected_description(found, urdf)
+    if not text:
+        return found, model, urdf
+    other = make_model('urdf', 9.81, one.robot.joints, text)
+    better = with_correction(
+        found, identify([recording], other, candidates(other, text, {})), 'corrected.urdf')
+    return (found, model, urdf) if better is None else (better, other, text)
 
 
 def numbers(one: Case, found: Identification, seen: Played, duration: float) -> Iterator[Number]:

@@ -24,6 +24,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.finding import Finding
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.weak_form import position_noise
+from ctc_chattering.identification.report.inertia_error import inertia_findings
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.perturbation_bound import perturbation_bound
 from ctc_chattering.identification.report.torque_steps import (
@@ -144,9 +145,10 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
     laws += [('observer_feedback', why if law != 'chattering' else 'the next one')]
     options = [_drive_values(found) | shared | _law_values(found, *one, resolution, slower)
                for one in laws for slower in (SLOWER if one[0] != 'chattering' else (1.0,))]
+    noticed = (*run.outliers(), *bound.findings, *drives.findings,
+               *inertia_findings(found, model, positions))
     return Recommendation(law, 'implicit_observer', options[0], noise, allowed, texts, steps,
-                          period, (*run.outliers(), *bound.findings, *drives.findings),
-                          tuple(options))
+                          period, noticed, tuple(options))
 
 
 def _usable(found: Identification, values: Iterable[float]) -> list[float | None]:

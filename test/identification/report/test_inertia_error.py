@@ -1,0 +1,28 @@
+"""Gains are refused where the model lacks more inertia than it has."""
+
+from __future__ import annotations
+
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.identification.regression.finding import Severity
+from ctc_chattering.identification.regression.identify import identify
+from ctc_chattering.identification.regression.model_errors import candidates
+from ctc_chattering.identification.report.inertia_error import inertia_findings
+from faults_of_arms import case, recorded
+from identified_robots import arm
+import numpy as np
+import pytest
+
+
+def test_a_rotor_that_the_model_lacks_is_compared_with_its_inertia() -> None:
+    one = case('two_link_urdf', 'rotor', 1100, 8.0)
+    recording = recorded(one, 1100, 8.0)[1].checked()
+    urdf = arm('two_link_urdf').urdf
+    model = UrdfModel(urdf, one.robot.joints)
+    found = identify([recording], model, candidates(model, urdf, {}))
+    every = np.median([np.diagonal(model.mass_matrix(q.tolist()))
+                       for q in recording.q[::200]], axis=0)
+    true = 1.0 + one.robot.physics.rotor / every
+    assert true[0] < 1.9 and true[1] > 2.1
+    (finding,) = inertia_findings(found, model, recording.q)
+    assert (finding.severity, finding.joint) == (Severity.REFUSED, 1)
+    assert float(finding.reason.split()[5]) == pytest.approx(true[1], rel=0.02)
