@@ -10,10 +10,14 @@ from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
 from ctc_chattering.identification.regression.causes import CauseKind
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.regression.least_squares import TermKind
+from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
+#: Part of its friction by which it may be worse in any case.
+_TRIFLE = 0.002
 #: Torque scale that is one, and no trifle.
 _SCALE = 0.003
 #: Part of a joint's torque, with friction, below which a correction is none.
@@ -74,22 +78,33 @@ def with_correction(before: Identification, after: Identification, name: str
         Of the file that has the correction.
 
     """
-    was, now = (np.sqrt(np.square(np.where(x.data.used(), x.data.residual, 0.0)).sum(axis=0))
-                for x in (before, after))
+    friction = _friction(after)
+    was, now = (np.sqrt(np.square(np.where(x.data.used(), x.data.residual - friction, 0.0)).sum(
+        axis=0)) for x in (before, after))
     refused = any(x.severity == Severity.REFUSED for x in after.findings)
-    if refused or (now > _WORSE * was).any():
+    size = np.sqrt(np.square(np.where(after.data.used(), friction, 0.0)).sum(axis=0))
+    if refused or ((now > _WORSE * was) & (now - was > _TRIFLE * size)).any():
         return None
     still = {_words(x) for x in after.findings}
     cured = [Finding(Severity.NOTE, x.joint, f'with the URDF as it was: {x.reason}')
              for x in before.findings if _words(x) not in still and _AMBIGUOUS not in x.reason]
     assert before.bodies is not None
     change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
-    size = ', '.join(f'{x:.2g}' for x in change)
+    text = ', '.join(f'{x:.2g}' for x in change)
     return dataclasses.replace(
         after, errors=before.errors, rotor=before.rotor, tilt=before.tilt, bodies=before.bodies,
         findings=(*after.findings, Finding(
             Severity.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}, which changes the '
-            f'torque by {size} N*m RMS in this motion'), *cured))
+            f'torque by {text} N*m RMS in this motion'), *cured))
+
+
+def _friction(found: Identification) -> Array:
+    """Return the friction as identified in each window, shape (J, n) [N·m]."""
+    fit = found.selected.fit
+    mine = [k for k, term in enumerate(fit.terms)
+            if term.kind not in (TermKind.MODEL, TermKind.SCALE)]
+    torque: Array = found.data.columns(fit.terms)[:, :, mine] @ fit.value[mine]
+    return torque
 
 
 def _words(finding: Finding) -> tuple[int, str]:

@@ -79,7 +79,7 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
         'plant': {'experiment': 'identified', 'pacing': 'lockstep', 'duration': _DURATION,
                   'initial_position': _rounded(start), **_plant(found, q)},
         'controller': controller,
-        'reference': {'start_duration': _START, **_reference(found, low, high)}}
+        'reference': {'start_duration': _START, **_reference(found, low, high, model)}}
 
 
 def _plant(found: Identification, q: Array) -> dict[str, Any]:
@@ -131,13 +131,16 @@ def _uneven(friction: JointFriction, coulomb: float) -> float:
     return offset.number() / coulomb if coulomb and clear else 0.0
 
 
-def _reference(found: Identification, low: Array, high: Array) -> dict[str, Any]:
-    """Return a sinusoid for each joint, within the recorded range and speed."""
+def _reference(found: Identification, low: Array, high: Array, model: Model) -> dict[str, Any]:
+    """Return a sinusoid for each joint, within the recorded range and speed, and its limit."""
     amplitude = 0.5 * _PART * (high - low)
-    speed = _PART * np.abs(found.data.velocity).max(axis=0)
+    limit = getattr(model, 'velocity_limits', None) or np.inf
+    fastest = np.minimum(np.abs(found.data.velocity).max(axis=0), limit)
     n = len(amplitude)
-    frequency = np.clip(speed / (2.0 * np.pi * np.maximum(amplitude, 1e-6)), _SLOWEST, _FASTEST)
+    frequency = np.clip(_PART * fastest / (
+        2.0 * np.pi * np.maximum(amplitude, 1e-6)), _SLOWEST, _FASTEST)
     frequency = np.minimum(frequency * np.linspace(0.8, 1.0, n), _FASTEST)
+    amplitude = np.minimum(amplitude, _PART * np.asarray(limit) / (2.0 * np.pi * frequency))
     return {'center': _rounded(0.5 * (low + high)), 'amplitude': _rounded(amplitude),
             'frequency': _rounded(frequency, 3), 'phase': _rounded(0.5 * np.arange(n), 3)}
 

@@ -9,6 +9,7 @@ from typing import Any
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Severity
@@ -153,3 +154,14 @@ def test_a_slow_period_slows_the_gains_down() -> None:
                                 clock=dataclasses.replace(FOUND.clock, period=4e-3))
     pole = 0.5 * np.array(recommended(found).values['kv'][0], float)
     assert (pole * (1.1 * 3.8e-3 + 8e-3) <= 0.4).all() and (pole > 30.0).all()
+
+
+def test_the_motion_keeps_limits_that_the_recorded_one_did_not_keep() -> None:
+    class Slow(TwoLink):
+        velocity_limits = (0.2, 0.4)
+
+    q = MADE.recording.q
+    values = parameter_values(FOUND, recommended(), Slow(9.81), q, {'model': 'two_link'}, None)
+    motion = values['reference']
+    speed = 2.0 * np.pi * np.array(motion['amplitude']) * motion['frequency']
+    assert (speed <= (0.2, 0.4)).all() and (np.abs(FOUND.data.velocity).max(axis=0) > 0.4).all()
