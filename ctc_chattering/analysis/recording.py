@@ -173,7 +173,8 @@ def stretches(recording: Recording, period: float) -> Iterator[Stretch]:
                            for x in (recording.effort, recording.command))
         # Where a state is missing, an older command stands.
         older = float(np.mean(np.clip(np.rint((grid - at[held]) / period), 0.0, None)))
-        yield Stretch(float(grid[0]), period, _at(grid, at, recording.q[part]), effort, command,
+        yield Stretch(float(grid[0]), period, _at(grid, at, _taken(recording.q, part)), effort,
+                      command,
                       (recording.late[0] - (older if older > _NEGLIGIBLE else 0.0),
                        recording.late[1]))
 
@@ -191,8 +192,10 @@ def _at(grid: Array, t: Array, q: Array) -> Array:
     if np.std(t[first] - grid[0] - period * place) < _EVEN * period:
         return found
     even = interpolated(grid[0] + period * place, q[first], grid)
-    rough, less = (np.median(np.abs(np.diff(x, 3, axis=0)), axis=0) for x in (found, even))
-    return even if (less < rough).sum() > 0.5 * len(rough) else found
+    # Joint by joint, for long recordings.
+    less = [np.median(np.abs(np.diff(y, 3))) < np.median(np.abs(np.diff(x, 3)))
+            for x, y in zip(found.T, even.T)]
+    return even if sum(less) > 0.5 * len(less) else found
 
 
 def _without_drift(t: Array, period: float) -> Array:

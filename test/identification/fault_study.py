@@ -16,6 +16,7 @@ import dataclasses
 from functools import partial
 import json
 from pathlib import Path
+import re
 import tempfile
 import traceback
 from typing import Any
@@ -25,11 +26,13 @@ from ctc_chattering.identification.report.parameter_values import parameter_valu
 from ctc_chattering.identification.report.recommendation import Recommendation
 from ctc_chattering.identification.report.results import IdentificationResults
 from ctc_chattering.identification.report.trial_runs import COUNT, setups_tried, trial_runs
-from faults_of_arms import Case, case, FAULTS, recorded
+from faults_of_arms import case, FAULTS, recorded
+from faulty_case import Case
 from faulty_robots import lab_gains, played
 from identification_judge import judged, model_of, Outcome, outcome
 from identified_robots import arm
 import numpy as np
+from other_arms import DESCRIBED
 from unseen_motion import config_of, fast, tracked
 
 #: Robots of the table.
@@ -151,16 +154,17 @@ def main() -> None:
                         help='where outcomes are added, one a line; those there are not run again')
     options = parser.parse_args()
     only = set(filter(None, options.only.split(',')))
-    if unknown := only - {*FAULTS, *ROBOTS}:
+    others = {x for x in only if x in DESCRIBED or re.fullmatch(r'drawn\d+', x)}
+    if unknown := only - {*FAULTS, *ROBOTS, *others}:
         parser.error(f'--only: {", ".join(sorted(unknown))} is not allowed; allowed: '
-                     f'{", ".join((*FAULTS, *ROBOTS))}')
+                     f'{", ".join((*FAULTS, *ROBOTS, *DESCRIBED))}, and drawn1, drawn2, ...')
+    robots = sorted(only & {*ROBOTS, *others}) or ROBOTS
     rows = [json.loads(line) for line in options.rows.read_text().splitlines()
             ] if options.rows.exists() else []
     done = {(one['robot'], one['fault'], one['seed']) for one in rows}
     for key in ((robot, fault, seed)
                 for seed in range(options.first, options.first + options.seeds)
-                for fault in (only & {*FAULTS} or FAULTS) for robot in ROBOTS
-                if not only & {*ROBOTS} or robot in only):
+                for fault in (only & {*FAULTS} or FAULTS) for robot in robots):
         if key in done:
             continue
         try:

@@ -2,42 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 import dataclasses
 from typing import Any
 
 from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.trajectory.waypoints import Route
-from faulty_robots import Faulty, plain, Played, played, recording_of
+from faulty_case import Case, Made, Rng
+from faulty_robots import Faulty, lab_gains, plain, Played, played, recording_of
 from identified_robots import arm, motion
 import numpy as np
-from rigid_bodies import Array
-
-Rng = np.random.Generator
-
-
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """
-    A robot with a fault, and how it is recorded.
-
-    Attributes
-    ----------
-    robot : Faulty
-        The truth.
-    effort : str
-        What the states have: none, motor, or link.
-    alter : callable, optional
-        What the recorder makes of the recording.
-    bag : bool
-        Whether it must go through a bag with receive jitter.
-
-    """
-
-    robot: Faulty
-    effort: str = 'none'
-    alter: Callable[[Recording], Recording] | None = None
-    bag: bool = False
+from other_faults import OTHER_FAULTS
+from rigid_bodies import Array, dynamics
 
 
 def case(name: str, fault: str, seed: int, duration: float = 25.0) -> Case:
@@ -52,7 +28,8 @@ def case(name: str, fault: str, seed: int, duration: float = 25.0) -> Case:
 def recorded(one: Case, seed: int, duration: float = 25.0, route: Route | None = None
              ) -> tuple[Played, Recording]:
     """Return what a case does in the motion of its arm, or another, and the recording of it."""
-    seen = played(one.robot, route or motion(arm(one.robot.name), duration, seed), seed)
+    usual = motion(arm(one.robot.name), duration, seed)
+    seen = played(one.robot, route or (one.slower(usual) if one.slower else usual), seed)
     recording = recording_of(one.robot, seen, one.effort)
     return seen, one.alter(recording) if one.alter else recording
 
@@ -140,8 +117,13 @@ def _springs(robot: Faulty, rng: Rng, gap: float, stiffness: float) -> Faulty:
     stiff = stiffness * rng.uniform(0.7, 1.5, robot.n) * sizes(robot)
     robot = robot.with_physics(
         rotor=rotor, stiffness=stiff, damping=2e-4 * stiff, gap=gap)
-    return dataclasses.replace(robot, caution=0.4, physics=robot.physics._replace(
-        elastic=np.ones(1, int)))
+    # The loop acts on a rotor with gains for the whole inertia; more than this diverges.
+    mass, bias = np.empty((robot.n, robot.n)), np.empty(robot.n)
+    dynamics(robot.nominal, np.array(arm(robot.name).centre), np.zeros(robot.n), mass, bias)
+    most = 0.6 * float((rotor / np.abs(mass).sum(axis=1)).min()) / robot.period
+    return dataclasses.replace(
+        robot, caution=min(0.4, most / lab_gains(robot)[1]), ahead=0.8,
+        physics=robot.physics._replace(elastic=np.ones(1, int)))
 
 
 def _backlash(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
@@ -241,7 +223,6 @@ def _everything(robot: Faulty, rng: Rng, duration: float) -> Case:
                 'motor')
 
 
-Made = Callable[[Faulty, Rng, float], 'Faulty | Case']
 #: What may be wrong, by name.
 FAULTS: Mapping[str, Made] = {
     'plain': _plain, 'link_torque': _link_torque, 'stamps_back': _stamps_back,
@@ -251,7 +232,13 @@ FAULTS: Mapping[str, Made] = {
     'slow_loop': _slow_loop, 'rate': _rate, 'stribeck': _stribeck, 'load': _load,
     'offset': _offset, 'ripple': _ripple, 'drift': _drift, 'wrong_order': _wrong_order,
     'gravity_inside': _gravity_inside, 'currents': _currents, 'encoders': _encoders,
-    'everything': _everything}
+    'everything': _everything, **OTHER_FAULTS}
+
+
+def _viscous(one: Case) -> Array:
+    """Return viscous friction, at least and at most, with what is quadratic up to 2 rad/s."""
+    x = one.robot.physics
+    return np.stack((x.viscous, x.viscous + 4.0 * x.quadratic))
 
 
 def truths(one: Case, duration: float) -> dict[str, Any]:
@@ -260,7 +247,7 @@ def truths(one: Case, duration: float) -> dict[str, Any]:
     warm = 1.0 + np.outer((1.0, np.exp(-duration / x.drift_time.max())), x.drift)
     found = {'coulomb': warm * x.coulomb, 'forwards': warm * (x.coulomb + x.offset),
              'backwards': warm * (x.coulomb - x.offset),
-             'viscous': x.viscous, 'stribeck': x.stribeck, 'load': x.load,
+             'viscous': _viscous(one), 'stribeck': x.stribeck, 'load': x.load,
              'stribeck_velocity': x.stribeck_speed, 'scale': x.scale, 'rotor': x.rotor,
              'rate': x.rate, 'lag': x.lag}
     return {name: np.sort(np.broadcast_to(value, (2, one.robot.n)), axis=0)

@@ -13,6 +13,9 @@ import numpy as np
 from rigid_bodies import Array, Bodies, compiled, dynamics
 from set_valued_friction import with_friction
 
+#: Stiffness of an end stop [N·m/rad].
+_STOP = 2000.0
+
 
 class Physics(NamedTuple):
     """
@@ -44,6 +47,10 @@ class Physics(NamedTuple):
         The drive: torque for a commanded one, lag [s], rate limit [N·m/s], largest command.
     helped : ndarray
         1 where the robot adds the weight of `helper`.
+    quadratic, band : ndarray
+        Friction quadratic max(|v| - band, 0)² [N·m s²/rad², rad/s].
+    stop : ndarray
+        Position of a hard end stop [rad].
 
     """
 
@@ -71,6 +78,9 @@ class Physics(NamedTuple):
     rate: Array
     saturation: Array
     helped: Array
+    quadratic: Array
+    band: Array
+    stop: Array
 
 
 class State(NamedTuple):
@@ -128,7 +138,8 @@ def frictions(plant: Physics, now: State, h: float, most: Array, least: Array) -
         warm = 1.0 + plant.drift[i] * np.exp(-now.time[0] / plant.drift_time[i])
         size = warm * (1.0 + plant.ripple[i] * np.sin(plant.waves[i] * x + plant.phase[i]))
         more = plant.load[i] * abs(now.through[i]) + plant.stribeck[i] * np.exp(
-            -(v / plant.stribeck_speed[i]) ** 2)
+            -(v / plant.stribeck_speed[i]) ** 2) + plant.quadratic[i] * max(
+                abs(v) - plant.band[i], 0.0) ** 2
         most[i] = h * (size * (plant.coulomb[i] + plant.offset[i]) + more)
         least[i] = -h * (size * (plant.coulomb[i] - plant.offset[i]) + more)
 
@@ -158,7 +169,8 @@ def advance(plant: Physics, now: State, command: Array, steps: int, h: float) ->
         rhs[:] = 0.0
         for i in range(n):
             mean[i] = (plant.scale[i] * mean[i] + plant.helped[i] * weight[i]
-                       - plant.cogging[i] * np.sin(plant.waves[i] * middle[i]))
+                       - plant.cogging[i] * np.sin(plant.waves[i] * middle[i])
+                       - _STOP * max(middle[i] - plant.stop[i], 0.0))
             w[i, i] += plant.rotor[i]
         for i in range(size):
             for j in range(size):
@@ -201,8 +213,8 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
 
     Parameters
     ----------
-    gains : ndarray, shape (2, n)
-        kp [1/s²] and kv [1/s].
+    gains : ndarray, shape (3, n)
+        kp [1/s²], kv [1/s], and the friction that is added ahead [N·m].
     wanted : ndarray, shape (N, 3, n)
         Positions, velocities and accelerations.
     noise : ndarray, shape (N, 2, n)
@@ -227,11 +239,11 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
             dynamics(nominal, out[k, 0], still, mass, weight)
         dynamics(nominal, out[k, 0], out[k, 1], mass, bias)
         for i in range(n):
-            command[i] = bias[i] - plant.helped[i] * weight[i]
+            command[i] = (bias[i] - plant.helped[i] * weight[i]
+                          + gains[2, i] * np.tanh(wanted[k, 1, i] / 0.02))
             for j in range(n):
                 command[i] += mass[i, j] * (
                     wanted[k, 2, j] + gains[1, j] * (wanted[k, 1, j] - out[k, 1, j])
                     + gains[0, j] * (wanted[k, 0, j] - out[k, 0, j]))
-            limit = plant.saturation[i]
-            out[k, 4, i] = min(max(command[i], -limit), limit)
+            out[k, 4, i] = command[i]
         advance(plant, now, out[k, 4], steps, period / steps)

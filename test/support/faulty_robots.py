@@ -46,6 +46,8 @@ class Faulty:
         Step of the encoders [rad], and deviations of noise [rad, rad/s].
     caution : float
         Part of the usual gains that the lab dares.
+    ahead : float
+        Part of the Coulomb friction that the lab adds to its commands.
 
     """
 
@@ -58,6 +60,7 @@ class Faulty:
     position_noise: Any = 0.0
     velocity_noise: Any = 1e-3
     caution: float = 1.0
+    ahead: float = 0.0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -100,7 +103,8 @@ def plain(name: str, seed: int) -> Faulty:
         viscous=rng.uniform(0.1, 0.4, n) * coulomb, stribeck=zero, stribeck_speed=one, load=zero,
         ripple=zero, cogging=zero, waves=zero, phase=zero, drift=zero, drift_time=one,
         rotor=zero, elastic=np.zeros(1, np.int64), stiffness=zero, damping=zero, gap=zero,
-        scale=one, lag=zero, rate=np.inf * one, saturation=np.inf * one, helped=zero),
+        scale=one, lag=zero, rate=np.inf * one, saturation=np.inf * one, helped=zero,
+        quadratic=zero, band=zero, stop=np.inf * one),
         encoder=robot.resolution * one, position_noise=zero, velocity_noise=1e-3 * one)
 
 
@@ -213,7 +217,8 @@ def played(robot: Faulty, route: Route, seed: int, gains: tuple[float, float] | 
     steps = round(np.ceil(robot.period / _STEP))
     out = np.empty((len(wanted), 8, n))
     play(robot.physics, state_of(robot, wanted[0, 0]), robot.nominal,
-         np.array([[kp] * n, [kv] * n]), wanted, noise, np.array(robot.encoder, float),
+         np.stack((np.full(n, kp), np.full(n, kv), robot.ahead * robot.physics.coulomb)),
+         wanted, noise, np.array(robot.encoder, float),
          robot.period, steps, out)
     t: Array = robot.period * np.arange(len(wanted), dtype=float)
     return Played(t, *out.transpose(1, 0, 2), wanted[:, 0])  # type: ignore[call-arg]

@@ -20,8 +20,9 @@ from ctc_chattering.identification.regression.model_errors import candidates
 from ctc_chattering.identification.report.perturbation import perturbation
 from ctc_chattering.identification.report.recommendation import recommend
 from ctc_chattering.identification.report.results import IdentificationResults
-from faults_of_arms import Case, truths
+from faults_of_arms import truths
 from faulty_bags import bag_of
+from faulty_case import Case
 from faulty_robots import Played
 from identified_robots import arm
 import numpy as np
@@ -30,7 +31,7 @@ from rigid_bodies import Array
 #: A number is wrong if it is off by this many halves of its interval, and by this part.
 _HALVES, _PART = 2.0, 0.02
 #: Faults under which no mass differs from that of the model.
-_MASSES_ARE_RIGHT = ('centres', 'forearm', 'payload', 'everything')
+_MASSES_ARE_RIGHT = ('centres', 'forearm', 'payload', 'everything', 'wrong_robot')
 
 
 class Number(NamedTuple):
@@ -90,13 +91,13 @@ class Outcome(NamedTuple):
 
 def model_of(one: Case) -> Model:
     """Return the model that the user has."""
-    urdf = arm(one.robot.name).urdf
+    urdf = arm(one.believed or one.robot.name).urdf
     return make_model('urdf' if urdf else 'two_link', 9.81, one.robot.joints, urdf)
 
 
 def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
     """Return what `ctc identify` makes of a recording."""
-    model, urdf = model_of(one), arm(one.robot.name).urdf
+    model, urdf = model_of(one), arm(one.believed or one.robot.name).urdf
     begin = time.perf_counter()
     try:
         if one.bag:

@@ -20,6 +20,7 @@ from ctc_chattering.simulation.simulated_robot import Robot
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from ctc_chattering.trajectory.waypoints import Route
 import numpy as np
+from other_arms import DESCRIBED, drawn
 import urdfs
 
 
@@ -52,7 +53,14 @@ class Arm:
 
 @cache
 def arm(name: str) -> Arm:
-    """Return the paper's arm, a two-link arm of a URDF, the Panda, or the UR5."""
+    """Return the paper's arm, one of `other_arms`, `drawn` with a number, the Panda or the UR5."""
+    if name in DESCRIBED:
+        file, joints, centre, friction = DESCRIBED[name]
+        return Arm(joints, urdfs.robot(file), centre, (0.7,) * len(joints),
+                   tuple((0.4 * x, 1.2 * x) for x in friction), 1e-5)
+    if name.startswith('drawn'):
+        return Arm(('j0', 'j1', 'j2'), drawn(int(name.removeprefix('drawn'))), (0.0,) * 3,
+                   (1.0,) * 3, ((1.0, 3.0), (0.6, 2.0), (0.3, 1.5)), 1e-5)
     if name == 'two_link_urdf':
         return dataclasses.replace(arm('two_link'), joints=urdfs.TWO_LINKS,
                                    urdf=urdfs.two_links(), friction=((2.0, 6.0), (0.5, 3.0)))

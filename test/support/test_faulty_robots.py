@@ -9,6 +9,7 @@ from faults_of_arms import case, FAULTS, recorded
 from faulty_robots import plain, Plant, sampled
 from identified_robots import arm, motion
 import numpy as np
+from other_faults import OTHER_FAULTS
 import pinocchio as pin
 import pytest
 from rigid_bodies import bodies_of, dynamics
@@ -111,7 +112,24 @@ def test_waypoints_are_met_with_velocity_and_acceleration() -> None:
     assert slope[1:-1, 1] == pytest.approx(found[1:-1, 2], abs=0.1)
 
 
-@pytest.mark.parametrize('fault', FAULTS)
+def test_quadratic_friction_and_an_end_stop_agree_with_their_closed_forms() -> None:
+    robot = plain('two_link_urdf', 0).with_bodies(gravity=np.zeros(3))
+    robot = robot.with_physics(coulomb=(0.0, 50.0), viscous=0.0, quadratic=(0.8, 0.0))
+    plant = Plant(robot, (0.0, 0.0))
+    plant.state.v[0] = 1.5
+    mass, bias = np.empty((2, 2)), np.empty(2)
+    dynamics(robot.physics.bodies, plant.state.x, plant.state.v, mass, bias)
+    for _ in range(1000):
+        plant.step((0.0, 0.0))
+    assert plant.state.v[0] == pytest.approx(1.5 / (1.0 + 0.8 * 1.5 / mass[0, 0]), rel=1e-3)
+    robot = robot.with_physics(coulomb=(0.1, 50.0), viscous=5.0, stop=(0.01, np.inf))
+    plant = Plant(robot, (0, 0))
+    for _ in range(3000):
+        plant.step((10.0, 0.0))
+    assert plant.state.x[0] == pytest.approx(0.01 + 10.0 / 2000.0, abs=1e-4)
+
+
+@pytest.mark.parametrize('fault', [x for x in FAULTS if x not in OTHER_FAULTS])
 def test_every_fault_shows_in_the_recording(fault: str) -> None:
     one = case('two_link_urdf', fault, 3, 2.0)
     seen, recording = recorded(one, 3, 2.0)

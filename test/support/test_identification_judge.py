@@ -11,8 +11,9 @@ from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Severity
-from faults_of_arms import Case, case, recorded
+from faults_of_arms import case, recorded
 from faulty_bags import bag_of
+from faulty_case import Case
 from faulty_robots import Played, sampled
 from identification_judge import judged, model_of, Number, Outcome, outcome
 import numpy as np

@@ -81,9 +81,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--torque-rate', metavar='R',
                         help='rate that the drives allow, one number or one for each joint '
                              '[N·m/s]')
-    parser.add_argument('--trials', type=int, default=24, metavar='N',
+    parser.add_argument('--trials', type=int, metavar='N',
                         help='robots within the intervals on which gains are tried in '
-                             'simulation, 24 by default; 0 for none')
+                             'simulation, 24 by default, or 8 without numba; 0 for none')
     parser.add_argument('--seed', type=int, default=1, help='of the trials, 1 by default')
     add_output(parser, 'identified')
 
@@ -98,7 +98,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.identification.report.validation import validate
 
     for name in ('trials', 'seed'):
-        if getattr(options, name) < 0:
+        if (getattr(options, name) or 0) < 0:
             raise UsageError(f'--{name}: {getattr(options, name)} is not allowed; allowed: 0 or '
                              'more')
     side = declared(options)
@@ -162,17 +162,25 @@ def _missing(report: IdentificationResults) -> list[str]:
 def _tried(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
            options: argparse.Namespace) -> IdentificationResults:
     """Return the results with gains that survive trial runs, which are compiled if they can be."""
-    from ctc_chattering.analysis.compilation import compile_setups
-    from ctc_chattering.identification.report.trial_runs import setups_tried, trial_runs
+    from ctc_chattering.analysis.compilation import compile_setups, has_compiler
+    from ctc_chattering.identification.report.trial_runs import (
+        COUNT,
+        COUNT_PLAIN,
+        setups_tried,
+        trial_runs,
+    )
 
-    if not options.trials:
+    count = options.trials
+    if count is None:
+        count = COUNT if has_compiler() else COUNT_PLAIN
+    if not count:
         return report
 
     def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
         return _values(report.found, recommended, robot, q, out)
     compile_setups(setups_tried(report.recommended, values), say)
     tried = trial_runs(report.found, report.run, report.recommended, values, robot.gains,
-                       options.trials, options.seed)
+                       count, options.seed)
     return dataclasses.replace(report, recommended=tried)
 
 
@@ -242,7 +250,9 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
 def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
            refused: bool) -> None:
     """Write all files; the parameter file not if a joint is refused."""
-    from ctc_chattering.identification.report.figures import save_identification_figures
+    from ctc_chattering.identification.report.identification_figures import (
+        save_identification_figures,
+    )
     from ctc_chattering.identification.report.results import write_page
 
     files = {_JSON: 'all numbers'}

@@ -28,6 +28,10 @@ _SEEN = 1.0
 _LEAST = 0.05
 #: Part by which no torque is off.
 _ABSURD = 0.6
+#: Turn of a base above which it is not one that is not level [rad], and the part of gravity that
+#: an arm's plane lacks which leans as much.
+_STEEP = 0.26
+_LOST = 1.0 - float(np.cos(_STEEP))
 #: Fewest windows of a joint for each column.
 _ROWS = 2
 #: What a number costs, in logarithms of the number of independent windows.
@@ -243,11 +247,21 @@ def _price(found: Explanation, projected: Projected) -> float:
 
 
 def _large(found: Explanation) -> bool:
-    """Return whether the last cause is more than a trifle, and no torque scale is absurd."""
+    """Return whether the last cause is more than a trifle, and none is absurd."""
     cause, value = found.causes[-1], found.values[-1]
-    absurd = any(x.kind == CauseKind.SCALE and abs(y[0]) > _ABSURD
-                 for x, y in zip(found.causes, found.values))
-    return bool((np.abs(value) > _LEAST * cause.size).any()) and not absurd
+    return bool((np.abs(value) > _LEAST * cause.size).any()) and not absurd(found)
+
+
+def absurd(found: Explanation) -> bool:
+    """Return whether a torque scale or a tilt is one that no robot has."""
+    for cause, value in zip(found.causes, found.values):
+        if cause.kind == CauseKind.SCALE and abs(value[0]) > _ABSURD:
+            return True
+        if cause.kind == CauseKind.GRAVITY:
+            planar = len(cause.direction) > 0
+            if (np.abs(value) > [_STEEP, _LOST if planar else _STEEP]).any():
+                return True
+    return False
 
 
 def _without(projected: Projected, found: Explanation, saturated: bool) -> Explanation:

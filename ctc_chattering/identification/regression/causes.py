@@ -50,8 +50,8 @@ class Cause(NamedTuple):
         Joint, body or candidate; `ALL` for all.
     size : ndarray, shape (k,)
         How large its numbers are roughly.
-    direction : ndarray, shape (p + n + 3,)
-        x of a candidate for 1; empty for others.
+    direction : ndarray, shape (p + n + 3,) or (3,)
+        x of a candidate for 1; across a planar arm, for the gravity there; empty for others.
 
     """
 
@@ -77,7 +77,13 @@ class Cause(NamedTuple):
             x[body] = _moved(columns.prior[body], value) - columns.prior[body]
         elif self.kind == CauseKind.GRAVITY:
             down = columns.prior[-3:]
-            x[-3:] = Rotation.from_rotvec([*value, 0.0]).apply(down) - down
+            if len(self.direction):
+                # A base that leans across the plane of the arm lessens gravity in the plane.
+                inside = down - self.direction * (self.direction @ down)
+                turn = Rotation.from_rotvec(value[0] * self.direction)
+                x[-3:] = (1.0 - value[1]) * turn.apply(inside) - inside
+            else:
+                x[-3:] = Rotation.from_rotvec([*value, 0.0]).apply(down) - down
         return x
 
     def design(self, columns: ErrorColumns, value: Array) -> Array:
@@ -126,7 +132,9 @@ def causes(columns: ErrorColumns | None, joints: int, candidates: Sequence[Model
         if direction is not None:
             found.append(Cause(CauseKind.LINK, k, np.full(1, 0.1), direction))
     found.append(Cause(CauseKind.MASSES, ALL, np.full(1, 0.1)))
-    found.append(Cause(CauseKind.GRAVITY, ALL, np.full(2, 0.1)))
+    across = columns.across()
+    found.append(Cause(CauseKind.GRAVITY, ALL, np.array([0.1, 0.01 if len(across) else 0.1]),
+                       across))
     if isinstance(columns.model, UrdfModel):
         found += [Cause(CauseKind.CENTRE, i, np.full(3, 0.01)) for i in range(joints)]
         found += [Cause(CauseKind.BODY, i, sizes[10 * i:10 * i + 10]) for i in range(joints)]

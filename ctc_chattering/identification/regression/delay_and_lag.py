@@ -135,7 +135,7 @@ class Profile:
         values = has(part, self._source)
         assert values is not None
         known = np.isfinite(values)
-        filled = np.where(known, values, 0.0)
+        filled = values if known.all() else np.where(known, values, 0.0)
         found = weak_torque(filled, delay, np.asarray(lag), part.period, self._phi, rows.centres,
                             rate)
         if not known.all():

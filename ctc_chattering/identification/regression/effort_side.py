@@ -10,6 +10,7 @@ is missing in one of the two.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import dataclasses
 from typing import NamedTuple
 
 from ctc_chattering.analysis.recording import Stretch
@@ -40,6 +41,8 @@ _OTHER_UNIT, _OTHER_UNIT_THAN_MODEL = 1.5, 2.0
 _NO_WEIGHT, _EXACT = 0.3, 0.06
 #: Difference of an echo, as a part of the largest command; samples of delay; part that is equal.
 _EQUAL, _DELAYS, _MOSTLY = 1e-5, 20, 0.9
+#: Part that is equal after another delay, above which commands are in wrong places.
+_SOME = 0.005
 
 
 class TorqueSides(NamedTuple):
@@ -206,6 +209,37 @@ def _echo(parts: Sequence[Stretch]) -> int | None:
         if most and (difference <= _EQUAL * most).mean() > _MOSTLY:
             return delay
     return None
+
+
+def placed_unevenly(parts: Sequence[Stretch]) -> list[Stretch]:
+    """
+    Return stretches that know by how much their commands may be in wrong places.
+
+    Where the effort repeats some commands after fewer samples than others, the recorder received
+    these later than others.
+    """
+    delay = _echo(parts)
+    if delay is None:
+        return list(parts)
+    found = []
+    for part in parts:
+        if part.command is not None and part.effort is not None:
+            shares = [_share(part.command, part.effort, delay, other)
+                      for other in (delay + 1, delay - 1)]
+            early, later = (float(share > _SOME) for share in shares)
+            part = dataclasses.replace(part, late=(part.late[0] - early, part.late[1] + later))
+        found.append(part)
+    return found
+
+
+def _share(command: Array, effort: Array, delay: int, other: int) -> float:
+    """Return the part of the efforts that repeat a command after `other` samples only."""
+    if other < 0:
+        return 0.0
+    least, first = _EQUAL * float(np.nanmax(np.abs(command), initial=0.0)), max(delay, other)
+    usual, mine = (np.abs(effort[first:] - command[first - x:len(command) - x]) <= least
+                   for x in (delay, other))
+    return float((mine & ~usual).mean())
 
 
 def _exact(values: Array, errors: Array, sizes: Array) -> float:

@@ -93,6 +93,23 @@ class ErrorColumns:
         """Return the number p of inertial parameters."""
         return len(self.sizes) - self.model.n - 3
 
+    def across(self) -> Array:
+        """
+        Return the direction across which gravity has no torque, shape (3,).
+
+        It is that across the plane of an arm whose joints all turn about it; empty for others,
+        and where gravity goes along it.
+        """
+        rng, down = np.random.default_rng(2), self.prior[-3:]
+        rows = np.concatenate([self.model.gravity_map(q)
+                               for q in rng.normal(size=(_STATES, self.model.n))])
+        _, s, v = np.linalg.svd(rows)
+        shown = int((s > _RANK * s[0]).sum())
+        inside = down - v[2] * (v[2] @ down)
+        planar = shown == 2 and np.linalg.norm(inside) > _TILT * np.linalg.norm(down)
+        found: Array = v[2] if planar else np.zeros(0)
+        return found
+
     def coordinates(self, x: Array) -> Array:
         """Return errors x, shape (p + n + 3, ...), as coefficients of the columns."""
         found: Array = self.basis.T @ (x.T / self.sizes).T
@@ -118,7 +135,7 @@ class ErrorColumns:
         return [None if bad else np.append(x * self.sizes[:self.count], np.zeros(own.n + 3))
                 for x, bad in zip(found.T, off)]
 
-    def weak(self, place: Array, dq: Array, moved: Array, phi: TestFunction, first: int,
+    def weak(self, place: Array, dq: Array, moved: Array, phi: TestFunction,
              centres: Indices) -> Array:
         """
         Return the weak torque of each column, shape (J, n, m).
@@ -129,19 +146,17 @@ class ErrorColumns:
             Smoothed positions and velocities, and velocities as differences of positions.
         phi : TestFunction
             φ.
-        first : int
-            Sample from which on the grid is laid.
         centres : ndarray, shape (J,)
             Of the windows.
 
         """
         n, p = self.model.n, self.count
         step = max(1, int(_GRID / phi.period))
-        grid = np.arange(first, min(len(place), centres[-1] + phi.half + 1), step)
+        grid = np.arange(0, len(place), step)
         momentum, rest = np.empty((2, len(grid), n, p))
         pull = np.empty((len(grid), n, 3))
-        for k, at in enumerate(grid):
-            momentum[k], rest[k], pull[k] = self._terms(place[at], dq[at])
+        for k, sample in enumerate(grid):
+            momentum[k], rest[k], pull[k] = self._terms(place[sample], dq[sample])
         at, slope = phi.weights(grid - centres[:, None], step)
         found = np.zeros((len(centres), n, len(self.sizes)))
         found[:, :, :p] = (np.tensordot(at, rest, 1) - np.tensordot(slope, momentum, 1))

@@ -10,11 +10,12 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.causes import causes
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing, timing
-from ctc_chattering.identification.regression.effort_side import torque_sides
+from ctc_chattering.identification.regression.effort_side import placed_unevenly, torque_sides
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.estimated_bodies import judged
 from ctc_chattering.identification.regression.finding import Finding
+from ctc_chattering.identification.regression.held_out import left_over
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.joint_friction import joint_friction, JointFriction
 from ctc_chattering.identification.regression.least_squares import Data
@@ -37,6 +38,7 @@ from ctc_chattering.identification.regression.sensor_noise import (
     stamp_findings,
     velocity_noise,
 )
+from ctc_chattering.identification.regression.short_windows import ShortWindows
 from ctc_chattering.identification.regression.timing_findings import (
     rate_limits,
     timing_findings,
@@ -105,6 +107,11 @@ class Identification:
         Errors of the model that the regression has; `selected.mixing` is about these.
     unexplained : tuple of (Unexplained or None), length n
         What the residuals depend on.
+    short : ShortWindows or None
+        P in short windows.
+    held_out : ndarray, shape (n,)
+        What the corrected bodies leave of each joint's torque on windows that they were not
+        fitted to, over what the model leaves; empty where the bodies are those of the model.
 
     """
 
@@ -131,6 +138,8 @@ class Identification:
     side: str = ''
     columns: ErrorColumns | None = None
     unexplained: tuple[Unexplained | None, ...] = ()
+    short: ShortWindows | None = None
+    held_out: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     def windows(self, parts: Sequence[Stretch], model: Model) -> tuple[Data, Array]:
         """Return the windows of other stretches, and the model's torque there, shape (J, n)."""
@@ -170,6 +179,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     joints = recordings[0].joints
     rows = _rows(parts, model, phi, columns, recordings[0].name)
     sides = torque_sides(parts, rows, phi, joints, side, source)
+    parts = placed_unevenly(parts)
     parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
 
     def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
@@ -187,10 +197,14 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
     friction = [joint_friction(selected, i) for i in range(len(joints))]
-    data = data.loaded(selected.levels).mixed(selected.mixing)
+    whole = data.loaded(selected.levels)
+    data = whole.mixed(selected.mixing)
     named = ModelVerdict(selected, columns, candidates, joints)
     bodies, impossible = judged(
         named.bodies(), joints, [abs(x.coulomb.value or 0.0) for x in friction])
+    held_out = np.zeros(0)
+    if bodies is not None and bodies.differ and columns is not None:
+        held_out = left_over(whole, selected.friction, columns, selected.scales)
     noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
                *sides.findings, *named.findings(), *physical(friction, joints),
                *impossible)
@@ -200,7 +214,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
         selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
-        rate=rate_limits(found, joints), side=sides.side, columns=columns),
+        rate=rate_limits(found, joints), side=sides.side, columns=columns,
+        short=ShortWindows.of(parts, rows, model, found), held_out=held_out),
         WindowStates.of(parts, rows, phi))
 
 

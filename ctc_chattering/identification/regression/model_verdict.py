@@ -20,8 +20,12 @@ import numpy as np
 
 #: Least turn of gravity for which columns are made anew [rad].
 _TURN = 3e-3
+#: Part across the plane of an arm from which on a direction is one that no motion shows.
+_PART = 1e-6
 #: Half an interval of a torque scale from which on friction is in doubt.
 _UNSURE = 0.05
+#: Part of the Coulomb friction below which another friction is nothing (viscous: at 1 rad/s).
+_NOTHING = 1e-4
 #: Largest share of the load that friction may have.
 _LOAD = 0.5
 _RECORD = 'record a motion with more speed and larger accelerations of all joints'
@@ -119,24 +123,27 @@ class ModelVerdict:
         """Return gravity in the frame of the base, length 3 [m/s²]; empty without columns."""
         if self._columns is None:
             return ()
-        down = self._columns.prior[-3:]
+        after, across = self._columns.prior[-3:], self._columns.across()
+        halves = np.zeros(3)
         for cause, numbers in self._found:
             if cause.kind == CauseKind.GRAVITY:
                 value = np.array([(x.value or 0.0) for x in numbers])
-                after = down + cause.errors(self._columns, value)[-3:]
-                size = float(np.linalg.norm(down))
-                halves = (size * numbers[1].half, size * numbers[0].half, 0.0)
-                return tuple(Estimate(float(x), half, 'm/s^2')
-                             for x, half in zip(after, halves))
-        return tuple(Estimate(float(x), 0.0, 'm/s^2') for x in down)
+                after = after + cause.errors(self._columns, value)[-3:]
+                steps = [cause.errors(self._columns, value + step)[-3:] - cause.errors(
+                    self._columns, value - step)[-3:] for step in np.diag([_TURN, _TURN])]
+                half = np.array([x.half for x in numbers])
+                halves = np.linalg.norm(half[:, None] * steps, axis=0) / (2.0 * _TURN)
+        unseen = np.abs(across) > _PART if len(across) else np.zeros(3, bool)
+        return tuple(Estimate.none('no motion shows gravity across the plane of the arm') if bad
+                     else Estimate(float(x), float(half), 'm/s^2')
+                     for x, half, bad in zip(after, halves, unseen))
 
     def bodies(self) -> BodyEstimate | None:
         """Return the inertial parameters of all bodies; None for a model without these."""
         projected = self._selected.projected
         if projected is None:
             return None
-        found = self._selected.explanation if self._selected.attributed else None
-        return body_estimate(projected, found, self._bodies())
+        return body_estimate(projected, self._selected.scales, self._bodies())
 
     def _bodies(self) -> list[str]:
         """Return a name for the body of each joint."""
@@ -197,6 +204,12 @@ class ModelVerdict:
         if cause.kind == CauseKind.ROTOR:
             sizes = ', '.join(f'{x.value or 0.0:.3g} ± {x.half:.1g}' for x in numbers)
             return f'{name}: {sizes} kg*m^2 at the joint are missing in the model'
+        if cause.kind == CauseKind.GRAVITY and len(cause.direction):
+            turn = np.degrees((size, first.half))
+            left = 1.0 - (numbers[1].value or 0.0)
+            return (f'{name}: the base is turned by {turn[0]:.2f} ± {turn[1]:.1g} degrees in the '
+                    f'plane of the arm, where gravity is {left:.4f} ± {numbers[1].half:.1g} times '
+                    'that of the model; how it leans across the plane no motion shows')
         if cause.kind == CauseKind.GRAVITY:
             turn = np.degrees([((x.value or 0.0), x.half) for x in numbers])
             return (f'{name}: the base is turned by {turn[0, 0]:.2f} ± {turn[0, 1]:.1g} degrees '
@@ -222,7 +235,8 @@ def physical(friction: Sequence[JointFriction], joints: Sequence[str]) -> Iterat
     """Yield numbers of friction that no joint can have."""
     for i, one in enumerate(friction):
         for what, number in (('Coulomb friction', one.coulomb), ('viscous friction', one.viscous)):
-            if number.value is not None and number.value < 0.0:
+            least = _NOTHING * abs(one.coulomb.value or 0.0)
+            if number.value is not None and number.value < -least:
                 worse = number.value + number.half < 0.0
                 yield Finding(Severity.REFUSED if worse else Severity.CARE, i, (
                     f'{joints[i]}: {what} of {number}, allowed: at least 0; the model, the '

@@ -99,8 +99,9 @@ class ConsistentBodies:
         """Return gravity, shape (3,); that of the model where a turn of it is not clear."""
         change = self.gravity - self.estimate.gravity_prior
         size = float(np.linalg.norm(change))
-        error = float(np.sqrt(np.trace(self.covariance[-3:, -3:])))
-        clear = size > max(_TURNED * error, _LEVEL * float(np.linalg.norm(self.gravity)))
+        # Each direction over its own error: across the plane of an arm gravity is not shown.
+        power = float(change @ np.linalg.pinv(self.covariance[-3:, -3:], 1e-15, True) @ change)
+        clear = power > _TURNED ** 2 and size > _LEVEL * float(np.linalg.norm(self.gravity))
         return self.gravity if clear else self.estimate.gravity_prior
 
     def torque(self, change: Array) -> Array:

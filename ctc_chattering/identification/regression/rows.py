@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import dataclasses
+from typing import NamedTuple
 
 from ctc_chattering.analysis.recording import Stretch
 from ctc_chattering.analysis.time_stamps import Indices
@@ -12,6 +14,7 @@ from ctc_chattering.identification.regression.weak_form import (
     blocks,
     Dynamics,
     position_noise,
+    smooth,
     smoothed,
     smoothing_half,
     TestFunction,
@@ -21,6 +24,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d, minimum_filter1d  # type: ignore[import-untyped]
 
 #: Velocities for which a column of Stribeck friction is prepared [rad/s].
 STRIBECK = tuple(0.005 * 10.0 ** (0.0625 * k) for k in range(29))
@@ -72,21 +76,15 @@ class Rows:
     def of(cls, stretch: Stretch, model: Model, phi: TestFunction,
            errors: ErrorColumns | None = None) -> Rows:
         """Return the rows of a stretch, for the model that is to be corrected."""
-        h, q = stretch.period, stretch.q
-        place, dq, ddq = smoothed(q, h)
-        moved = np.empty_like(q)
-        moved[1:-1], moved[0], moved[-1] = (q[2:] - q[:-2]) / (2.0 * h), dq[0], dq[-1]
+        h, q, n = stretch.period, stretch.q, stretch.q.shape[1]
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
-        centres = phi.centres(len(q), margin)
-        slide = sliding(q, dq, h)
-        low, high = _extremes(slide, phi, centres)
-        way = np.where(low == high, low, 0.0)
-        motion, n = (place, dq, ddq, moved), q.shape[1]
-        sides = [_sides(motion, model, phi, errors, some) for some in blocks(centres) if len(some)]
-        base, weight, load, stribeck, more = map(np.concatenate, zip(*sides)) if sides else (
-            np.empty((0, *shape)) for shape in (*[(n,)] * 3, (n, len(STRIBECK)), (n, 0)))
-        return cls(stretch.t[centres], centres, way, base, more,
-                   phi.sums(moved, phi.at, centres), stribeck, weight, load)
+        centres, least = phi.centres(len(q), margin), least_velocity(q, h)
+        sides = [_sides(_WindowMotion.of(q, h, some, phi.half, least), model, phi, errors, some)
+                 for some in blocks(centres) if len(some)]
+        way, base, weight, load, velocity, stribeck, more = map(
+            np.concatenate, zip(*sides)) if sides else (
+            np.empty((0, *shape)) for shape in (*[(n,)] * 5, (n, len(STRIBECK)), (n, 0)))
+        return cls(stretch.t[centres], centres, way, base, more, velocity, stribeck, weight, load)
 
     def cut(self, use: npt.NDArray[np.bool_], first: int) -> Rows:
         """Return some windows of a stretch from which the samples before `first` are cut off."""
@@ -94,39 +92,100 @@ class Rows:
         return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
-def _sides(motion: tuple[Array, Array, Array, Array], model: Model, phi: TestFunction,
-           errors: ErrorColumns | None, centres: Indices) -> tuple[Array, ...]:
-    """Return the model's left side, weight and load, Stribeck columns, and those of its errors."""
-    place, dq, ddq, moved = motion
-    part = slice(int(centres[0]) - phi.half, int(centres[-1]) + phi.half + 1)
-    at = centres - part.start
-    dynamics = Dynamics.along(place[part], dq[part], phi.period, model)
-    more = errors.weak(place, dq, moved, phi, part.start, centres) if errors else np.empty(
+class _WindowMotion(NamedTuple):
+    """
+    The motion under some windows that follow each other; N samples, n joints.
+
+    Attributes
+    ----------
+    first : int
+        First sample.
+    place, dq, ddq, moved : ndarray, shape (N, n)
+        Smoothed, and velocities as differences of positions.
+    slide : ndarray, shape (N, n)
+        Direction of sliding.
+
+    """
+
+    first: int
+    place: Array
+    dq: Array
+    ddq: Array
+    moved: Array
+    slide: Array
+
+    @classmethod
+    def of(cls, q: Array, period: float, centres: Indices, half: int, least: Array
+           ) -> _WindowMotion:
+        """Return the motion under windows in a stretch with positions q, shape (M, n)."""
+        first, last = int(centres[0]) - half, int(centres[-1]) + half + 1
+        # What a sample of the directions depends on.
+        around = 2 * smoothing_half(period)
+        begin = max(first - around, 0)
+        wide = q[begin:last + around]
+        place, dq, ddq = smoothed(wide, period)
+        moved = np.empty_like(wide)
+        moved[1:-1] = (wide[2:] - wide[:-2]) / (2.0 * period)
+        moved[0], moved[-1] = dq[0], dq[-1]
+        mine = slice(first - begin, last - begin)
+        return cls(first, *(x[mine] for x in (
+            place, dq, ddq, moved, sliding(dq, least, period))))
+
+
+def _sides(motion: _WindowMotion, model: Model, phi: TestFunction, errors: ErrorColumns | None,
+           centres: Indices) -> tuple[Array, ...]:
+    """
+    Return what `Rows` have of windows.
+
+    That is the direction, the model's left side, its weight and load, the velocity, the Stribeck
+    columns, and those of the model's errors.
+    """
+    first, place, dq, ddq, moved, slide = motion
+    at = centres - first
+    dynamics = Dynamics.along(place, dq, phi.period, model)
+    more = errors.weak(place, dq, moved, phi, at) if errors else np.empty(
         (len(centres), place.shape[1], 0))
-    dq = dq[part]
+    windows = sliding_window_view(slide, 2 * phi.half + 1, axis=0)[at - phi.half]
+    low = windows.min(axis=-1)
     columns = [phi.sums(np.sign(dq) * np.exp(-np.square(dq / v)), phi.at, at) for v in STRIBECK]
-    return (dynamics.weak(moved[part], phi, at), dynamics.weight(phi, at),
-            dynamics.load(ddq[part], phi, at), np.stack(columns, axis=2), more)
+    return (np.where(low == windows.max(axis=-1), low, 0.0), dynamics.weak(moved, phi, at),
+            dynamics.weight(phi, at), dynamics.load(ddq, phi, at), phi.sums(moved, phi.at, at),
+            np.stack(columns, axis=2), more)
 
 
-def _extremes(x: Array, phi: TestFunction, centres: Indices) -> Array:
-    """Return the least and the greatest x in each window, shape (2, J, n)."""
-    windows = sliding_window_view(x, 2 * phi.half + 1, axis=0)
-    return np.stack([
-        np.concatenate([extreme(windows[some - phi.half], axis=-1) for some in blocks(centres)])
-        for extreme in (np.min, np.max)])
+def least_velocity(q: Array, period: float) -> Array:
+    """Return from which velocity on each joint slides, shape (n,) [rad/s]."""
+    # Joint by joint, for long series.
+    found: Array = np.concatenate([np.maximum(
+        _DEVIATIONS * velocity_deviation(period) * position_noise(x, period),
+        _PART * np.percentile(np.abs(smooth(x, period, 1)), 99.0, axis=0)) for x in columns(q)])
+    return found
 
 
-def sliding(q: Array, dq: Array, period: float) -> Array:
+def columns(x: Array) -> Iterator[Array]:
+    """Yield the columns of an array of shape (N, n), each of shape (N, 1)."""
+    yield from (x[:, i:i + 1] for i in range(x.shape[1]))
+
+
+def sliding(dq: Array, least: Array, period: float) -> Array:
     """
     Return which way each joint slides at each sample: 1, -1, or 0 for not at all, shape (N, n).
 
     Samples whose smoothed velocity contains some of a stop count as not sliding.
+
+    Parameters
+    ----------
+    dq : ndarray, shape (N, n)
+        Smoothed velocity [rad/s].
+    least : ndarray, shape (n,)
+        By `least_velocity` [rad/s].
+    period : float
+        [s].
+
     """
-    least = np.maximum(_DEVIATIONS * velocity_deviation(period) * position_noise(q, period),
-                       _PART * np.percentile(np.abs(dq), 99.0, axis=0))
     way = np.where(np.abs(dq) > least, np.sign(dq), 0.0)
-    m = smoothing_half(period)
-    around = sliding_window_view(np.pad(way, ((m, m), (0, 0)), 'edge'), 2 * m + 1, axis=0)
-    found: Array = np.where(around.min(axis=-1) == around.max(axis=-1), way, 0.0)
+    size = 2 * smoothing_half(period) + 1
+    low, high = (extreme(way, size, axis=0, mode='nearest')
+                 for extreme in (minimum_filter1d, maximum_filter1d))
+    found: Array = np.where(low == high, way, 0.0)
     return found

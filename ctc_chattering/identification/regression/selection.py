@@ -40,6 +40,10 @@ import numpy as np
 _CAUSES = 3
 #: Deviation of a torque constant where the motion does not show it.
 _SCALE = 0.03
+#: Largest part that all torques together are in doubt by.
+_COMMON = 0.06
+#: Part of the difference between both forms of load-dependent friction that is in doubt.
+_FORM = 0.05
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -69,6 +73,10 @@ class Selected:
         Other causes that explain as much.
     projected : Projected or None
         The windows without friction.
+    scales : Explanation or None
+        Causes, whose torque scales are no errors of bodies; None where they are not believed.
+    friction : tuple of Term
+        Terms of the friction in `projected`.
 
     """
 
@@ -81,6 +89,8 @@ class Selected:
     attributed: bool = True
     alike: tuple[Explanation, ...] = ()
     projected: Projected | None = None
+    scales: Explanation | None = None
+    friction: tuple[Term, ...] = ()
 
     def interval(self, term: Term) -> tuple[float, float]:
         """Return value and half the interval of a term of the fit."""
@@ -139,9 +149,11 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
             mixed, others = _mixed(columns, other)
             again = solve(data.mixed(mixed), _all([*terms, *others], mixed.shape[1]))
             named = named[0], _containing(*named, again)
-        return Selected(*named, missing, levels, mixing, causes, True, alike, projected)
+        return Selected(*named, missing, levels, mixing, causes, True, alike, projected, causes,
+                        tuple(terms))
     whole = whole[0], _in_doubt(*whole, projected, beside, options)
-    return Selected(*whole, missing, levels, projected.saturated, causes, False, (), projected)
+    return Selected(*whole, missing, levels, projected.saturated, causes, False, (), projected,
+                    None, tuple(terms))
 
 
 def _beside(projected: Projected, found: Explanation, options: Sequence[Cause]) -> Explanation:
@@ -166,7 +178,13 @@ def _in_doubt(fit: Fit, errors: Spread, projected: Projected, beside: Explanatio
               options: Sequence[Cause]) -> Spread:
     """Return the spread with what the scales of torques may be off by."""
     covariance = errors.covariance.copy()
+    # All torques times a number are all bodies times another one: only the model's masses tell.
+    whole = [projected.fit([*causes, option])
+             for option in options if option.kind == CauseKind.SCALE and option.which == ALL
+             for causes in ((), beside.causes)]
+    common = min((abs(float(x.values[-1][0])) for x in whole), default=0.0)
     doubts = {-1: max((abs(float(x[0])) for x in beside.values), default=0.0) / errors.factor}
+    doubts[-1] = max(doubts[-1], min(common, _COMMON) / errors.factor)
     for option in options:
         if option.kind == CauseKind.SCALE and option.which != ALL and not any(
                 option is x for x in beside.causes):
@@ -196,6 +214,23 @@ def _all(terms: Sequence[Term], count: int) -> list[Term]:
     return [*terms, *(Term(TermKind.MODEL, -1, k) for k in range(count))]
 
 
+def _other_load(data: Data, fit: Fit, errors: Spread) -> Spread:
+    """
+    Return the spread with what the form of load-dependent friction is uncertain by.
+
+    Whether it goes with the torque of the gear or of the motor is known less well than a
+    coefficient: a part of the difference between both is in the intervals.
+    """
+    if not any(term.kind == TermKind.LOAD for term in fit.terms):
+        return errors
+    swapped = [term._replace(which=1 - term.which) if term.kind == TermKind.LOAD else term
+               for term in fit.terms]
+    other = solve(data, swapped)
+    off = _FORM * np.where([term.joint >= 0 for term in fit.terms], other.value - fit.value,
+                           0.0) / errors.factor
+    return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
+
+
 def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int], str]
            ) -> tuple[Fit, Spread]:
     """Return the fit of these terms and all columns of `data`, with its errors."""
@@ -205,7 +240,7 @@ def _final(data: Data, terms: Sequence[Term], missing: dict[tuple[TermKind, int]
     n = data.way.shape[1]
     lags = [Term(TermKind.LAG_SLOPE, i) for i in range(n) if data.late[:, i].any()]
     fit = solve(data, [*found, *lags])
-    return fit, spread(fit, data.starts)
+    return fit, _other_load(data, fit, spread(fit, data.starts))
 
 
 def _agree(named: tuple[Fit, Spread], whole: tuple[Fit, Spread]) -> bool:

@@ -18,7 +18,7 @@ COMMAND, EFFORT = 'command', 'effort'
 #: most; time before [s], and the fewest samples, after which it does not matter where they began.
 _CHUNK, _CHUNKS, _BEFORE, _FEWEST_BEFORE = 400, 40, 0.5, 60
 #: Torques that are computed at once.
-_AT_ONCE = 1e6
+_AT_ONCE = 4e6
 #: In place of no rate limit [N·m/s].
 _UNLIMITED = 1e12
 
@@ -43,18 +43,27 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     """
     lag = np.broadcast_to(lag, values.shape[1:])
     rate = np.broadcast_to(rate, values.shape[1:])
-    if np.isfinite(rate).any():
-        return _limited(values, lag, rate, period)
-    if not lag.any():
+    limited = np.isfinite(rate).any()
+    if not (limited or lag.any()):
         return values
-    ratio = period / np.maximum(lag, 1e-3 * period)
+    found = np.empty_like(values)
+    for i, column in enumerate(values.T):  # One by one, for long series.
+        found[:, i] = (_limited(column[:, None], lag[i:i + 1], rate[i:i + 1], period)[:, 0]
+                       if limited else _lagging(column, float(lag[i]), period))
+    return found
+
+
+def _lagging(values: Array, lag: float, period: float) -> Array:
+    """Return the mean torque of a drive over each period, shape (N,) [N·m]."""
+    if not lag > 0.0:
+        return values
+    ratio = period / max(lag, 1e-3 * period)
     a = np.exp(-ratio)
     share = (1.0 - a) / ratio
-    total = np.column_stack([
-        lfilter([1.0], [1.0, -decay], column) for decay, column in zip(a, values.T)])
-    before = np.concatenate((np.zeros_like(values[:1]), total[:-1]))
-    mean: Array = (1.0 - share) * values + share * (1.0 - a) * before
-    return np.where(lag > 0.0, mean, values)
+    total = lfilter([1.0], [1.0, -a], values)
+    mean: Array = (1.0 - share) * values
+    mean[1:] += share * (1.0 - a) * total[:-1]
+    return mean
 
 
 def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:

@@ -49,6 +49,8 @@ class TestFunction:
         h [s].
     duration : float
         Of all that is evaluated [s]: beyond some minutes windows lie farther apart.
+    around : float
+        Time on each side of the centre [s].
 
     Attributes
     ----------
@@ -67,13 +69,13 @@ class TestFunction:
 
     __test__ = False  # No test of pytest.
 
-    def __init__(self, period: float, duration: float = 0.0) -> None:
+    def __init__(self, period: float, duration: float = 0.0, around: float = HALF) -> None:
         self.period = period
-        self.half = max(FEWEST, round(HALF / period))
+        self.half = max(FEWEST, round(around / period))
         self.step = max(1, round(_STEP * self.half), round(duration / period / _MOST_WINDOWS))
-        around = np.arange(-self.half, self.half + 1)
-        self.at, self.slope = self.weights(around, 1)
-        s = around / self.half
+        samples = np.arange(-self.half, self.half + 1)
+        self.at, self.slope = self.weights(samples, 1)
+        s = samples / self.half
         primitive = 315.0 / 256.0 * (
             s - 4.0 * s ** 3 / 3.0 + 6.0 * s ** 5 / 5.0 - 4.0 * s ** 7 / 7.0 + s ** 9 / 9.0)
         self.over = np.append(np.diff(primitive), 0.0)
@@ -111,16 +113,21 @@ def smoothed(q: Array, period: float) -> tuple[Array, Array, Array]:
 
     That is the filter of Savitzky and Golay, without delay.
     """
-    window = 2 * smoothing_half(period) + 1
-    q, dq, ddq = (savgol_filter(q, window, _ORDER, order, period, axis=0) for order in range(3))
-    return q, dq, ddq
+    place, dq, ddq = (smooth(q, period, order) for order in range(3))
+    return place, dq, ddq
+
+
+def smooth(q: Array, period: float, order: int = 0) -> Array:
+    """Return a derivative of some order of positions by local cubics, shape (N, ...)."""
+    found: Array = savgol_filter(q, 2 * smoothing_half(period) + 1, _ORDER, order, period, axis=0)
+    return found
 
 
 def position_noise(q: Array, period: float) -> Array:
     """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
     hat = savgol_coeffs(2 * m + 1, _ORDER)
-    rest = (q - smoothed(q, period)[0])[m:-m]
+    rest = (q - smooth(q, period))[m:-m]
     # Robust: where a joint stops, no cubic fits.
     spread = median_abs_deviation(rest, axis=0, scale='normal')
     found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import dataclasses
 
 from ctc_chattering.analysis.recording import Stretch
-from ctc_chattering.identification.regression.rows import Rows, sliding
-from ctc_chattering.identification.regression.weak_form import smoothed, TestFunction
+from ctc_chattering.identification.regression.rows import columns, least_velocity, Rows, sliding
+from ctc_chattering.identification.regression.weak_form import smooth, TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -51,13 +51,18 @@ class WindowStates:
 
     @staticmethod
     def _of(part: Stretch, rows: Rows, phi: TestFunction) -> tuple[Array, Array, Array]:
-        q, dq, _ = smoothed(part.q, part.period)
-        moved = np.gradient(part.q, part.period, axis=0)
-        ways = way_since_reversal(q, sliding(part.q, dq, part.period))
-        columns = [phi.sums(np.sign(dq) * np.exp(-ways / d), phi.at, rows.centres)
-                   for d in BUILD_UP]
-        return (phi.sums(q, phi.at, rows.centres), -phi.sums(moved, phi.slope, rows.centres),
-                np.stack(columns, axis=2))
+        found = []
+        # Joint by joint, for long series.
+        for q, least in zip(columns(part.q), least_velocity(part.q, part.period)):
+            place, dq = (smooth(q, part.period, order) for order in range(2))
+            ways = way_since_reversal(place, sliding(dq, least, part.period))
+            moved = np.gradient(q, part.period, axis=0)
+            build_up = [phi.sums(np.sign(dq) * np.exp(-ways / d), phi.at, rows.centres)
+                        for d in BUILD_UP]
+            found.append((phi.sums(place, phi.at, rows.centres),
+                          -phi.sums(moved, phi.slope, rows.centres), np.stack(build_up, axis=2)))
+        position, acceleration, turned = (np.concatenate(x, axis=1) for x in zip(*found))
+        return position, acceleration, turned
 
 
 def way_since_reversal(q: Array, slide: Array) -> Array:

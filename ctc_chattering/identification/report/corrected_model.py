@@ -7,12 +7,15 @@ import dataclasses
 import re
 
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
+from ctc_chattering.identification.regression.causes import CauseKind
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification
 import numpy as np
 
 #: By how much the corrected model may explain the torque of a joint worse.
 _WORSE = 1.02
+#: Torque scale that is one, and no trifle.
+_SCALE = 0.003
 #: Part of a joint's torque, with friction, below which a correction is none.
 _LEAST = 0.01
 #: Of causes that the data do not tell apart; the torque of the corrected model has them all.
@@ -40,10 +43,22 @@ def corrected_description(found: Identification, description: str,
         return ''
     size = bodies.torque(bodies.found - bodies.estimate.known)
     whole = bodies.torque(bodies.found) + [abs(x.coulomb.value or 0.0) for x in found.friction]
-    if not (size > _LEAST * whole).any():
+    # On data that it was not fitted to, it must be better, and on no joint worse.
+    held_out = found.held_out
+    if not (size > _LEAST * whole).any() or not len(held_out) or (
+            held_out > _WORSE).any() or _scale_in_doubt(found):
         return ''
     return corrected_urdf(description, found.joints, bodies.parameters, bodies.rotor.tolist(),
                           bodies.tilt.tolist(), locked)
+
+
+def _scale_in_doubt(found: Identification) -> bool:
+    """Return whether a torque scale explains as much as what is in the bodies."""
+    chosen = found.selected.explanation
+    mine = [] if chosen is None else chosen.causes
+    return any(cause.kind == CauseKind.SCALE and abs(value[0]) > _SCALE and not any(
+        cause is x for x in mine) for other in found.selected.alike
+        for cause, value in zip(other.causes, other.values))
 
 
 def with_correction(before: Identification, after: Identification, name: str

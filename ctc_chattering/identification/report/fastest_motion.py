@@ -145,7 +145,10 @@ def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model
     friction = np.array([_friction(found, i, limits.velocity[i], load[i])
                          for i in range(model.n)])
     often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
-    return FastestPerturbation(limits, friction, error, run.tail, often * most)
+    # Parts that hit each other do so with a momentum that grows with the speed.
+    faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
+    return FastestPerturbation(limits, friction, error,
+                               run.tail + run.impact * np.maximum(faster, 1.0), often * most)
 
 
 def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array, Array]:

@@ -29,6 +29,8 @@ _FAR, _SEEN = 3.0, 0.1
 _BESIDE = 4
 #: Fewest windows of which a tail is told.
 _ENOUGH = 100
+#: Deviations of noise in short windows, and over which part of |P| these are looked at.
+_NOISE, _BEYOND = 4.0, 1.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +53,8 @@ class MeasuredPerturbation:
     tail, error : ndarray, shape (n,)
         Bound of what is not predicted in trusted windows, and largest error of the model there
         [N·m].
+    impact : ndarray, shape (n,)
+        By what |P| in short windows exceeds that in the windows above [N·m].
 
     """
 
@@ -61,6 +65,7 @@ class MeasuredPerturbation:
     trusted: Flags
     tail: Array
     error: Array
+    impact: Array
 
     @property
     def peak(self) -> Array:
@@ -68,8 +73,13 @@ class MeasuredPerturbation:
         Largest |P| of each joint, shape (n,) [N·m].
 
         That of the envelope with what is not predicted, and what was measured where the joint
-        does not slide, before it breaks away.
+        does not slide, before it breaks away; with impacts.
         """
+        return self.smooth_peak + self.impact
+
+    @property
+    def smooth_peak(self) -> Array:
+        """Return the same without impacts, shape (n,) [N·m]."""
         slides = np.isfinite(self.predicted) & self.trusted[:, None]
         known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
         held = [tail_bound(np.abs(x[self.trusted & ~mine]))
@@ -131,10 +141,22 @@ def perturbation(found: Identification, data: Data | None = None) -> MeasuredPer
     far: Flags = np.any(rest > np.maximum(_FAR * bound, bound + _SEEN * size), axis=1)
     trusted = ~_widened(far)
     tail = np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T])
-    return MeasuredPerturbation(
+    run = MeasuredPerturbation(
         data.t, data.residual, np.where(used, columns @ fit.value, np.nan),
         np.abs(error) + _friction(fit, data), trusted, tail,
-        np.abs(error[trusted]).max(axis=0, initial=0.0))
+        np.abs(error[trusted]).max(axis=0, initial=0.0), np.zeros(len(tail)))
+    return dataclasses.replace(run, impact=_impact(found, run)) if data is found.data else run
+
+
+def _impact(found: Identification, run: MeasuredPerturbation) -> Array:
+    """Return by what |P| in short windows exceeds the peak of a run, shape (n,) [N·m]."""
+    if found.short is None:
+        return np.zeros(len(found.joints))
+    sizes = np.abs(found.short.perturbation[run.trusted[found.short.nearest]])
+    largest = sizes.max(axis=0, initial=0.0) - _NOISE * found.short.noise
+    peak = run.smooth_peak
+    excess: Array = np.where(largest > _BEYOND * peak, largest - peak, 0.0)
+    return excess
 
 
 def tail_bound(sizes: Array) -> float:

@@ -19,6 +19,7 @@ from ctc_chattering.identification.report.perturbation import MeasuredPerturbati
 from ctc_chattering.identification.report.verdict import verdicts
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
 
 #: ka over the largest |P|.
 MARGIN = 1.2
@@ -61,7 +62,7 @@ def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: 
     return PerturbationBound(np.minimum(ka, effort), peak, fastest,
                              _reason(fastest, recorded, peak, [
                                  x.usable for x in verdicts(found)]),
-                             (*_beyond(peak, ka, effort), *_unknown(found)))
+                             (*_beyond(peak, ka, effort), *_unknown(found), *_impacts(run)))
 
 
 def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array, usable: Sequence[bool]
@@ -78,10 +79,23 @@ def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array, usable: 
             f'{listed(fastest.friction)}, errors of the model {listed(fastest.error)}, '
             f'unexplained {listed(fastest.unexplained)} N*m; in the run |P| is at most '
             f'{listed(recorded)} N*m')
+    text += _main_part(fastest, np.array(usable))
     if (peak > _FAR * recorded)[np.array(usable)].any():
         least = np.array([_rounded_up(MARGIN * p) for p in recorded])
         text += f', for which {listed(least)} would do'
     return text
+
+
+def _main_part(fastest: FastestPerturbation, usable: npt.NDArray[np.bool_]) -> str:
+    """Return which part makes ka much larger than friction needs, and what lowers it."""
+    far = usable & (np.maximum(fastest.error, fastest.unexplained) > fastest.friction)
+    if not far.any():
+        return ''
+    if (fastest.error >= fastest.unexplained)[far].all():
+        return ('; errors of the model make the most of it: with a corrected description (--urdf) '
+                'ka is lower')
+    return ('; what is not explained makes the most of it: a motion with another load or without '
+            'contacts may lower it')
 
 
 def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
@@ -91,6 +105,15 @@ def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
             yield Finding(Severity.CARE, i, f'|P| reaches {p:.3g} N*m as fast as the limits '
                           f'allow; ka = {k:.3g} N*m is cut to its effort limit, {most:.3g} N*m',
                           'correct the model, or move more slowly')
+
+
+def _impacts(run: MeasuredPerturbation) -> Iterator[Finding]:
+    """Yield the joints of which |P| is larger for a short time."""
+    for i, (smooth, more) in enumerate(zip(run.smooth_peak, run.impact)):
+        if more > 0.0:
+            yield Finding(Severity.CARE, i, f'|P| reaches {smooth + more:.3g} N*m for 0.02 s, and '
+                          f'{smooth:.3g} N*m over 0.1 s: impacts of backlash, or an elastic joint',
+                          'look for play in the gear; ka has them, as far as the run shows them')
 
 
 def _unknown(found: Identification) -> Iterator[Finding]:

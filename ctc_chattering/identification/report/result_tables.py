@@ -102,6 +102,6 @@ def missing(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[str]
                     name.split(' [')[0])
         for reason, names in reasons.items():
             lacking.setdefault((', '.join(names), reason), []).append(joint)
-    for (lacks, reason), joints in lacking.items():
+    for (what, reason), joints in lacking.items():
         where = 'all joints' if len(joints) == len(found.joints) > 1 else ', '.join(joints)
-        yield f'{where}: {lacks}: not identifiable: {reason}'
+        yield f'{where}: {what}: not identifiable: {reason}'

@@ -27,8 +27,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 Values = dict[str, dict[str, Any]]
-#: Draws, unless another number is asked for.
-COUNT = 24
+#: Draws, unless another number is asked for: with machine code, and in plain Python.
+COUNT, COUNT_PLAIN = 24, 8
 #: Smooth start and duration [s], and the slowest motion [Hz]: with it all joints reverse.
 _START, _DURATION, _SLOWEST = 1.0, 2.5, 1.0
 #: Part of M, C and G that may be wrong in any case, and at most.

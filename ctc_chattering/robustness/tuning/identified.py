@@ -20,25 +20,52 @@ from ctc_chattering.simulation.plant_config import PlantConfig
 VALUES, NUMBERS = 'identified.yaml', 'identify.json'
 #: Part of M, C and G that may be wrong in any case.
 _MODEL = 0.05
+#: Nearly 1, the end of the interval of a lag.
+_LAST = 1.0 - 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
-class PossibleDelays(Uncertain):
+class PossibleDrives(Uncertain):
     """
-    Delays with the lags that explain the recording as well: the number is that of the delay.
+    Delays with the lags that explain the recording as well, all as likely as each other.
+
+    From the number k + u the delay is the k-th one, and each lag is by the part u of its interval
+    above the lower end.
 
     Attributes
     ----------
-    lags : mapping of float to tuple of float, shape (n,)
-        By delay [s].
+    drives : tuple of (int, tuple of (float, float))
+        Delays, each with the interval of the lag of each joint [s].
 
     """
 
-    lags: Mapping[float, tuple[float, ...]]
+    drives: tuple[tuple[int, tuple[tuple[float, float], ...]], ...]
+
+    @property
+    def unit(self) -> str:
+        """Return no unit: the number is a place in all of these."""
+        return ''
+
+    @property
+    def text(self) -> str:
+        """Return delays and lags in words."""
+        return 'drives: ' + ' or '.join(
+            f'delay {delay} with lags '
+            f'{", ".join(f"{1e3 * low:.2g} to {1e3 * high:.2g}" for low, high in lags)} ms'
+            for delay, lags in self.drives)
+
+    @property
+    def typical(self) -> tuple[float, ...]:
+        """Return numbers of each delay with its shortest and its longest lags."""
+        return tuple(k + u for k in range(len(self.drives)) for u in (0.0, _LAST))
 
     def value(self, spec: Parameter, x: float, _now: Any, _n: int) -> Any:
         """Return the delay, or the lag of each joint."""
-        return int(x) if spec.name == 'input_delay' else self.lags[x]
+        k = min(int(x), len(self.drives) - 1)
+        delay, lags = self.drives[k]
+        if spec.name == 'input_delay':
+            return delay
+        return tuple(low + (x - k) * (high - low) for low, high in lags)
 
 
 def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
@@ -82,22 +109,15 @@ def _friction(found: Mapping[str, Any]) -> Iterator[Uncertain]:
 
 
 def _drives(found: Mapping[str, Any]) -> Iterator[Uncertain]:
-    """Yield delays and lags: each pair that is possible, or two standard errors of the lags."""
-    pairs = {float(x['delay_samples']): tuple(map(float, x['actuator_lag_s']))
-             for x in found['delays_possible']}
-    if len(pairs) > 1:
+    """Yield each delay that is possible, with the intervals of its lags."""
+    drives = tuple((int(x['delay_samples']), tuple(
+        (max(0.0, float(low)), float(high)) for low, high in x['actuator_lag_interval_95_s']))
+        for x in found['delays_possible'])
+    if any(high > low for _, lags in drives for low, high in lags) or len(drives) > 1:
         parameters = PlantConfig.parameters()
         targets = tuple(('plant', parameters[x]) for x in ('input_delay', 'actuator_lag'))
-        yield PossibleDelays('delay', targets, False, 'choice', tuple(sorted(pairs)), pairs)
-        return
-    both = [(lag, 2.0 * error) for lag, error in zip(
-        found['actuator_lag_s'], found['actuator_lag_error_s']) if error]
-    if any(lag for lag, _ in both):
-        yield _factor('lag', 'plant.actuator_lag',
-                      min(1.0, max(error / lag for lag, error in both if lag)))
-    elif both:
-        yield read_uncertain('lag', {'parameter': 'plant.actuator_lag',
-                                     'uniform': [0.0, max(error for _, error in both)]})
+        yield PossibleDrives('delay and lag', targets, False, 'uniform',
+                             (0.0, float(len(drives))), drives)
 
 
 def _model(found: Mapping[str, Any], setup: Setup) -> Iterator[Uncertain]:

@@ -8,6 +8,7 @@ from math import inf
 from ctc_chattering.analysis.number_format import number_text, rounded
 from ctc_chattering.analysis.tables import columns
 from ctc_chattering.robustness.quantity import Uncertain
+from ctc_chattering.robustness.tuning.identified import PossibleDrives
 from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
 from ctc_chattering.robustness.tuning.search import (
     CONSTRAINTS,
@@ -48,6 +49,8 @@ def facts(tuning: Tuning) -> Iterator[tuple[str, str]]:
 
 def uncertain_text(quantity: Uncertain) -> str:
     """Return what is drawn, in words."""
+    if isinstance(quantity, PossibleDrives):
+        return quantity.text
     numbers = [f'{x:g}' for x in quantity.numbers]
     drawn = {'normal': f'normal, mean {numbers[0]}, deviation {numbers[-1]}',
              'choice': ' or '.join(numbers)}.get(

@@ -28,7 +28,7 @@ def motion(n: int) -> tuple[Array, Array]:
 
 def columns(errors: ErrorColumns) -> Array:
     q, dq = motion(errors.model.n)
-    return errors.weak(q, dq, dq, PHI, int(CENTRES[0]) - PHI.half, CENTRES)
+    return errors.weak(q, dq, dq, PHI, CENTRES)
 
 
 @pytest.mark.parametrize(('model', 'text'), [

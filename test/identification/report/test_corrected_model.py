@@ -6,6 +6,8 @@ import dataclasses
 from functools import cache
 
 from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.identification.regression.attribution import Explanation
+from ctc_chattering.identification.regression.causes import Cause, CauseKind
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification, identify
 from ctc_chattering.identification.regression.model_errors import candidates
@@ -83,3 +85,17 @@ def test_what_is_worse_or_refused_is_no_correction() -> None:
     assert with_correction(found, refused, 'x.urdf') is None
     assert corrected_description(refused, urdf) == ''
     assert corrected_description(found, '') == ''
+
+
+def test_what_is_worse_on_other_data_or_may_be_a_torque_scale_is_not_written() -> None:
+    _, urdf, found = identified('two_link_urdf', 'forearm', 1, 10.0)
+    assert (found.held_out < 0.1).all() and corrected_description(found, urdf)
+    for ratios in ([0.1, 1.1], [np.inf, 0.1], []):
+        other = dataclasses.replace(found, held_out=np.array(ratios))
+        assert corrected_description(other, urdf) == ''
+    scale = Cause(CauseKind.SCALE, 1, np.full(1, 0.1))
+    for size, written in ((0.0, True), (-0.05, False)):
+        alike = Explanation((scale,), (np.array([size]),), 0.0)
+        other = dataclasses.replace(found, selected=dataclasses.replace(
+            found.selected, alike=(alike,)))
+        assert bool(corrected_description(other, urdf)) == written

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import cast
 
 from ctc_chattering.identification.regression.finding import Severity
-from ctc_chattering.identification.report import figures
+from ctc_chattering.identification.report import identification_figures
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.report.verdict import Verdict
 import numpy as np
@@ -17,7 +17,7 @@ def test_a_joint_that_is_not_usable_has_no_ka_and_says_so() -> None:
     run = cast(MeasuredPerturbation, SimpleNamespace(
         t=np.arange(5.0), measured=ones, envelope=2.0 * ones))
     verdicts = [Verdict('a', Severity.CARE, ()), Verdict('b', Severity.REFUSED, ())]
-    _, figure, caption = figures._perturbation(run, np.array([3.0, 4.0]), verdicts)
+    _, figure, caption = identification_figures._perturbation(run, np.array([3.0, 4.0]), verdicts)
     good, bad = figure.axes
     assert [len(good.lines), len(bad.lines)] == [5, 1]
     assert bad.get_title(loc='left') == 'b: not usable' and good.get_title(loc='left') == 'a'

@@ -10,6 +10,7 @@ from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness.tuning.identified import identified_spec
+from ctc_chattering.robustness.tuning.report import uncertain_text
 from ctc_chattering.robustness.tuning.spec import TuneSpec
 from identified_bags import recorded_bag, short
 import pytest
@@ -22,12 +23,16 @@ def number(value: float, half: float) -> dict[str, Any]:
     return {'value': value, 'interval_95': [value - half, value + half]}
 
 
+def possible(delay: int, *lags: tuple[float, float]) -> dict[str, Any]:
+    """Return a delay with the intervals of its lags."""
+    return {'delay_samples': delay, 'actuator_lag_interval_95_s': lags}
+
+
 def contents(**more: Any) -> dict[str, Any]:
     """Return the contents of identify.json that are read."""
     return {
         'joint_names': ['a', 'b'], 'delay_samples': 1,
-        'delays_possible': [{'delay_samples': 1, 'actuator_lag_s': [2e-3, 4e-3]}],
-        'actuator_lag_s': [2e-3, 4e-3], 'actuator_lag_error_s': [1e-4, 1e-3],
+        'delays_possible': [possible(1, (1e-3, 3e-3), (2e-3, 6e-3))],
         'friction': [{'coulomb': number(10.0, 1.0), 'viscous': number(2.0, 0.1)},
                      {'coulomb': number(4.0, 1.0), 'viscous': NONE}],
         'model_errors': [], **more}
@@ -55,7 +60,7 @@ def ranges(spec: TuneSpec) -> dict[str, Any]:
 def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
     found = identified_spec(written(tmp_path, contents()), {'repeats': 64})
     assert ranges(found) == {'coulomb': (0.75, 1.25), 'viscous': (0.95, 1.05),
-                             'lag': (0.5, 1.5), 'model': (0.95, 1.05)}
+                             'delay and lag': (0.0, 1.0), 'model': (0.95, 1.05)}
     setups = found.draws().setups
     for k, (low, high) in enumerate(((7.5, 12.5), (3.0, 5.0))):
         drawn = [x.plant.coulomb_friction[k] for x in setups]
@@ -65,27 +70,28 @@ def test_friction_is_drawn_within_its_widest_interval(tmp_path: Path) -> None:
     assert found.notes == ()
 
 
-def test_delays_that_are_possible_come_with_their_lags(tmp_path: Path) -> None:
-    pairs = [{'delay_samples': 0, 'actuator_lag_s': [3e-3, 5e-3]},
-             {'delay_samples': 1, 'actuator_lag_s': [2e-3, 4e-3]},
-             {'delay_samples': 2, 'actuator_lag_s': [0.0, 1e-3]}]
-    spec = identified_spec(written(tmp_path, contents(
-        delays_possible=pairs, delay_samples=None)), {'repeats': 16})
+def test_every_delay_is_drawn_with_all_lags_that_are_possible_with_it(tmp_path: Path) -> None:
+    pairs = {0: ((3e-3, 4e-3), (5e-3, 7e-3)), 1: ((2e-3, 3e-3), (4e-3, 5e-3)),
+             2: ((0.0, 1e-3), (1e-3, 1e-3))}
+    spec = identified_spec(written(tmp_path, contents(delay_samples=None, delays_possible=[
+        possible(delay, *lags) for delay, lags in pairs.items()])), {'repeats': 64})
     plants = [x.plant for x in spec.draws().setups]
-    assert {(x.input_delay, x.actuator_lag) for x in plants} == {
-        (0, (3e-3, 5e-3)), (1, (2e-3, 4e-3)), (2, (0.0, 1e-3))}
-    assert 'lag' not in ranges(spec)
+    for delay, lags in pairs.items():
+        mine = [x.actuator_lag for x in plants if x.input_delay == delay]
+        assert len(mine) > 15
+        for (low, high), drawn in zip(lags, zip(*mine)):
+            assert low <= min(drawn) <= low + 0.1 * (high - low)
+            assert high - 0.1 * (high - low) <= max(drawn) <= high
     assert spec.notes == ()
+    text = next(filter(lambda x: x.startswith('drives'), map(uncertain_text, spec.uncertain)))
+    assert text == ('drives: delay 0 with lags 3 to 4, 5 to 7 ms or delay 1 with lags 2 to 3, '
+                    '4 to 5 ms or delay 2 with lags 0 to 1, 1 to 1 ms')
 
 
-def test_without_a_lag_it_may_be_as_large_as_its_error(tmp_path: Path) -> None:
-    spec = identified_spec(written(tmp_path, contents(
-        actuator_lag_s=[0.0, 0.0], actuator_lag_error_s=[1e-5, 2e-5])), {})
-    assert ranges(spec)['lag'] == (0.0, 4e-5)
-    unknown = contents(actuator_lag_s=[0.0, 0.0], actuator_lag_error_s=[None, None],
-                       delays_possible=[], delay_samples=None)
+def test_without_a_known_delay_that_of_the_file_is_taken_and_said(tmp_path: Path) -> None:
+    unknown = contents(delays_possible=[], delay_samples=None)
     spec = identified_spec(written(tmp_path, unknown), {})
-    assert 'lag' not in ranges(spec)
+    assert 'delay and lag' not in ranges(spec)
     assert spec.notes == ('the delay is not known, and 1 in identified.yaml',)
 
 
@@ -131,7 +137,7 @@ def test_what_identify_writes_is_read(tmp_path: Path) -> None:
     assert main(['identify', str(bag), '--model', 'two_link', '--trials', '0',
                  '--out', str(out)]) == 0
     spec = identified_spec(out, {'repeats': 8})
-    assert [x.name for x in spec.uncertain] == ['coulomb', 'viscous', 'lag', 'model']
+    assert [x.name for x in spec.uncertain] == ['coulomb', 'viscous', 'delay and lag', 'model']
     found = json.loads((out / 'identify.json').read_text())
     for k, friction in enumerate(found['friction']):
         low, high = friction['coulomb']['interval_95']

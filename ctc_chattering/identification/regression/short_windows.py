@@ -1,0 +1,62 @@
+"""P over windows so short that the impacts of backlash and of elastic joints show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing
+from ctc_chattering.identification.regression.rows import Rows
+from ctc_chattering.identification.regression.weak_form import TestFunction
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
+
+#: Time on each side of the centre of a window [s].
+_HALF = 0.015
+#: Windows that share no samples are so many apart.
+_APART = 5
+
+
+class ShortWindows(NamedTuple):
+    """
+    P in short windows; K of them, n joints.
+
+    Attributes
+    ----------
+    perturbation : ndarray, shape (K, n)
+        Torque less the model's, whether joints slide or not [N·m].
+    nearest : ndarray of int, shape (K,)
+        The window of the regression that is nearest.
+
+    """
+
+    perturbation: Array
+    nearest: Indices
+
+    @classmethod
+    def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], model: Model, timing: Timing
+           ) -> ShortWindows:
+        """Return those of stretches, with the rows of the regression there."""
+        period = parts[0].period
+        phi = TestFunction(period, period * sum(len(x.q) for x in parts), _HALF)
+        short = [Rows.of(part, model, phi) for part in parts]
+        data = Profile(parts, short, timing.source, phi).windows(timing)
+        nearest, before = [], 0
+        for row, other in zip(rows, short):
+            middle = 0.5 * (row.centres[1:] + row.centres[:-1])
+            nearest.append(before + np.searchsorted(middle, other.centres))
+            before += len(row.t)
+        return cls(data.residual, np.concatenate(nearest))
+
+    @property
+    def noise(self) -> Array:
+        """Return the deviation of P that noise makes, shape (n,) [N·m]."""
+        if len(self.perturbation) <= _APART:
+            return np.zeros(self.perturbation.shape[1])
+        change = self.perturbation[_APART:] - self.perturbation[:-_APART]
+        found: Array = median_abs_deviation(change, axis=0, scale='normal') / np.sqrt(2.0)
+        return found
