@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.held_out import left_over
-from ctc_chattering.identification.regression.least_squares import Data, Term, TermKind
-from ctc_chattering.identification.regression.rows import STRIBECK
+from ctc_chattering.identification.regression.least_squares import Term, TermKind
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 import pytest
-import urdfs
+from random_windows import COUNT, random_windows
 
-#: Windows.
-COUNT = 400
 TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
 
 
-def ratios(rotor: Array, noise: float = 1e-3) -> Array:
-    """Return what corrected bodies leave with these rotors in each window, shape (COUNT, 2)."""
-    model = UrdfModel(urdfs.two_links(), urdfs.TWO_LINKS)
-    columns = ErrorColumns.of(model)
-    assert columns is not None
-    rng = np.random.default_rng(3)
-    states = rng.normal(size=(COUNT, 3, 2))
-    way = np.sign(states[:, 1])
-    residual = rotor * states[:, 2] + 2.0 * way + noise * rng.normal(size=(COUNT, 2))
-    base = np.array([model.inverse_dynamics(*(x.tolist() for x in state)) for state in states])
-    more = np.array([columns.at(*state) for state in states])
-    data = Data(np.arange(float(COUNT)), states[:, 1], way, more,
-                np.zeros((COUNT, 2, len(STRIBECK))), np.abs(base), np.zeros((COUNT, 2)),
-                residual, (0,), base + residual, np.full(2, 1e-4))
+def ratios(rotor: Array) -> Array:
+    """Return what corrected bodies leave with these rotors in each window, shape (2,)."""
+    data, columns = random_windows(rotor)
     return left_over(data, TERMS, columns, None)
 
 
