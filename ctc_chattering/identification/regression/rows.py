@@ -115,7 +115,8 @@ class _WindowMotion(NamedTuple):
     slide: Array
 
     @classmethod
-    def of(cls, q: Array, period: float, centres: Indices, half: int, least: Array) -> _WindowMotion:
+    def of(cls, q: Array, period: float, centres: Indices, half: int, least: Array
+           ) -> _WindowMotion:
         """Return the motion under windows in a stretch with positions q, shape (M, n)."""
         first, last = int(centres[0]) - half, int(centres[-1]) + half + 1
         # What a sample of the directions depends on.
