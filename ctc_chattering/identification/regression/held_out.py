@@ -15,8 +15,8 @@ from ctc_chattering.identification.regression.physical_consistency import consis
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Part of a joint's torque beside the model's that may be left in any case.
-_TRIFLE = 2e-3
+#: Part of a joint's torque that counts as left in any case: below it nothing is worse.
+_TRIFLE = 1e-3
 
 
 def left_over(data: Data, terms: Sequence[Term], columns: ErrorColumns,
@@ -84,7 +84,7 @@ def _ratios(data: Data, terms: Sequence[Term], torque: Array) -> Array:
         length = np.sqrt(np.square(x).sum(axis=0))
         x = x / np.where(length > 0.0, length, 1.0)
         rest = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
-        trifle = data.floor[i] ** 2 + _TRIFLE ** 2 * float(np.square(y[:, 0]).mean())
+        trifle = _TRIFLE ** 2 * float(np.square(data.torque[used, i]).mean())
         before, after = np.sqrt(np.square(rest).mean(axis=0) + trifle)
         found[i] = after / before if before > 0.0 else 1.0
     return found

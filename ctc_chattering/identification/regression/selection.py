@@ -42,6 +42,8 @@ _CAUSES = 3
 _SCALE = 0.03
 #: Largest part that all torques together are in doubt by.
 _COMMON = 0.06
+#: By how much more, as it is an estimate itself.
+_MARGIN = 1.1
 #: Part of the difference between both forms of load-dependent friction that is in doubt.
 _FORM = 0.05
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
@@ -151,7 +153,7 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
             named = named[0], _containing(*named, again)
         return Selected(*named, missing, levels, mixing, causes, True, alike, projected, causes,
                         tuple(terms))
-    whole = whole[0], _in_doubt(*whole, projected, beside, options)
+    whole = whole[0], _in_doubt(*whole, projected, causes, beside, options)
     return Selected(*whole, missing, levels, projected.saturated, causes, False, (), projected,
                     None, tuple(terms))
 
@@ -174,17 +176,28 @@ def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
     return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
 
 
-def _in_doubt(fit: Fit, errors: Spread, projected: Projected, beside: Explanation,
-              options: Sequence[Cause]) -> Spread:
+def _common(projected: Projected, causes: Explanation, options: Sequence[Cause]) -> float:
+    """
+    Return by which part all torques together may be off.
+
+    All torques times a number are all bodies times another one: beside all errors of bodies only
+    the likely causes tell, and the model's masses.
+    """
+    whole = [x for x in options if x.kind == CauseKind.SCALE and x.which == ALL]
+    sizes = [_COMMON]
+    for rest in ((), causes.causes):
+        others = [x for x in rest if possible(whole[0], [x])] if whole else []
+        sizes += [abs(float(projected.fit([*others, x]).values[-1][0])) for x in whole]
+    return _MARGIN * min(sizes) if whole else 0.0
+
+
+def _in_doubt(fit: Fit, errors: Spread, projected: Projected, causes: Explanation,
+              beside: Explanation, options: Sequence[Cause]) -> Spread:
     """Return the spread with what the scales of torques may be off by."""
     covariance = errors.covariance.copy()
-    # All torques times a number are all bodies times another one: only the model's masses tell.
-    whole = [projected.fit([*causes, option])
-             for option in options if option.kind == CauseKind.SCALE and option.which == ALL
-             for causes in ((), beside.causes)]
-    common = min((abs(float(x.values[-1][0])) for x in whole), default=0.0)
-    doubts = {-1: max((abs(float(x[0])) for x in beside.values), default=0.0) / errors.factor}
-    doubts[-1] = max(doubts[-1], min(common, _COMMON) / errors.factor)
+    common = max(_common(projected, causes, options),
+                 max((abs(float(x[0])) for x in beside.values), default=0.0))
+    doubts = {-1: common / errors.factor}
     for option in options:
         if option.kind == CauseKind.SCALE and option.which != ALL and not any(
                 option is x for x in beside.causes):

@@ -1,0 +1,50 @@
+"""Windows of a two-link arm of a URDF at random states, whose torques are known."""
+
+from __future__ import annotations
+
+from ctc_chattering.dynamics.urdf_model import UrdfModel
+from ctc_chattering.identification.regression.error_columns import ErrorColumns
+from ctc_chattering.identification.regression.least_squares import Data
+from ctc_chattering.identification.regression.rows import STRIBECK
+import numpy as np
+from rigid_bodies import Array
+import urdfs
+
+#: Windows.
+COUNT = 400
+#: Coulomb friction [N·m].
+COULOMB = 2.0
+
+
+def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, motor: float = 0.0,
+                   noise: float = 1e-3) -> tuple[Data, ErrorColumns]:
+    """
+    Return windows, and the columns of the arm's errors.
+
+    Parameters
+    ----------
+    rotor : ndarray, shape (COUNT, 2) or what broadcasts to it
+        Inertia of the rotors in each window [kg·m²].
+    scale : float
+        Torque at the joint over that of the signal.
+    gear, motor : float
+        Parts of what gears transmit, and of the torque of motors, that are friction.
+    noise : float
+        Of the torque [N·m].
+
+    """
+    model = UrdfModel(urdfs.two_links(), urdfs.TWO_LINKS)
+    columns = ErrorColumns.of(model)
+    assert columns is not None
+    rng = np.random.default_rng(3)
+    states = rng.normal(size=(COUNT, 3, 2))
+    _, dq, ddq = states.transpose(1, 0, 2)
+    base = np.array([model.inverse_dynamics(*(x.tolist() for x in state)) for state in states])
+    way = np.sign(dq)
+    friction = way * (COULOMB + gear * np.abs(base) + motor * np.abs(base + COULOMB * way))
+    torque = (base + rotor * ddq + friction + noise * rng.normal(size=(COUNT, 2))) / scale
+    residual = torque - base
+    more = np.array([columns.at(*state) for state in states])
+    return Data(np.arange(float(COUNT)), dq, way, more, np.zeros((COUNT, 2, len(STRIBECK))),
+                np.abs(base), np.zeros((COUNT, 2)), residual, (0,), torque,
+                np.full(2, 1e-4)), columns
