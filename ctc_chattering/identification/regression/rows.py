@@ -155,10 +155,9 @@ def _sides(motion: _Motion, model: Model, phi: TestFunction, errors: ErrorColumn
 def least_velocity(q: Array, period: float) -> Array:
     """Return from which velocity on each joint slides, shape (n,) [rad/s]."""
     # Joint by joint, for long series.
-    found: Array = np.concatenate([np.maximum(
-        _DEVIATIONS * velocity_deviation(period) * position_noise(x, period),
-        _PART * np.percentile(np.abs(smooth(x, period, 1)), 99.0, axis=0)) for x in columns(q)])
-    return found
+    fast = [np.percentile(np.abs(smooth(x, period, 1)), 99.0) for x in q.T]
+    return np.maximum(_DEVIATIONS * velocity_deviation(period) * position_noise(q, period),
+                      _PART * np.array(fast))
 
 
 def columns(x: Array) -> Iterator[Array]:

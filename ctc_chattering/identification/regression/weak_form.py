@@ -127,9 +127,9 @@ def position_noise(q: Array, period: float) -> Array:
     """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
     hat = savgol_coeffs(2 * m + 1, _ORDER)
-    rest = (q - smooth(q, period))[m:-m]
-    # Robust: where a joint stops, no cubic fits.
-    spread = median_abs_deviation(rest, axis=0, scale='normal')
+    # Joint by joint, for long series. Robust: where a joint stops, no cubic fits.
+    spread = np.array([median_abs_deviation((x - smooth(x, period))[m:-m], scale='normal')
+                       for x in q.T])
     found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))
     return found
 
