@@ -43,27 +43,18 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     """
     lag = np.broadcast_to(lag, values.shape[1:])
     rate = np.broadcast_to(rate, values.shape[1:])
-    limited = np.isfinite(rate).any()
-    if not (limited or lag.any()):
+    if np.isfinite(rate).any():
+        return _limited(values, lag, rate, period)
+    if not lag.any():
         return values
-    found = np.empty_like(values)
-    for i, column in enumerate(values.T):  # One by one, for long series.
-        found[:, i] = (_limited(column[:, None], lag[i:i + 1], rate[i:i + 1], period)[:, 0]
-                       if limited else _lagging(column, float(lag[i]), period))
-    return found
-
-
-def _lagging(values: Array, lag: float, period: float) -> Array:
-    """Return the mean torque of a drive over each period, shape (N,) [N·m]."""
-    if not lag > 0.0:
-        return values
-    ratio = period / max(lag, 1e-3 * period)
+    ratio = period / np.maximum(lag, 1e-3 * period)
     a = np.exp(-ratio)
     share = (1.0 - a) / ratio
-    total = lfilter([1.0], [1.0, -a], values)
-    mean: Array = (1.0 - share) * values
-    mean[1:] += share * (1.0 - a) * total[:-1]
-    return mean
+    total = np.column_stack([
+        lfilter([1.0], [1.0, -decay], column) for decay, column in zip(a, values.T)])
+    before = np.concatenate((np.zeros_like(values[:1]), total[:-1]))
+    mean: Array = (1.0 - share) * values + share * (1.0 - a) * before
+    return np.where(lag > 0.0, mean, values)
 
 
 def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
@@ -134,9 +125,12 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
         R [N·m/s], inf for none.
 
     """
-    filtered = driven(values, lag, rate, period)
-    whole = int(np.floor(delay))
-    found = phi.sums(filtered, phi.over, centres - whole)
-    if delay != whole:
-        found = 0.5 * (found + phi.sums(filtered, phi.over, centres - whole - 1))
-    return found
+    n, whole = values.shape[1], int(np.floor(delay))
+    lag, rate, found = np.broadcast_to(lag, n), np.broadcast_to(rate, n), []
+    for i in range(n):  # One by one, for long series.
+        one = slice(i, i + 1)
+        filtered = driven(values[:, one], lag[one], rate[one], period)
+        found.append(phi.sums(filtered, phi.over, centres - whole))
+        if delay != whole:
+            found[-1] = 0.5 * (found[-1] + phi.sums(filtered, phi.over, centres - whole - 1))
+    return np.concatenate(found, axis=1)
