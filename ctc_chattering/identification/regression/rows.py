@@ -78,7 +78,7 @@ class Rows:
         h, q, n = stretch.period, stretch.q, stretch.q.shape[1]
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
         centres, least = phi.centres(len(q), margin), least_velocity(q, h)
-        sides = [_sides(_Motion.of(q, h, some, phi.half, least), model, phi, errors, some)
+        sides = [_sides(_WindowMotion.of(q, h, some, phi.half, least), model, phi, errors, some)
                  for some in phi.blocks(centres) if len(some)]
         way, base, weight, load, velocity, stribeck, more = map(
             np.concatenate, zip(*sides)) if sides else (
@@ -91,7 +91,7 @@ class Rows:
         return Rows(**{**mine, 'centres': mine['centres'] - first})
 
 
-class _Motion(NamedTuple):
+class _WindowMotion(NamedTuple):
     """
     The motion under some windows that follow each other; N samples, n joints.
 
@@ -114,7 +114,8 @@ class _Motion(NamedTuple):
     slide: Array
 
     @classmethod
-    def of(cls, q: Array, period: float, centres: Indices, half: int, least: Array) -> _Motion:
+    def of(cls, q: Array, period: float, centres: Indices, half: int, least: Array
+           ) -> _WindowMotion:
         """Return the motion under windows in a stretch with positions q, shape (M, n)."""
         first, last = int(centres[0]) - half, int(centres[-1]) + half + 1
         # What a sample of the directions depends on.
@@ -130,7 +131,7 @@ class _Motion(NamedTuple):
             place, dq, ddq, moved, sliding(dq, least, period))))
 
 
-def _sides(motion: _Motion, model: Model, phi: TestFunction, errors: ErrorColumns | None,
+def _sides(motion: _WindowMotion, model: Model, phi: TestFunction, errors: ErrorColumns | None,
            centres: Indices) -> tuple[Array, ...]:
     """
     Return what `Rows` have of windows.

@@ -28,12 +28,16 @@ _SLOWEST, _FASTEST = 0.2, 1.0
 
 def missing_gains(verdicts: Sequence[Verdict]) -> list[str]:
     """
-    Return for each joint that is not usable which gains are missing, and what to record.
+    Return which gains are missing of joints that are not usable, and what to record.
 
     A parameter file has values for all joints of a robot: with one of these there is none.
     """
-    return [f'{x.joint}: no ka, friction_level, torque_rate_limit, nor friction of the plant: '
-            + '; '.join(x.reasons) for x in verdicts if not x.usable]
+    joints: dict[str, list[str]] = {}
+    for x in verdicts:
+        if not x.usable:
+            joints.setdefault('; '.join(x.reasons), []).append(x.joint)
+    return [f'{", ".join(names)}: no ka, friction_level, torque_rate_limit, nor friction of the '
+            f'plant: {reasons}' for reasons, names in joints.items()]
 
 
 def parameter_values(found: Identification, recommended: Recommendation, model: Model, q: Array,

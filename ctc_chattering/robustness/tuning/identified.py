@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import dataclasses
 import json
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,11 @@ def identified_spec(directory: Path, tree: Mapping[str, Any]) -> TuneSpec:
         raise CtcError(f'{path}: {error.strerror or error}') from None
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise CtcError(f'{path}: not a file of ctc identify') from None
-    spec = parse_tune({'params_file': VALUES, **tree}, directory / VALUES, uncertain)
+    # The rate in the file is what the recommended law makes do with, no limit of the drives.
+    rate = setup.plant.torque_rate_limit
+    section = {'torque_rate_limit': list(rate) if rate else inf, **(tree.get('tune') or {})}
+    spec = parse_tune({'params_file': VALUES, **tree, 'tune': section}, directory / VALUES,
+                      uncertain)
     return dataclasses.replace(spec, notes=notes)
 
 

@@ -113,7 +113,9 @@ def test_it_begins_and_ends_at_rest_without_jumps(motion: Motion) -> None:
 
 def reversals(t: Array, dq: Array, begin: float, end: float) -> list[tuple[int, int]]:
     """Return index and direction of the changes of sign of one velocity, rest left out."""
-    moving = np.flatnonzero((t > begin) & (t < end) & (np.abs(dq) > 1e-4))
+    # Differences reach a sample beyond.
+    inside = (t > begin + STEP) & (t < end - STEP)
+    moving = np.flatnonzero(inside & (np.abs(dq) > 1e-4))
     return [(int(b), int(np.sign(dq[b]))) for a, b in pairwise(moving) if dq[a] * dq[b] < 0.0]
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 from functools import cache
 
-from ctc_chattering.analysis.recording import stretches
+from ctc_chattering.analysis.recording import Stretch, stretches
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.effort_side import (
     check_commands,
+    placed_unevenly,
     torque_sides,
     TorqueSides,
 )
@@ -83,6 +84,16 @@ def test_an_echo_of_the_command_is_no_measurement() -> None:
     for delay in (0, 1, 3):
         (found,) = sides(tau, np.roll(tau, delay, axis=0)).findings
         assert f'{delay} samples later: it is not measured' in found.reason
+
+
+def test_commands_that_the_effort_repeats_at_different_delays_are_in_wrong_places() -> None:
+    tau = np.random.default_rng(1).normal(size=(400, 2))
+    for share, late in ((0.0, (0.0, 0.0)), (0.05, (0.0, 1.0))):
+        effort = np.roll(tau, 2, axis=0)
+        some = np.arange(400) < share * 400
+        effort[some] = np.roll(tau, 1, axis=0)[some]
+        (found,) = placed_unevenly([Stretch(0.0, 1e-3, tau, effort, tau)])
+        assert found.late == late
 
 
 def test_an_effort_alone_is_refused_without_friction_and_needs_care_with_it() -> None:

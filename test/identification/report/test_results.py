@@ -12,6 +12,7 @@ from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.sensor_noise import Clock
+from ctc_chattering.identification.report.parameter_values import missing_gains
 from ctc_chattering.identification.report.results import IdentificationResults, write_page
 import numpy as np
 import pytest
@@ -128,3 +129,11 @@ def test_the_page_folds_what_is_long(tmp_path: Path, monkeypatch: pytest.MonkeyP
     folded = page.read_text().partition('<details>')[2].partition('</details>')[0]
     assert '<summary>Inertial parameters that have a torque: 48</summary>' in folded
     assert all(f'link{k}<' in folded for k in range(48))
+
+
+def test_a_reason_of_all_joints_is_said_once_where_gains_are_missing() -> None:
+    one = results()
+    bad = Finding(Severity.REFUSED, ALL_JOINTS, 'no gains survive', 'record a longer motion')
+    found = SimpleNamespace(**{**vars(one.found), 'findings': (bad,)})
+    (line,) = missing_gains(dataclasses.replace(one, found=cast(Any, found)).verdicts)
+    assert line.startswith(', '.join(NAMES)) and line.count('no gains survive') == 1

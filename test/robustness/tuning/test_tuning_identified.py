@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -138,6 +139,10 @@ def test_what_identify_writes_is_read(tmp_path: Path) -> None:
                  '--out', str(out)]) == 0
     spec = identified_spec(out, {'repeats': 8})
     assert [x.name for x in spec.uncertain] == ['coulomb', 'viscous', 'delay and lag', 'model']
+    assert max(spec.file.controller.torque_rate_limit) < inf
+    assert set(spec.limits.rate) == {inf}, 'the rate of the drives is not known'
+    given = identified_spec(out, {'tune': {'torque_rate_limit': 700.0}})
+    assert set(given.limits.rate) == {700.0}
     found = json.loads((out / 'identify.json').read_text())
     for k, friction in enumerate(found['friction']):
         low, high = friction['coulomb']['interval_95']
