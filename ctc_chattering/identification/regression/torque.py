@@ -70,11 +70,14 @@ def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
     last = np.repeat(values[-1:], chunks * length - len(values), axis=0)
     padded = np.concatenate((np.repeat(values[:1], warm, axis=0), values, last))
     # All chunks at once, each from so long before that the drives have caught up.
-    pieces = sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1)
-    rate = np.minimum(rate, _UNLIMITED)
-    lag = np.maximum(lag, 1e-9 * period)[..., None, :]
-    mean = np.empty((*lag.shape[:-2], chunks, length, n))
-    tau = np.broadcast_to(pieces[0], (*lag.shape[:-2], chunks, n))
+    pieces = np.ascontiguousarray(
+        sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1))
+    # Of one shape without gaps, for the speed of the loop.
+    full = (*lag.shape[:-1], chunks, n)
+    rate = np.broadcast_to(np.minimum(rate, _UNLIMITED), full).copy()
+    lag = np.broadcast_to(np.maximum(lag, 1e-9 * period)[..., None, :], full).copy()
+    mean = np.empty((length, *full))
+    tau = np.broadcast_to(pieces[0], full)
     for k, command in enumerate(pieces):
         gap = command - tau
         ramp = np.minimum(np.maximum(np.abs(gap) / rate - lag, 0.0), period)
@@ -82,10 +85,10 @@ def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
         left = gap - risen
         end = left * np.exp((ramp - period) / lag)
         if k >= warm:
-            mean[..., k - warm, :] = command - (
+            mean[k - warm] = command - (
                 ramp * (gap - 0.5 * risen) + lag * (left - end)) / period
         tau = command - end
-    return mean.reshape(*lag.shape[:-2], -1, n)[..., :len(values), :]
+    return np.moveaxis(mean, 0, -2).reshape(*full[:-2], -1, n)[..., :len(values), :]
 
 
 def driven_by_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
