@@ -77,8 +77,7 @@ class Recording:
                 f'{self.name}: {int(bad.any(axis=1).sum())} of {len(self.t)} states have a '
                 f'position that is not finite, the first of {self.joints[i]} at '
                 f'{self.t[k]:.3f} s')
-        order = ordered(self.name, self.t, self.q if self.dq is None else np.column_stack(
-            (self.q, self.dq)))
+        order = ordered(self.name, self.t, self.q, *([] if self.dq is None else [self.dq]))
         keep = order.keep
         if len(keep) < _FEWEST:
             raise CtcError(f'{self.name}: {len(keep)} states; at least {_FEWEST} are needed')

@@ -22,6 +22,8 @@ _PAUSE, _PERIODS = 0.1, 20.0
 _FAR, _FEW = 10.0, 10
 #: Samples over which a period is taken, and the part by which it may differ.
 _AROUND, _OTHER = 40, 0.25
+#: Stamps that are looked at together.
+_AT_ONCE = 10_000
 
 
 class StampBreak(NamedTuple):
@@ -67,7 +69,7 @@ class StampOrder(NamedTuple):
     breaks: tuple[StampBreak, ...]
 
 
-def ordered(name: str, t: Array, contents: Array) -> StampOrder:
+def ordered(name: str, t: Array, *contents: Array) -> StampOrder:
     """
     Return states in the order of time.
 
@@ -80,7 +82,7 @@ def ordered(name: str, t: Array, contents: Array) -> StampOrder:
         Of the recording.
     t : ndarray, shape (N,)
         Stamps in the order of arrival [s].
-    contents : ndarray, shape (N, m)
+    contents : ndarray, each of shape (N, m)
         What the states say; those that repeat a stamp and say the same are dropped.
 
     Raises
@@ -91,8 +93,10 @@ def ordered(name: str, t: Array, contents: Array) -> StampOrder:
     """
     finite = np.flatnonzero(np.isfinite(t))
     by_time = finite[np.argsort(t[finite], kind='stable')]
-    repeated = (np.diff(t[by_time]) == 0.0) & (
-        contents[by_time][1:] == contents[by_time][:-1]).all(axis=1)
+    repeated = np.diff(t[by_time]) == 0.0
+    twice = np.flatnonzero(repeated)
+    for values in contents:
+        repeated[twice] &= (values[by_time[twice + 1]] == values[by_time[twice]]).all(axis=1)
     arrived = np.sort(by_time[np.append(True, ~repeated)]) if len(by_time) else by_time
     stamps = t[arrived]
     step = np.diff(stamps)
@@ -200,7 +204,8 @@ def _one_period(t: Array, period: float) -> tuple[npt.NDArray[np.bool_], list[St
     if len(step) < 4 * _AROUND:
         return np.ones(len(t), bool), []
     around = np.lib.stride_tricks.sliding_window_view(step, _AROUND)
-    mean, middle = around.mean(axis=1), np.median(around, axis=1)
+    mean, middle = (np.concatenate([f(some, axis=1) for some in np.array_split(
+        around, len(around) // _AT_ONCE + 1)]) for f in (np.mean, np.median))
     other = (mean < (1.0 - _OTHER) * period) | (middle > (1.0 + _OTHER) * period)
     good = np.ones(len(t), bool)
     breaks = []

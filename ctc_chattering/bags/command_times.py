@@ -62,8 +62,9 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         Stamps of the states, and times at which they were received, in this order [ns].
 
     """
-    order = np.argsort(times, kind='stable')
-    values, times = values[order], times[order]
+    if (np.diff(times) < 0).any():
+        order = np.argsort(times, kind='stable')
+        values, times = values[order], times[order]
     raw = np.searchsorted(received, times, side='right') - 1
     if _twice(raw) <= _NEGLIGIBLE:
         return _placed(values, raw, stamps, 0.0)
@@ -135,7 +136,7 @@ def _placed(values: Array, which: Indices, stamps: Indices, unsure: float) -> An
     inside = (which >= 0) & (which < count)
     np.maximum.at(last, which[inside], np.flatnonzero(inside))
     last = np.maximum.accumulate(last)
-    found = values[np.maximum(last, 0)].astype(float)
+    found = values[np.maximum(last, 0)].astype(float, copy=False)
     step = np.diff(stamps)
     period = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
     samples = np.concatenate(([0.0], np.cumsum(np.clip(np.rint(step / period), 1, _HELD))))

@@ -261,4 +261,4 @@ def _overlap(a: Indices, b: Indices) -> bool:
 def _if_any(values: Array) -> Array | None:
     """Return values, or None if they are nowhere finite, or 0 throughout."""
     known = np.isfinite(values)
-    return values if known.any() and np.any(values[known]) else None
+    return values if (known & (values != 0.0)).any() else None

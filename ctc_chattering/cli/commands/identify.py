@@ -121,7 +121,7 @@ def run(options: argparse.Namespace) -> int:
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
     perturbed = perturbation(found)
-    q = np.concatenate([recording.q for recording in recordings])
+    q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
     recommended = recommend(found, perturbed, robot.model, q, rate)
     validation = validate(found, last, robot.model) if options.validate else None
     results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,

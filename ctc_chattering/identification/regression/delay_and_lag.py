@@ -31,7 +31,7 @@ LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(13)))
 #: Delays on both sides of the best one that are looked at, and lags above the best ones.
 _BELOW, _ABOVE, _LAGS_ABOVE = 4, 2, 4
 #: Longest part of the recording that delay and lag are taken from, in pieces so long [s].
-_ENOUGH, _PIECE = 60.0, 5.0
+_ENOUGH, _PIECE = 60.0, 15.0
 #: Alignments of a measured effort: of the period before, at the instant, of the period after.
 _ALIGNMENTS = (-1.0, -0.5, 0.0)
 #: Samples by which commands may be late without a change of their shape, and times as much as
@@ -106,9 +106,17 @@ class Profile:
                  phi: TestFunction) -> None:
         self._parts, self._rows, self._source, self._phi = parts, rows, source, phi
         self.period = parts[0].period
-        self.data = Data.of(rows, [self.torque(part, row, 0.0, 0.0)
-                                   for part, row in zip(parts, rows)])
-        self.count = self.data.used().sum(axis=0)
+
+    @cached_property
+    def data(self) -> Data:
+        """Return all windows with the torques as they are."""
+        return Data.of(self._rows, [self.torque(part, row, 0.0, 0.0)
+                                    for part, row in zip(self._parts, self._rows)])
+
+    @cached_property
+    def count(self) -> Array:
+        """Return the number of rows of each joint, shape (n,)."""
+        return np.asarray(self.data.used().sum(axis=0))
 
     @cached_property
     def _bases(self) -> list[Array]:

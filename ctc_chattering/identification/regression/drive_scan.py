@@ -56,8 +56,13 @@ class DriveSet:
 class Explained(Protocol):
     """What the torques of a joint are compared with."""
 
-    data: Data
-    count: Array
+    @property
+    def data(self) -> Data:
+        """Return all windows."""
+
+    @property
+    def count(self) -> Array:
+        """Return the number of rows of each joint, shape (n,)."""
 
     def unexplained(self, torque: Array, i: int) -> Array:
         """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""

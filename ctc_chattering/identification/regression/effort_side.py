@@ -26,6 +26,7 @@ from ctc_chattering.identification.regression.torque_shape import (
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
 
 #: Sides of a measured effort.
 MOTOR, LINK, CURRENT = 'motor', 'link', 'current'
@@ -42,7 +43,7 @@ _NO_WEIGHT, _EXACT = 0.3, 0.06
 #: Difference of an echo, as a part of the largest command; samples of delay; part that is equal.
 _EQUAL, _DELAYS, _MOSTLY = 1e-5, 20, 0.9
 #: Part that is equal after another delay, above which commands are in wrong places.
-_SOME = 0.005
+_ELSEWHERE = 0.005
 
 
 class TorqueSides(NamedTuple):
@@ -203,12 +204,24 @@ def _echo(parts: Sequence[Stretch]) -> int | None:
                key=lambda x: len(x.q), default=None)
     if part is None or part.command is None or part.effort is None:
         return None
-    most = float(np.nanmax(np.abs(part.command), initial=0.0))
+    least = _least(part.command)
     for delay in range(min(_DELAYS, len(part.q) // 2)):
-        difference = np.abs(part.effort[delay:] - part.command[:len(part.q) - delay])
-        if most and (difference <= _EQUAL * most).mean() > _MOSTLY:
+        if least and _repeats(part.command, part.effort, delay, delay, least).mean() > _MOSTLY:
             return delay
     return None
+
+
+def _least(command: Array) -> float:
+    """Return from which difference on a torque is another one [N·m]."""
+    return _EQUAL * float(max(np.nanmax(command, initial=0.0), -np.nanmin(command, initial=0.0)))
+
+
+def _repeats(command: Array, effort: Array, delay: int, first: int, least: float
+             ) -> npt.NDArray[np.bool_]:
+    """Return which efforts from `first` on are the commands before, shape (N - first, n)."""
+    # Joint by joint, for long recordings.
+    return np.stack([np.abs(x[first:] - y[first - delay:len(y) - delay]) <= least
+                     for x, y in zip(effort.T, command.T)], axis=1)
 
 
 def placed_unevenly(parts: Sequence[Stretch]) -> list[Stretch]:
@@ -226,7 +239,7 @@ def placed_unevenly(parts: Sequence[Stretch]) -> list[Stretch]:
         if part.command is not None and part.effort is not None:
             shares = [_share(part.command, part.effort, delay, other)
                       for other in (delay + 1, delay - 1)]
-            early, later = (float(share > _SOME) for share in shares)
+            early, later = (float(share > _ELSEWHERE) for share in shares)
             part = dataclasses.replace(part, late=(part.late[0] - early, part.late[1] + later))
         found.append(part)
     return found
@@ -236,9 +249,8 @@ def _share(command: Array, effort: Array, delay: int, other: int) -> float:
     """Return the part of the efforts that repeat a command after `other` samples only."""
     if other < 0:
         return 0.0
-    least, first = _EQUAL * float(np.nanmax(np.abs(command), initial=0.0)), max(delay, other)
-    usual, mine = (np.abs(effort[first:] - command[first - x:len(command) - x]) <= least
-                   for x in (delay, other))
+    least, first = _least(command), max(delay, other)
+    usual, mine = (_repeats(command, effort, x, first, least) for x in (delay, other))
     return float((mine & ~usual).mean())
 
 

@@ -20,7 +20,6 @@ from math import sqrt
 from ctc_chattering.identification.regression.least_squares import (
     Fit,
     inverted,
-    normal_equations,
 )
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -90,7 +89,7 @@ def correlation_length(x: Array) -> float:
 
 def block_length(fit: Fit) -> int:
     """Return the length of a block for a fit [windows]; long enough for all its scores."""
-    scores = np.einsum('jip,ji->jp', fit.design * fit.weight[:, None], fit.residual)
+    scores = fit.scores()
     longest = max((correlation_length(x) for x in scores.T), default=1.0)
     count = len(scores)
     wanted = _LENGTHS * max(longest, 2.0)
@@ -110,13 +109,12 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
 
     """
     length = block_length(fit)
-    y = fit.residual + fit.design @ fit.value
-    count = len(y)
+    count = len(fit.residual)
     cell = max(1, length // _CELLS)
     edges = np.append(np.arange(0, count - cell + 1, cell), count)
     span = max(1, length // cell)
-    normal, right = (np.concatenate((np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)))
-                     for x in normal_equations(fit, y, edges))
+    scores = fit.scores()
+    before = np.concatenate((np.zeros_like(scores[:1]), np.cumsum(scores, axis=0)))[edges]
     first = np.arange(max(len(edges) - span, 1))
     inside = np.ones(len(first), bool)
     for start in starts[1:]:
@@ -125,11 +123,10 @@ def spread(fit: Fit, starts: tuple[int, ...]) -> Spread:
         inside[:] = True
     first = first[inside]
     blocks = max(2, (len(edges) - 1) // span)
-    scores = right - normal @ fit.value
-    sums = scores[first + span] - scores[first]
+    sums = before[first + span] - before[first]
     # Blocks are drawn around their own mean, which takes a share of the variance.
     correction = blocks / (blocks - 1.0)
-    inverse = inverted(normal[-1])
+    inverse = inverted(fit.normal())
     root = (sums - sums.mean(axis=0)) @ inverse
     covariance = correction * blocks * root.T @ root / len(root)
     lasting = (inverse @ _lasting(fit) @ inverse).diagonal()

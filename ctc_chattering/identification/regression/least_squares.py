@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 import dataclasses
 from enum import Enum
-from itertools import pairwise
 from typing import NamedTuple
 
 from ctc_chattering.identification.regression.rows import Rows, STRIBECK
@@ -193,6 +192,17 @@ class Fit(NamedTuple):
         """Return the coefficient of a term, 0 if it is none of the fit."""
         return float(self.value[self.terms.index(term)]) if term in self.terms else 0.0
 
+    def scores(self) -> Array:
+        """Return Xᵀ W r of each window, r what is left, shape (J, p)."""
+        found: Array = np.einsum('jip,ji->jp', self.design, self.weight * self.residual)
+        return found
+
+    def normal(self) -> Array:
+        """Return Xᵀ W X of all windows, shape (p, p)."""
+        found: Array = sum((weight * self.design[:, i].T @ self.design[:, i]
+                            for i, weight in enumerate(self.weight)), np.zeros(()))
+        return found
+
 
 def solve(data: Data, terms: Sequence[Term]) -> Fit:
     """Return the weighted least-squares fit of these columns, which must be independent."""
@@ -203,30 +213,16 @@ def solve(data: Data, terms: Sequence[Term]) -> Fit:
     weight = 1.0 / np.where(scale > 0.0, scale, 1.0)
     value = np.zeros(len(terms))
     residual = y
+    joints = design.transpose(1, 0, 2)
+    normals, rights = (np.array([x.T @ z for x, z in zip(joints, others)])
+                       for others in (joints, y.T))
     for _ in range(_ITERATIONS):
-        root = np.sqrt(weight)
-        rows = (design * root[:, None]).reshape(-1, len(terms))
-        value = solved(rows.T @ rows, rows.T @ (y * root).reshape(-1))
+        value = solved(np.tensordot(weight, normals, 1), weight @ rights)
         residual = y - design @ value
         scale = np.square(residual).sum(axis=0) / counts + np.square(data.floor)
         weight = 1.0 / np.where(scale > 0.0, scale, np.inf)
         weight = np.where(weight > 0.0, weight, 1.0)
     return Fit(tuple(terms), value, weight, residual, design)
-
-
-def normal_equations(fit: Fit, y: Array, cells: Array) -> tuple[Array, Array]:
-    """
-    Return Xᵀ W X and Xᵀ W y of each cell of windows, shapes (cells, p, p) and (cells, p).
-
-    `cells` are the first windows of the cells, and the end.
-    """
-    root = np.sqrt(fit.weight)
-    p = fit.design.shape[2]
-    normal, right = np.empty((len(cells) - 1, p, p)), np.empty((len(cells) - 1, p))
-    for k, (a, b) in enumerate(pairwise(cells)):
-        rows = (fit.design[a:b] * root[:, None]).reshape(-1, p)
-        normal[k], right[k] = rows.T @ rows, rows.T @ (y[a:b] * root).reshape(-1)
-    return normal, right
 
 
 def solved(normal: Array, right: Array) -> Array:

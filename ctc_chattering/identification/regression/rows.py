@@ -11,7 +11,6 @@ from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.weak_form import (
-    blocks,
     Dynamics,
     position_noise,
     smooth,
@@ -80,7 +79,7 @@ class Rows:
         margin = max(smoothing_half(h), round(SETTLING / h)) + 1
         centres, least = phi.centres(len(q), margin), least_velocity(q, h)
         sides = [_sides(_WindowMotion.of(q, h, some, phi.half, least), model, phi, errors, some)
-                 for some in blocks(centres) if len(some)]
+                 for some in phi.blocks(centres) if len(some)]
         way, base, weight, load, velocity, stribeck, more = map(
             np.concatenate, zip(*sides)) if sides else (
             np.empty((0, *shape)) for shape in (*[(n,)] * 5, (n, len(STRIBECK)), (n, 0)))
@@ -156,10 +155,9 @@ def _sides(motion: _WindowMotion, model: Model, phi: TestFunction, errors: Error
 def least_velocity(q: Array, period: float) -> Array:
     """Return from which velocity on each joint slides, shape (n,) [rad/s]."""
     # Joint by joint, for long series.
-    found: Array = np.concatenate([np.maximum(
-        _DEVIATIONS * velocity_deviation(period) * position_noise(x, period),
-        _PART * np.percentile(np.abs(smooth(x, period, 1)), 99.0, axis=0)) for x in columns(q)])
-    return found
+    fast = [np.percentile(np.abs(smooth(x, period, 1)), 99.0) for x in q.T]
+    return np.maximum(_DEVIATIONS * velocity_deviation(period) * position_noise(q, period),
+                      _PART * np.array(fast))
 
 
 def columns(x: Array) -> Iterator[Array]:

@@ -10,7 +10,7 @@ from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.weak_form import (
     position_noise,
-    smoothed,
+    smooth,
     velocity_deviation,
 )
 from ctc_chattering.numerics.linear_algebra import Array
@@ -25,7 +25,7 @@ _ROUNDING = 1e-13
 _SHORTEST = 0.03
 #: Part by which a period may change during a run.
 _DRIFT = 0.005
-#: Samples that the noise is computed from, at most.
+#: Samples that noise and step are computed from, at most.
 _ENOUGH = 200_000
 
 
@@ -96,7 +96,7 @@ def encoder_step(q: Array) -> Estimate:
     It is the least difference of two positions, improved by all small ones, if nearly all
     differences are multiples of it.
     """
-    levels = np.unique(q)
+    levels = np.unique(q[:_ENOUGH])
     rounding = _ROUNDING * max(1.0, float(np.abs(q).max()))
     steps = np.diff(levels)
     steps = steps[steps > rounding]
@@ -125,14 +125,12 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
         return [reason] * n, [reason] * n
     dq = recording.dq[:_ENOUGH]
     q = recording.q[:_ENOUGH]
-    ours, acceleration = smoothed(q, period)[1:]
-    rest = dq - ours
-    finite = np.isfinite(rest)
     known = velocity_deviation(period) * position_noise(q, period)
     noise, lag = [], []
     for i in range(n):
-        use = finite[:, i]
-        x, y = acceleration[use, i], rest[use, i]
+        rest = dq[:, i] - smooth(q[:, i], period, 1)
+        use = np.isfinite(rest)
+        x, y = smooth(q[:, i], period, 2)[use], rest[use]
         # A lag shows where the joint accelerates, not where it stops or jerks.
         calm = np.abs(x) <= np.percentile(np.abs(x), 95.0)
         power = float(x[calm].dot(x[calm]))

@@ -43,27 +43,18 @@ def driven(values: Array, lag: Array, rate: Array | float, period: float) -> Arr
     """
     lag = np.broadcast_to(lag, values.shape[1:])
     rate = np.broadcast_to(rate, values.shape[1:])
-    limited = np.isfinite(rate).any()
-    if not (limited or lag.any()):
+    if np.isfinite(rate).any():
+        return _limited(values, lag, rate, period)
+    if not lag.any():
         return values
-    found = np.empty_like(values)
-    for i, column in enumerate(values.T):  # One by one, for long series.
-        found[:, i] = (_limited(column[:, None], lag[i:i + 1], rate[i:i + 1], period)[:, 0]
-                       if limited else _lagging(column, float(lag[i]), period))
-    return found
-
-
-def _lagging(values: Array, lag: float, period: float) -> Array:
-    """Return the mean torque of a drive over each period, shape (N,) [N·m]."""
-    if not lag > 0.0:
-        return values
-    ratio = period / max(lag, 1e-3 * period)
+    ratio = period / np.maximum(lag, 1e-3 * period)
     a = np.exp(-ratio)
     share = (1.0 - a) / ratio
-    total = lfilter([1.0], [1.0, -a], values)
-    mean: Array = (1.0 - share) * values
-    mean[1:] += share * (1.0 - a) * total[:-1]
-    return mean
+    total = np.column_stack([
+        lfilter([1.0], [1.0, -decay], column) for decay, column in zip(a, values.T)])
+    before = np.concatenate((np.zeros_like(values[:1]), total[:-1]))
+    mean: Array = (1.0 - share) * values + share * (1.0 - a) * before
+    return np.where(lag > 0.0, mean, values)
 
 
 def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
@@ -79,11 +70,14 @@ def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
     last = np.repeat(values[-1:], chunks * length - len(values), axis=0)
     padded = np.concatenate((np.repeat(values[:1], warm, axis=0), values, last))
     # All chunks at once, each from so long before that the drives have caught up.
-    pieces = sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1)
-    rate = np.minimum(rate, _UNLIMITED)
-    lag = np.maximum(lag, 1e-9 * period)[..., None, :]
-    mean = np.empty((*lag.shape[:-2], chunks, length, n))
-    tau = np.broadcast_to(pieces[0], (*lag.shape[:-2], chunks, n))
+    pieces = np.ascontiguousarray(
+        sliding_window_view(padded, warm + length, axis=0)[::length].transpose(2, 0, 1))
+    # Of one shape without gaps, for the speed of the loop.
+    full = (*lag.shape[:-1], chunks, n)
+    rate = np.broadcast_to(np.minimum(rate, _UNLIMITED), full).copy()
+    lag = np.broadcast_to(np.maximum(lag, 1e-9 * period)[..., None, :], full).copy()
+    mean = np.empty((length, *full))
+    tau = np.broadcast_to(pieces[0], full)
     for k, command in enumerate(pieces):
         gap = command - tau
         ramp = np.minimum(np.maximum(np.abs(gap) / rate - lag, 0.0), period)
@@ -91,10 +85,10 @@ def _limited(values: Array, lag: Array, rate: Array, period: float) -> Array:
         left = gap - risen
         end = left * np.exp((ramp - period) / lag)
         if k >= warm:
-            mean[..., k - warm, :] = command - (
+            mean[k - warm] = command - (
                 ramp * (gap - 0.5 * risen) + lag * (left - end)) / period
         tau = command - end
-    return mean.reshape(*lag.shape[:-2], -1, n)[..., :len(values), :]
+    return np.moveaxis(mean, 0, -2).reshape(*full[:-2], -1, n)[..., :len(values), :]
 
 
 def driven_by_lags(values: Array, lags: Array, rate: Array, period: float) -> Iterator[Array]:
@@ -134,9 +128,12 @@ def weak_torque(values: Array, delay: float, lag: Array, period: float, phi: Tes
         R [N·m/s], inf for none.
 
     """
-    filtered = driven(values, lag, rate, period)
-    whole = int(np.floor(delay))
-    found = phi.sums(filtered, phi.over, centres - whole)
-    if delay != whole:
-        found = 0.5 * (found + phi.sums(filtered, phi.over, centres - whole - 1))
-    return found
+    n, whole = values.shape[1], int(np.floor(delay))
+    lag, rate, found = np.broadcast_to(lag, n), np.broadcast_to(rate, n), []
+    for i in range(n):  # One by one, for long series.
+        one = slice(i, i + 1)
+        filtered = driven(values[:, one], lag[one], rate[one], period)
+        found.append(phi.sums(filtered, phi.over, centres - whole))
+        if delay != whole:
+            found[-1] = 0.5 * (found[-1] + phi.sums(filtered, phi.over, centres - whole - 1))
+    return np.concatenate(found, axis=1)

@@ -29,8 +29,8 @@ from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 HALF, FEWEST = 0.05, 12
 #: Distance of two windows, as a part of half their length.
 _STEP = 0.5
-#: Most windows, roughly, and those that are evaluated at once.
-_MOST_WINDOWS, _BLOCK = 6000, 200
+#: Most windows, roughly, and those that are evaluated at once where they lie as near as usual.
+_MOST_WINDOWS, _BLOCK = 3000, 200
 #: Half the length of the polynomials that velocities come from [s], and the fewest samples.
 _SMOOTH, _FEWEST_SMOOTH = 0.012, 3
 #: Their order.
@@ -72,7 +72,9 @@ class TestFunction:
     def __init__(self, period: float, duration: float = 0.0, around: float = HALF) -> None:
         self.period = period
         self.half = max(FEWEST, round(around / period))
-        self.step = max(1, round(_STEP * self.half), round(duration / period / _MOST_WINDOWS))
+        usual = max(1, round(_STEP * self.half))
+        self.step = max(usual, round(duration / period / _MOST_WINDOWS))
+        self._block = max(1, _BLOCK * usual // self.step)
         samples = np.arange(-self.half, self.half + 1)
         self.at, self.slope = self.weights(samples, 1)
         s = samples / self.half
@@ -94,12 +96,12 @@ class TestFunction:
     def sums(self, x: Array, weights: Array, centres: Indices) -> Array:
         """Return Σ weights x around each centre, shape (J, ...), of x, shape (N, ...)."""
         windows = sliding_window_view(x, 2 * self.half + 1, axis=0)
-        return np.concatenate([windows[some - self.half] @ weights for some in blocks(centres)])
+        return np.concatenate([
+            windows[some - self.half] @ weights for some in self.blocks(centres)])
 
-
-def blocks(centres: Indices) -> list[Indices]:
-    """Return the centres in blocks whose samples fit into memory."""
-    return np.array_split(centres, -(-max(len(centres), 1) // _BLOCK))
+    def blocks(self, centres: Indices) -> list[Indices]:
+        """Return the centres in blocks whose samples fit into memory."""
+        return np.array_split(centres, -(-max(len(centres), 1) // self._block))
 
 
 def smoothing_half(period: float) -> int:
@@ -127,9 +129,9 @@ def position_noise(q: Array, period: float) -> Array:
     """Return the deviation of the positions from local cubics, shape (n,) [rad]."""
     m = smoothing_half(period)
     hat = savgol_coeffs(2 * m + 1, _ORDER)
-    rest = (q - smooth(q, period))[m:-m]
-    # Robust: where a joint stops, no cubic fits.
-    spread = median_abs_deviation(rest, axis=0, scale='normal')
+    # Joint by joint, for long series. Robust: where a joint stops, no cubic fits.
+    spread = np.array([median_abs_deviation((x - smooth(x, period))[m:-m], scale='normal')
+                       for x in q.T])
     found: Array = spread / np.sqrt(1.0 - 2.0 * hat[m] + hat.dot(hat))
     return found
 

@@ -54,13 +54,13 @@ class WindowStates:
         found = []
         # Joint by joint, for long series.
         for q, least in zip(columns(part.q), least_velocity(part.q, part.period)):
+            bend = -phi.sums(np.gradient(q, part.period, axis=0), phi.slope, rows.centres)
             place, dq = (smooth(q, part.period, order) for order in range(2))
+            position = phi.sums(place, phi.at, rows.centres)
             ways = way_since_reversal(place, sliding(dq, least, part.period))
-            moved = np.gradient(q, part.period, axis=0)
             build_up = [phi.sums(np.sign(dq) * np.exp(-ways / d), phi.at, rows.centres)
                         for d in BUILD_UP]
-            found.append((phi.sums(place, phi.at, rows.centres),
-                          -phi.sums(moved, phi.slope, rows.centres), np.stack(build_up, axis=2)))
+            found.append((position, bend, np.stack(build_up, axis=2)))
         position, acceleration, turned = (np.concatenate(x, axis=1) for x in zip(*found))
         return position, acceleration, turned
 
@@ -77,13 +77,12 @@ def way_since_reversal(q: Array, slide: Array) -> Array:
         Direction, 0 at rest; a rest between the same directions is no reversal.
 
     """
-    found = np.full_like(q, np.inf)
+    found = np.empty_like(q)
     for i, (x, way) in enumerate(zip(q.T, slide.T)):
         moving = np.flatnonzero(way)
         turns = np.flatnonzero(np.diff(way[moving])) if len(moving) else moving
         # The last sample of one direction is where the next one begins.
         ends = moving[turns]
-        which = np.searchsorted(ends, np.arange(len(x))) - 1
-        after = which >= 0
-        found[after, i] = np.abs(x[after] - x[ends[which[after]]])
+        counts = np.diff(np.concatenate(([0], ends + 1, [len(x)])))
+        found[:, i] = np.abs(x - np.repeat(np.append(np.inf, x[ends]), counts))
     return found

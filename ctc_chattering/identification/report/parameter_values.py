@@ -67,7 +67,8 @@ def parameter_values(found: Identification, recommended: Recommendation, model: 
         If the friction of a joint is not known.
 
     """
-    low, high = np.percentile(q, (2.0, 98.0), axis=0)
+    # Joint by joint, for long series.
+    low, high = np.transpose([np.percentile(x, (2.0, 98.0)) for x in q.T])
     limits = getattr(model, 'position_limits', None)
     start = q[0].copy()
     if limits:

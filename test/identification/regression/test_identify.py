@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 #: Duration of the runs [s].
-SHORT = 20.0
+SHORT = 15.0
 
 
 @cache
@@ -72,7 +72,7 @@ def test_a_delay_is_not_taken_for_a_lag() -> None:
 
 
 def test_friction_that_depends_on_direction_and_speed() -> None:
-    made = record('two_link', 3, 30.0, plant={
+    made = record('two_link', 3, 20.0, plant={
         'friction_asymmetry': [0.1, 0.0], 'stribeck_friction': [2.0, 0.0],
         'stribeck_velocity': [0.08, 0.05]})
     found = of(made)
@@ -88,7 +88,7 @@ def test_friction_that_depends_on_direction_and_speed() -> None:
 
 
 def test_friction_of_the_load() -> None:
-    found = of(record('two_link', 3, 30.0, plant={'load_friction': [0.03, 0.0]}))
+    found = of(record('two_link', 3, 20.0, plant={'load_friction': [0.03, 0.0]}))
     assert found.friction[0].load.value == pytest.approx(0.03, rel=0.02)
     assert found.friction[1].load.value is None
     assert found.errors == []
@@ -206,7 +206,7 @@ def changed(**fields: Any) -> Recording:
 def test_a_pause_in_the_middle_changes_no_number() -> None:
     made = plain()
     t = made.recording.t.copy()
-    t[12_000:] += 3.0
+    t[9_000:] += 3.0
     found = of(made, changed(t=t))
     check_friction(found, made)
     assert [length for _, length in found.clock.pauses] == pytest.approx([3.001])
