@@ -213,12 +213,20 @@ def play(plant: Physics, now: State, nominal: Bodies, gains: Array, wanted: Arra
 
     Parameters
     ----------
+    plant, now : Physics, State
+        The robot, and where it is; `now` goes on.
+    nominal : Bodies
+        Of the computed torque.
     gains : ndarray, shape (3, n)
         kp [1/s²], kv [1/s], and the friction that is added ahead [N·m].
     wanted : ndarray, shape (N, 3, n)
         Positions, velocities and accelerations.
     noise : ndarray, shape (N, 2, n)
-        Of positions, before they are quantised by `resolution`, and of velocities.
+        Of positions, before they are quantised, and of velocities.
+    resolution : ndarray, shape (n,)
+        Of the encoders [rad]; 0 for none.
+    period, steps : float, int
+        Of the control [s], and of the integration within it.
     out : ndarray, shape (N, 8, n)
         Measured positions and velocities, torques of the drives and through the gears, commands,
         true positions, velocities and accelerations.

@@ -45,7 +45,12 @@ def write(path: Path, messages: Sequence[tuple[str, int, Any]],
 
     Parameters
     ----------
+    path : Path
+        The bag's directory.
+    messages : sequence of (str, int, message)
+        In any order.
     storage : StoragePlugin
+        MCAP or sqlite3.
     typestore : Typestore
         Types of the messages.
     compression : {'', 'message', 'file', 'storage'}
