@@ -12,6 +12,8 @@ import numpy as np
 
 #: Part of the longest lag that is looked for that counts as it.
 _END = 0.97
+#: Up to so many delays each is said with its lags.
+_EACH = 2
 _EXCITE = 'record a motion of `ctc excite`, longer or faster'
 
 
@@ -83,7 +85,11 @@ def timing_findings(timing: Timing, joints: Sequence[str], late: tuple[float, fl
 
 
 def drives_in_words(timing: Timing, joints: Sequence[str]) -> str:
-    """Return each delay that is possible with its lags."""
+    """Return each delay that is possible with its lags; of many delays what holds them all."""
+    if len(timing.delays) > _EACH:
+        lags = np.array(list(timing.delays.values()))[:, :, timing.moving]
+        return (f'delays of {min(timing.delays)} to {max(timing.delays)} samples, with lags of '
+                + milliseconds(np.array((lags[:, 0].min(), 0.0, lags[:, 2].max()))))
     texts = []
     for delay, lags in sorted(timing.delays.items()):
         each = [(name, milliseconds(x)) for name, x, moving in zip(

@@ -38,6 +38,13 @@ def test_a_set_in_words() -> None:
     assert lag_in_words(timing({0: ms((0, 0), (0, 0), (0.1, 0.1))}), 1) == 'none, at most 0.1 ms'
 
 
+def test_of_many_delays_the_range_is_said() -> None:
+    found = timing({1: ms((3.1, 3.0), (3.5, 3.5), (4.4, 4.4)), 2: ms((2, 2), (2, 2), (3, 3)),
+                    3: ms((0.5, 1.5), (1, 2), (2, 3))})
+    assert drives_in_words(found, JOINTS) == (
+        'delays of 1 to 3 samples, with lags of 0.5 to 4.4 ms')
+
+
 def test_a_lag_at_the_end_is_refused_with_its_cause() -> None:
     end = 1e3 * LAGS[-1]
     (one, other) = timing_findings(timing({0: ms((30.0, 0.0), (38.0, 0.0), (end, end))}), JOINTS,
