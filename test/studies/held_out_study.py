@@ -55,6 +55,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the table of all labels and tellings, in Markdown."""
     lines = ['| law of | told | conditions | held | worse | diverged | median of the errors '
              'relative to compensation | hunting at rest |', '|---' * 8 + '|']
+    rows = list({(x['label'], x['seed'], x['telling']): x for x in rows}.values())
     bases = {(x['label'], x['seed']): x for x in rows if x['telling'] == 'compensation'}
     for label in dict.fromkeys(x['label'] for x in rows):
         for telling in ('compensation', *TELLINGS):
@@ -84,11 +85,12 @@ def main() -> None:
     options = parser.parse_args()
     known = [json.loads(x) for x in options.rows.read_text().splitlines()
              ] if options.rows.exists() else []
-    done = {(x['label'], x['seed']) for x in known}
+    done = {(x['label'], x['seed'], x['telling']) for x in known}
     for seed in range(options.first, options.first + options.count):
-        if (options.label, seed) in done:
+        left = [x for x in options.tellings if (options.label, seed, x) not in done]
+        if not left:
             continue
-        rows = judged(seed, options.label, options.tellings)
+        rows = judged(seed, options.label, left)
         known += rows
         print(seed, rows[0]['condition'], *(line(x, rows[0]) for x in rows), sep='\n', flush=True)
         with options.rows.open('a') as file:

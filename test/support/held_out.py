@@ -28,9 +28,10 @@ from machine_code import compile_step
 import numpy as np
 from rigid_bodies import Array
 
-#: What the controller may be told: nothing; the gains by the rule of docs/theory.md and the
-#: limits of the torque, nothing of the drives; lag and rate limit roughly, and the delay.
-TELLINGS = ('nothing', 'gains', 'rough')
+#: What the controller may be told: the law's name alone; `ka` and the limits of the torque as
+#: well, as docs/safety.md says of a robot of which nothing is known; the gains by the rule of
+#: docs/theory.md as well, nothing of the drives; lag and rate limit roughly, and the delay.
+TELLINGS = ('name', 'nothing', 'gains', 'rough')
 #: Duration, and the instant from which errors count [s]; largest error [rad].
 DURATION, COUNTS, DIVERGED = 9.0, 5.0, 3.0
 #: Longest steps of the plant of two joints, and of more [s].
@@ -179,9 +180,11 @@ def told(c: Condition, telling: str) -> dict[str, Any]:
     values: dict[str, Any] = {'law': 'observer_feedback', 'control_period': c.period}
     if telling == 'compensation':
         return {**values, 'law': telling, 'input_delay': c.delay}
-    if telling == 'nothing':
+    if telling == 'name':
         return values
     values['ka'], values['effort_limit'] = [0.5 * x for x in known.effort], list(known.effort)
+    if telling == 'nothing':
+        return values
     lag = 0.0
     if telling == 'rough':
         lag = c.told_lag * max(c.lag)

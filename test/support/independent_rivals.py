@@ -78,8 +78,9 @@ class Compensation(Rival):
     def filtered(self, xi: Array, e: Array, de: Array) -> Array:
         """Return ξ a period later."""
         keeps = np.exp(-self.lam * self.known.period)
-        return keeps * xi + (1.0 - keeps) / self.lam * self.b * (
-            (self.lam - self.kv) * de - self.kp * e)
+        driven: Array = (self.lam - self.kv) * de - self.kp * e
+        after: Array = keeps * xi + (1.0 - keeps) / self.lam * self.b * driven
+        return after
 
     def passed(self, e: Array, de: Array) -> None:
         self.later = self.filtered(self.later, e, de)
@@ -100,10 +101,12 @@ class Integral(Rival):
         self.x: Array = np.zeros(2)
 
     def term(self, at: At) -> Array:
-        return at.M @ self.x
+        torque: Array = at.M @ self.x
+        return torque
 
     def estimate(self, at: At) -> Array:
-        return at.M @ self.x
+        torque: Array = at.M @ self.x
+        return torque
 
     def advance(self, at: At) -> None:
         self.x = self.x + self.known.period * self.ki * at.e
@@ -117,10 +120,12 @@ class FrictionFeedforward(Rival):
         self.width = numbers['friction_velocity']
 
     def term(self, at: At) -> Array:
-        return self.level * np.tanh(at.point.dq / self.width)
+        torque: Array = self.level * np.tanh(at.point.dq / self.width)
+        return torque
 
     def estimate(self, at: At) -> Array:
-        return self.level * np.tanh(at.point.dq / self.width)
+        torque: Array = self.level * np.tanh(at.point.dq / self.width)
+        return torque
 
 
 class SlotineLi(FrictionFeedforward):
@@ -134,8 +139,9 @@ class SlotineLi(FrictionFeedforward):
         # In place of M (ddq_d + u) + C dq + G: M ddq_r + C dq_r + G + D u.
         u, s = self.kv * at.de + self.kp * at.e, at.de + self.slide * at.e
         alone = 1.0 / np.linalg.inv(at.M).diagonal()
-        return (at.M @ (self.slide * at.de - u) + at.C @ s + alone * u
-                + self.level * self.direction(at)).astype(np.float64)
+        torque: Array = (at.M @ (self.slide * at.de - u) + at.C @ s + alone * u
+                         + self.level * self.direction(at))
+        return torque
 
     def direction(self, at: At) -> Array:
         """Return the smoothed sign of dq_r."""
@@ -143,7 +149,8 @@ class SlotineLi(FrictionFeedforward):
         return way
 
     def estimate(self, at: At) -> Array:
-        return self.level * self.direction(at)
+        torque: Array = self.level * self.direction(at)
+        return torque
 
     def advance(self, at: At) -> None:
         s = at.de + self.slide * at.e
