@@ -89,24 +89,7 @@ def drawn(seed: int) -> tuple[Condition, Arm, Path3, Array]:
     name = 'two_link' if rng.random() < _TWO_LINK else str(rng.choice(NAMES[1:]))
     known = robot(name)
     wide = dict(zip(_QUANTITIES, rng.random(len(_QUANTITIES)) < _WIDE))
-    period = float(rng.choice([5e-4, 1e-3, 2e-3, 4e-3])) if wide['period'] else 1e-3
-    bits = rng.random() < 0.3
-    c = Condition(
-        seed, name, period, int(rng.integers(4)) if wide['delay'] else 1,
-        (rng.uniform(0.0, 5e-3) * np.ones(known.n) if wide['lag'] else rng.uniform(
-            1e-3, 2.5e-3, known.n)).tolist(), [],
-        (2.0 * np.pi / 2 ** int(rng.integers(12, 21)) if bits else float(
-            10.0 ** rng.uniform(-6, -3))) if wide['encoder'] else 1e-5,
-        float(rng.uniform(0.0, 0.6) if wide['friction'] else rng.uniform(0.1, 0.3)),
-        float(rng.uniform(0.2, 0.6)) if wide['stribeck'] else 0.0,
-        float(10.0 ** rng.uniform(-3, -0.5)), bool(rng.random() < 0.2),
-        0.2 if wide['model'] else 0.08, float(rng.uniform(0.0, 0.15)) if wide['payload'] else 0.0,
-        str(rng.choice(['sinusoid', 'trapezoid'])),
-        float(rng.uniform(-1.0, 1.0)) if wide['start'] else 0.0,
-        float(rng.uniform(0.1, 0.5)) if wide['load'] else 0.0, 1.0,
-        float(rng.uniform(0.5, 1.5)), float(3.0 ** rng.uniform(-1.0, 1.0)),
-        bool(rng.random() < 0.5))
-    c.delay = min(c.delay, int(6e-3 / period))
+    c = quantities(seed, known, wide, rng)
     arm = true_arm(c, known, rng)
     path, first = motion_of(c, known, arm, rng)
     torque, change = needed(arm, times(c), path)
@@ -125,6 +108,30 @@ def drawn(seed: int) -> tuple[Condition, Arm, Path3, Array]:
         lag=np.array(c.lag), rate=np.array(c.rate), load=load, rest=path.rest,
         times=np.array([begin, begin + rng.uniform(0.5, 2.0)]))
     return c, arm, path, first
+
+
+def quantities(seed: int, known: Robot, wide: dict[str, np.bool_], rng: np.random.Generator
+               ) -> Condition:
+    """Return a condition without rate limits; `wide` says what is drawn from all of its range."""
+    period = float(rng.choice([5e-4, 1e-3, 2e-3, 4e-3])) if wide['period'] else 1e-3
+    bits = rng.random() < 0.3
+    c = Condition(
+        seed, known.name, period, int(rng.integers(4)) if wide['delay'] else 1,
+        (rng.uniform(0.0, 5e-3) * np.ones(known.n) if wide['lag'] else rng.uniform(
+            1e-3, 2.5e-3, known.n)).tolist(), [],
+        (2.0 * np.pi / 2 ** int(rng.integers(12, 21)) if bits else float(
+            10.0 ** rng.uniform(-6, -3))) if wide['encoder'] else 1e-5,
+        float(rng.uniform(0.0, 0.6) if wide['friction'] else rng.uniform(0.1, 0.3)),
+        float(rng.uniform(0.2, 0.6)) if wide['stribeck'] else 0.0,
+        float(10.0 ** rng.uniform(-3, -0.5)), bool(rng.random() < 0.2),
+        0.2 if wide['model'] else 0.08, float(rng.uniform(0.0, 0.15)) if wide['payload'] else 0.0,
+        str(rng.choice(['sinusoid', 'trapezoid'])),
+        float(rng.uniform(-1.0, 1.0)) if wide['start'] else 0.0,
+        float(rng.uniform(0.1, 0.5)) if wide['load'] else 0.0, 1.0,
+        float(rng.uniform(0.5, 1.5)), float(3.0 ** rng.uniform(-1.0, 1.0)),
+        bool(rng.random() < 0.5))
+    c.delay = min(c.delay, int(6e-3 / period))
+    return c
 
 
 def times(c: Condition) -> Array:
