@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from held_out import controller, drawn, run, TELLINGS, told
+from held_out import controller, drawn, RIVALS, run, TELLINGS, told
 from held_out_table import line, table, verdict
 
 
@@ -31,7 +31,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--first', type=int, default=3000, help='seed of the first condition')
     parser.add_argument('--count', type=int, default=44, help='number of conditions')
-    parser.add_argument('--tellings', nargs='*', default=list(TELLINGS), choices=TELLINGS)
+    parser.add_argument('--tellings', nargs='*', default=list(TELLINGS),
+                        choices=(*TELLINGS, *RIVALS))
     parser.add_argument('--label', default='this', help='what the rows are called in the table')
     parser.add_argument('--rows', type=Path, default=Path('held_out.jsonl'))
     options = parser.parse_args()
