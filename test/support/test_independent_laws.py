@@ -73,6 +73,23 @@ def test_torques_are_those_of_a_program_by_hand(drives: str) -> None:
         check(law, ObserverFeedback(known, gains), known, rng, size)
 
 
+def test_a_joint_that_rests_is_held_as_by_hand() -> None:
+    """Compare torques while joints come to rest, are held, and are released by a push."""
+    known = Known()
+    gains = Gains(1e4, 200.0, (20.0, 10.0), 200.0, 20.0, (9.0, 4.0))
+    numbers = {name: 2 * [x] if name in ('kp', 'kv') else x
+               for name, x in gains._asdict().items()}
+    law, hand = of_the_package('observer_feedback', known, numbers), ObserverFeedback(known, gains)
+    point, held = Point(np.array([1.0, 0.5]), np.zeros(2), np.zeros(2)), set()
+    row = point.q.tolist(), [0.0, 0.0], [0.0, 0.0]
+    for k in range(140):
+        q = point.q + 1e-5 * np.array([3.0, -2.0]) + (2e-4 if k == 110 else 0.0)
+        tau = law.step(q.tolist(), [0.0, 0.0], *row, [row]).tau
+        np.testing.assert_allclose(tau, hand.step(q, point.dq, [point, point]), rtol=1e-9)
+        held.add((k < 110, *hand.held.tolist()))
+    assert {(True, True, True), (True, False, False), (False, False, False)} <= held
+
+
 @pytest.mark.parametrize('rival', NUMBERS)
 def test_rivals_are_those_of_a_program_by_hand(rival: str) -> None:
     rng = np.random.default_rng(25)
