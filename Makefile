@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test suite compiled test-load slow lint compare benchmark map-benchmark latency live-cost soak identification faults clean
+.PHONY: demo live test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -59,6 +59,15 @@ compare: $(READY)
 	$(COMPARE) real_arm friction --trials 30 --out docs/comparison/two_link
 	$(COMPARE) real_arm panda ur5 --backend mujoco --trials $(TRIALS) --out docs/comparison/urdf
 	$(BIN)/python test/support/comparison_page.py
+
+# Held-out conditions for `observer_feedback` on independent plants, in some ten minutes; ARGS as
+# '--first 7000 --count 44 --label mine --rows FILE', rows that are there are not made again.
+held-out: $(READY)
+	PYTHONPATH=test/support $(BIN)/python test/studies/held_out_study.py $(ARGS)
+
+# The two-link table of docs/comparison.md by an independent program, in a minute.
+reproduced-table: $(READY)
+	PYTHONPATH=test/support $(BIN)/python test/studies/reproduced_table.py
 
 # Lockstep over ROS beside a bare ping-pong; a control step; a simulation.
 benchmark: $(READY)

@@ -1,0 +1,87 @@
+"""The two-link table of docs/comparison.md by an independent program: `make reproduced-table`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+from held_out_robots import begun, nominal, PAPER, sinusoid
+from independent_arm import Arm, go_on, motion_from
+from independent_laws import Gains, Known, ObserverFeedback, Point
+from independent_rivals import RIVALS
+import numpy as np
+from rigid_bodies import Array
+
+_TABLE = Path(__file__).parents[2] / 'docs' / 'comparison' / 'two_link' / 'compare.csv'
+_SECONDS, _COUNTS = 10.0, 5.0
+#: Steps of the plant in a sample, and the encoders' [rad].
+_STEPS, _ENCODER = 50, 1e-5
+
+
+def real_arm() -> Arm:
+    """Return the arm of the condition `real_arm`."""
+    bodies, _ = nominal('two_link')
+    zero, one = np.zeros(2), np.ones(2)
+    return Arm(bodies, PAPER, 9.9 * one, zero, zero, one, zero, 2e-3 * one, np.array([5e3, 1e3]),
+               np.array([5100.0, 850.0]), zero, np.zeros(2), np.zeros((0, 2)))
+
+
+def played(law: Any) -> tuple[Array, Array]:
+    """Return RMS errors [rad] and torque variation [N·m/s] from 5 to 10 s, shape (2,) each."""
+    arm, h, one = real_arm(), 1e-3, np.ones(2)
+    t: Array = (h * np.arange(round(_SECONDS / h) + 8)).astype(np.float64)
+    path = begun(sinusoid(t, np.array([np.pi, np.pi / 2]), 0.5 * one, one, 0.0 * one), t,
+                 np.zeros(2), 2.0)
+    points = [Point(*rows) for rows in zip(path.q, path.dq, path.ddq)]
+    now = motion_from(np.zeros(2), np.zeros(2), 1)
+    before, errors, torques = np.zeros(2), [], []
+    for k in range(round(_SECONDS / h) + 1):
+        q = _ENCODER * np.floor(now.q / _ENCODER + 0.5)
+        tau = law.step(q, (q - before) / h, points[k:k + 2])
+        errors.append(points[k].q - now.q)
+        torques.append(tau)
+        before = q
+        go_on(arm, now, tau, _STEPS, h / _STEPS)
+    first = round(_COUNTS / h)
+    e, tau = np.array(errors)[first:], np.array(torques)[first:]
+    return np.sqrt((e * e).mean(axis=0)), np.abs(np.diff(tau, axis=0)).sum(axis=0) / (
+        _SECONDS - _COUNTS)
+
+
+def law(name: str, numbers: dict[str, Any], scale: float) -> Any:
+    """Return a law by hand with the parameters that the table's rows have."""
+    known = Known(scale=scale)
+    if name == 'observer_feedback':
+        return ObserverFeedback(known, Gains(
+            numbers['kp'][0], numbers['kv'][0], numbers['ka'], numbers['estimator_bandwidth'],
+            numbers.get('friction_learning', 20.0)))
+    return RIVALS[name](known, numbers)
+
+
+def rows() -> Iterator[tuple[str, str, dict[str, Any], Array, Array]]:
+    """Yield law, settings, parameters, errors and variation of the table's rows known here."""
+    with _TABLE.open(encoding='utf-8') as file:
+        found = [x for x in csv.DictReader(file) if x['law'] in (*RIVALS, 'observer_feedback')]
+    for one, two in zip(found[::2], found[1::2]):
+        yield one['law'], one['settings'], json.loads(one['controller']), np.array(
+            [float(x['rms_error']) for x in (one, two)]), np.array(
+            [float(x['torque_variation_per_s']) for x in (one, two)])
+
+
+def main() -> None:
+    """Print the table of docs beside what is found here."""
+    print('| law | settings | RMS error [rad], docs | here | variation [N·m/s], docs | here |')
+    print('|---' * 6 + '|')
+    for name, settings, numbers, error, variation in rows():
+        both = [played(law(name, numbers, scale)) for scale in (0.9, 1.1)]
+        mine, varied = (np.max([x[i] for x in both], axis=0) for i in (0, 1))
+        print(f'| {name} | {settings} | {error[0]:.2e}, {error[1]:.2e} | {mine[0]:.2e}, '
+              f'{mine[1]:.2e} | {variation[0]:.0f}, {variation[1]:.0f} | {varied[0]:.0f}, '
+              f'{varied[1]:.0f} |', flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,267 @@
+"""Held-out conditions, drawn by a seed, and runs of the package's controller in them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.recommended_gains import (
+    estimator_bandwidth,
+    largest_pole,
+    lateness,
+)
+from ctc_chattering.dynamics.registry import make_model
+from held_out_robots import (
+    begun,
+    NAMES,
+    needed,
+    nominal,
+    Path3,
+    Robot,
+    robot,
+    sinusoid,
+    trapezoids,
+)
+from independent_arm import Arm, go_on, Motion, motion_from
+from machine_code import compile_step
+import numpy as np
+from rigid_bodies import Array
+
+#: What the controller may be told: the law's name alone; `ka` and the limits of the torque as
+#: well, as docs/safety.md says of a robot of which nothing is known; the gains by the rule of
+#: docs/theory.md as well, nothing of the drives; lag and rate limit roughly, and the delay.
+TELLINGS = ('name', 'nothing', 'gains', 'rough')
+#: Rivals that are told what `rough` is, and the friction to 10 %.
+RIVALS = {'eso': 'extended_state_observer', 'integral': 'integral'}
+#: Duration, and the instant from which errors count [s]; largest error [rad].
+DURATION, COUNTS, DIVERGED = 9.0, 5.0, 3.0
+#: Longest steps of the plant of two joints, and of more [s].
+_FINE, _COARSE = 2e-5, 1e-4
+#: Part of the robots that is the two-link arm; part of a quantity that is drawn from all of its
+#: range, the others being ordinary.
+_TWO_LINK, _WIDE = 0.4, 0.45
+_QUANTITIES = ('lag', 'rate', 'encoder', 'delay', 'period', 'friction', 'stribeck', 'model',
+               'payload', 'start', 'load')
+
+
+@dataclasses.dataclass
+class Condition:
+    """A condition; vectors are lists with a number for each joint, in N·m, rad, s."""
+
+    seed: int
+    robot: str
+    period: float
+    delay: int
+    lag: list[float]
+    rate: list[float]
+    encoder: float
+    friction: float
+    stribeck: float
+    stribeck_speed: float
+    bristles: bool
+    model: float
+    payload: float
+    motion: str
+    start: float
+    load: float
+    slowed: float
+    #: What is told of the lag and the rate limit, relative to what they are.
+    told_lag: float
+    told_rate: float
+    #: Whether `gains` is told the delay.
+    told_delay: bool
+    #: The Coulomb friction as it is known to 10 %.
+    told_friction: list[float]
+
+    def text(self) -> str:
+        """Return it in a line."""
+        lags = f'{1e3 * min(self.lag):.1f}-{1e3 * max(self.lag):.1f}'
+        rates = f'{min(self.rate):.0f}-{max(self.rate):.0f}'
+        slow = f' at {self.stribeck_speed:.4f} rad/s' if self.stribeck else ''
+        return (f'{self.robot}, {1e-3 / self.period:g} kHz, delay {self.delay}, lag {lags} ms, '
+                f'R {rates}, encoder {self.encoder:.1e}, friction {self.friction:.2f}'
+                f'{" bristles" if self.bristles else ""}, Stribeck +{self.stribeck:.2f}{slow}, '
+                f'model {100 * self.model:.0f} %, payload {self.payload:.2f}, {self.motion}, '
+                f'start {self.start:+.2f}, load {self.load:.2f}; told: lag x{self.told_lag:.2f}, '
+                f'R x{self.told_rate:.2f}')
+
+
+def drawn(seed: int) -> tuple[Condition, Arm, Path3, Array]:
+    """Return a condition, its robot and motion, and the position from which it starts."""
+    rng = np.random.default_rng((seed, 24))
+    name = 'two_link' if rng.random() < _TWO_LINK else str(rng.choice(NAMES[1:]))
+    known = robot(name)
+    wide = dict(zip(_QUANTITIES, rng.random(len(_QUANTITIES)) < _WIDE))
+    c = quantities(seed, known, wide, rng)
+    arm = true_arm(c, known, rng)
+    path, first = motion_of(c, known, arm, rng)
+    torque, change = needed(arm, times(c), path)
+    weight = np.maximum(torque, 0.03 * np.array(known.effort))
+    coulomb = c.friction * weight
+    low, high = (150.0, 2e4) if wide['rate'] else (1e3, 8e3)
+    rate = 10.0 ** rng.uniform(np.log10(low), np.log10(high), known.n)
+    c.rate = np.maximum(rate, 1.5 * change).tolist()
+    load, j = np.zeros(known.n), int(rng.integers(known.n))
+    left = known.effort[j] - torque[j] - (1.0 + c.stribeck) * coulomb[j]
+    load[j] = min(c.load * max(weight[j], 0.15 * known.effort[j]), 0.6 * left)
+    begin = float(rng.uniform(3.0, 6.0))
+    c.told_friction = (coulomb * np.random.default_rng(seed).uniform(0.9, 1.1, known.n)).tolist()
+    arm = arm._replace(
+        coulomb=coulomb, stribeck=c.stribeck * coulomb, speed=np.full(known.n, c.stribeck_speed),
+        viscous=rng.uniform(0.0, 0.3) * coulomb, bristle=2e3 * coulomb * c.bristles,
+        lag=np.array(c.lag), rate=np.array(c.rate), load=load, rest=path.rest,
+        times=np.array([begin, begin + rng.uniform(0.5, 2.0)]))
+    return c, arm, path, first
+
+
+def quantities(seed: int, known: Robot, wide: dict[str, np.bool_], rng: np.random.Generator
+               ) -> Condition:
+    """Return a condition without rate limits; `wide` says what is drawn from all of its range."""
+    period = float(rng.choice([5e-4, 1e-3, 2e-3, 4e-3])) if wide['period'] else 1e-3
+    bits = rng.random() < 0.3
+    c = Condition(
+        seed, known.name, period, int(rng.integers(4)) if wide['delay'] else 1,
+        (rng.uniform(0.0, 5e-3) * np.ones(known.n) if wide['lag'] else rng.uniform(
+            1e-3, 2.5e-3, known.n)).tolist(), [],
+        (2.0 * np.pi / 2 ** int(rng.integers(12, 21)) if bits else float(
+            10.0 ** rng.uniform(-6, -3))) if wide['encoder'] else 1e-5,
+        float(rng.uniform(0.0, 0.6) if wide['friction'] else rng.uniform(0.1, 0.3)),
+        float(rng.uniform(0.2, 0.6)) if wide['stribeck'] else 0.0,
+        float(10.0 ** rng.uniform(-3, -0.5)), bool(rng.random() < 0.2),
+        0.2 if wide['model'] else 0.08, float(rng.uniform(0.0, 0.15)) if wide['payload'] else 0.0,
+        str(rng.choice(['sinusoid', 'trapezoid'])),
+        float(rng.uniform(-1.0, 1.0)) if wide['start'] else 0.0,
+        float(rng.uniform(0.1, 0.5)) if wide['load'] else 0.0, 1.0,
+        float(rng.uniform(0.5, 1.5)), float(3.0 ** rng.uniform(-1.0, 1.0)),
+        bool(rng.random() < 0.5), [])
+    c.delay = min(c.delay, int(6e-3 / period))
+    return c
+
+
+def times(c: Condition) -> Array:
+    """Return the instants of the samples, and some more for the delay."""
+    t: Array = (c.period * np.arange(int(DURATION / c.period) + 8)).astype(np.float64)
+    return t
+
+
+def true_arm(c: Condition, known: Robot, rng: np.random.Generator) -> Arm:
+    """Return the robot without friction, its bodies as they are."""
+    bodies, numbers = nominal(known.name)
+    n, zero = known.n, np.zeros(known.n)
+    x = 1.0 + rng.uniform(-c.model, c.model, (3, max(n, 6)))
+    if len(numbers):
+        numbers = numbers.copy()
+        numbers[:6] *= x[0, :6]
+        numbers[[3, 5]] += c.payload * np.array([0.62, 0.63])
+    else:
+        inertia = bodies.inertia * x[1, :n, None, None]
+        mass = bodies.mass * x[0, :n]
+        mass[-1] += 10.0 * c.payload * bodies.mass.sum() / 25.0
+        bodies = bodies._replace(mass=mass, inertia=inertia, centre=bodies.centre * x[2, :n, None])
+    return Arm(bodies, numbers, zero, zero, zero, np.ones(n), zero, zero, np.full(n, np.inf),
+               np.array(known.effort), zero, np.zeros(2), np.zeros((0, 2)))
+
+
+def motion_of(c: Condition, known: Robot, arm: Arm, rng: np.random.Generator
+              ) -> tuple[Path3, Array]:
+    """Return a motion, as slow as the robot needs it, and the position from which it starts."""
+    n, t, centre = known.n, times(c), np.array(known.centre)
+    size, frequency = rng.uniform(0.15, 0.45, n), rng.uniform(0.3, 1.0, n)
+    phase, move, stop = rng.uniform(0.0, 6.0, n), rng.uniform(0.5, 1.2), rng.uniform(0.6, 1.2)
+    for _ in range(12):
+        path = sinusoid(t, centre, size, c.slowed * frequency, phase) if (
+            c.motion == 'sinusoid') else trapezoids(t, centre, size, move / c.slowed, stop)
+        torque, _ = needed(arm, t, path)
+        most = (1.2 + 1.1 * c.friction * (1.0 + c.stribeck)) * torque
+        if (most < known.effort).all() and (np.abs(path.dq) < known.speed).all():
+            break
+        if c.slowed > 0.4:
+            c.slowed *= 0.8
+        else:  # The weight is too much, not the speed.
+            c.friction *= 0.7
+    if c.start:
+        return path, path.q[0] + c.start * np.sign(rng.uniform(-1.0, 1.0, n))
+    first = centre + rng.uniform(-0.3, 0.3, n)
+    return begun(path, t, first, 2.0), first
+
+
+def told(c: Condition, telling: str) -> dict[str, Any]:
+    """Return the parameters that a controller has by what it is told."""
+    known = robot(c.robot)
+    values: dict[str, Any] = {'law': 'observer_feedback', 'control_period': c.period}
+    if telling == 'compensation':
+        return {**values, 'law': telling, 'input_delay': c.delay}
+    if telling == 'name':
+        return values
+    values['ka'], values['effort_limit'] = [0.5 * x for x in known.effort], list(known.effort)
+    if telling == 'nothing':
+        return values
+    lag, rough = 0.0, telling == 'rough' or telling in RIVALS
+    if rough:
+        lag = c.told_lag * max(c.lag)
+        values['actuator_lag'] = [c.told_lag * x for x in c.lag]
+        values['torque_rate_limit'] = [c.told_rate * x for x in c.rate]
+    if rough or c.told_delay:
+        values['input_delay'] = c.delay
+    pole = largest_pole(lateness(lag, c.period, values.get('input_delay', 0)))
+    width = estimator_bandwidth(pole, c.encoder) if rough else pole
+    values = {**values, 'kp': [pole ** 2] * known.n, 'kv': [2.0 * pole] * known.n,
+              'estimator_bandwidth': width}
+    return {**values, **rival(c, telling, lag)} if telling in RIVALS else values
+
+
+def rival(c: Condition, telling: str, lag: float) -> dict[str, Any]:
+    """Return what a rival has in place of that."""
+    n, known = len(c.lag), {'law': RIVALS[telling], 'friction_level': c.told_friction}
+    if telling != 'integral':
+        return known
+    late = max(f / (c.told_rate * r) for f, r in zip(c.told_friction, c.rate))
+    p = 0.6 * largest_pole(late + lateness(lag, c.period, c.delay))  # docs/laws.md
+    return {**known, 'kp': [3.0 * p ** 2] * n, 'kv': [3.0 * p] * n, 'ki': [p ** 3] * n}
+
+
+def controller(c: Condition, values: dict[str, Any]) -> Controller:
+    """Return the package's controller with the model that the lab believes, compiled."""
+    known = robot(c.robot)
+    kind = 'urdf' if known.urdf else 'two_link'
+    config = ControllerConfig.from_mapping(
+        {**values, 'joint_names': list(known.joints), 'model': kind})
+    made = Controller(config, make_model(kind, 9.81, known.joints, known.urdf))
+    compile_step(made)
+    return made
+
+
+def measured(c: Condition, now: Motion) -> Array:
+    """Return the positions as the encoders have them."""
+    q: Array = c.encoder * np.floor(now.q / c.encoder + 0.5)
+    return q
+
+
+def run(c: Condition, arm: Arm, path: Path3, first: Array, law: Controller) -> dict[str, Any]:
+    """Return what happens, as a row; positions are true ones."""
+    count, delay = int(DURATION / c.period), law.config.input_delay
+    steps = max(int(np.ceil(c.period / (_COARSE if len(first) > 2 else _FINE))), 1)
+    now = motion_from(first, np.zeros(len(first)), c.delay)
+    errors, torques, before = [], [], measured(c, now)
+    for k in range(count):
+        q = measured(c, now)
+        points = [(path.q[j].tolist(), path.dq[j].tolist(), path.ddq[j].tolist())
+                  for j in range(k, k + delay + 1)]
+        sample = law.try_step(q.tolist(), ((q - before) / c.period).tolist(), *points[0],
+                              ahead=points[1:])
+        error = path.q[k] - now.q
+        if sample is None or not np.isfinite(error).all() or np.abs(error).max() > DIVERGED:
+            return {'diverged': round(k * c.period, 3)}
+        errors.append(error)
+        torques.append(sample.tau)
+        before = q
+        go_on(arm, now, np.array(sample.tau), steps, c.period / steps)
+    last = int(COUNTS / c.period)
+    e, tau = np.array(errors)[last:], np.array(torques)[last:]
+    rest = float(sum(b - a for a, b in path.rest if b <= DURATION))
+    return {'diverged': None, 'rms': np.sqrt((e * e).mean(axis=0)).tolist(),
+            'peak': float(np.abs(e).max()),
+            'slips': float(now.slips.max() / rest) if rest else 0.0,
+            'variation': (np.abs(np.diff(tau, axis=0)).sum(axis=0)
+                          / (DURATION - COUNTS)).tolist()}
