@@ -89,9 +89,9 @@ def sampled_loop(law: LinearLaw, robot: LinearRobot) -> SampledLoop:
 
 def one_joint(law: LinearLaw) -> LinearLaw:
     """Return the first joint of a law whose joints are independent and equal."""
-    n = len(law.D)
-    mine = law.B[:, [0, n]].any(axis=1)
+    of_y = np.array([0, len(law.D)])
+    mine = law.B[:, of_y].any(axis=1)
     for _ in range(len(law.A)):
         mine = mine | law.A[:, mine].any(axis=1)
-    return LinearLaw(law.A[np.ix_(mine, mine)], law.B[np.ix_(mine, [0, n])], law.C[:1, mine],
-                     law.D[:1, [0, n]])
+    return LinearLaw(law.A[mine][:, mine], law.B[mine][:, of_y], law.C[:1, mine],
+                     law.D[:1, of_y])
