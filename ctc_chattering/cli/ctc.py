@@ -27,6 +27,7 @@ COMMANDS = {
     'live': 'show the arm and the law in the browser, of a graph or of bags',
     'identify': 'friction, delays, errors of the model and gains from bags',
     'check-model': 'test the dynamics of a robot model',
+    'stability': 'which errors of model, lag and delay the loop stands, computed',
     'parameters': 'print all parameters of all nodes',
     'excite': 'make a motion that shows the friction of every joint'}
 

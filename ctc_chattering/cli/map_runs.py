@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, ExitStack
 from functools import partial
 import sys
 import time
+from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.cli.presentation import print_page
@@ -16,11 +18,15 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.lock import locked
+from ctc_chattering.robustness.refinement import Refinement
 from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.shards import Directory, file_digest, TABLE
+from ctc_chattering.robustness.shards import Directory, file_digest, Part, TABLE
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.studies import pool
 import pyarrow
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
 def compute_map(runs: Runs, jobs: int, options: argparse.Namespace) -> int:
@@ -33,17 +39,15 @@ def compute_map(runs: Runs, jobs: int, options: argparse.Namespace) -> int:
 def _map(runs: Runs, jobs: int, options: argparse.Namespace) -> int:
     """Compute what is missing of a map, and write its results."""
     start, about = time.monotonic(), chunks.about(runs)
-    parts = [(chunks.chunk_key(about['key'], part), part) for part in chunks.chunks(runs)]
-    about.update(runs=len(runs), chunks=len(parts))
+    about['runs'] = len(runs)
     directory, schema = Directory(options.out, about, options.overwrite), chunks.schema(runs.spec)
-    todo = directory.missing(parts, schema, partial(print, flush=True))
-    _announce(runs, len(parts), todo)
-    if todo:
-        _compute(runs, todo, directory, jobs, options.scheduler)
+    parts, computed = _parts(runs, directory, jobs, options.scheduler)
     table = directory.merge(parts, schema)
     counts = {name: _counts(table[name]) for name in ('engine', 'failure')}
-    directory.describe({**about, 'engines': counts['engine'], 'failures': counts['failure'],
-                        'computed_now': sum(len(part) for _, part in todo),
+    directory.describe({**about, 'runs': len(table), 'chunks': len(parts),
+                        'engines': counts['engine'], 'failures': counts['failure'],
+                        **({'runs_of_grid': len(runs)} if runs.spec.refined else {}),
+                        'computed_now': computed,
                         'seconds': round(time.monotonic() - start, 1),
                         'sha256': {TABLE: file_digest(options.out / TABLE)}})
     failed = sum(n for kind, n in counts['failure'].items() if kind)
@@ -52,6 +56,27 @@ def _map(runs: Runs, jobs: int, options: argparse.Namespace) -> int:
     from ctc_chattering.robustness.report.report import write_report  # Matplotlib takes time.
     print_page(write_report(runs.spec, table, options.out))
     return 0
+
+
+def _parts(runs: Runs, directory: Directory, jobs: int, address: str | None
+           ) -> tuple[list[Part], int]:
+    """Compute what is missing; return all chunks, and the number of runs computed now."""
+    parts: list[Part] = []
+    computed, schema, key, client = 0, chunks.schema(runs.spec), chunks.map_key(runs), None
+    refinement = Refinement(runs)
+    with ExitStack() as stack:
+        while (some := refinement.numbers()):
+            mine = [(chunks.chunk_key(key, x), x) for x in chunks.chunks(runs, some)]
+            todo = directory.missing(mine, schema, partial(print, flush=True))
+            _announce(mine, todo)
+            if todo:
+                client = client or stack.enter_context(_workers(
+                    runs, jobs if runs.spec.refined else min(jobs, len(todo)), address))
+                _compute(runs, client, mine, todo, directory)
+            parts += mine
+            computed += _count(todo)
+            refinement.take(partial(directory.rows, mine, schema))
+    return parts, computed
 
 
 def _try(runs: Runs) -> None:
@@ -63,39 +88,50 @@ def _try(runs: Runs) -> None:
             setup.controller, setup.descriptions.get('controller', '')))
 
 
-def _announce(runs: Runs, count: int, todo: Sequence[tuple[str, range]]) -> None:
+def _announce(parts: Sequence[Part], todo: Sequence[Part]) -> None:
     """Print what will run, and what is there already."""
-    print(f'{len(runs)} runs in {count} chunk{"s" * (count > 1)}')
-    left = sum(len(part) for _, part in todo)
-    if left < len(runs):
-        print(f'{len(runs) - left} runs are there already')
+    count, left = len(parts), _count(todo)
+    print(f'{_count(parts)} runs in {count} chunk{"s" * (count > 1)}')
+    if left < _count(parts):
+        print(f'{_count(parts) - left} runs are there already')
     sys.stdout.flush()
 
 
-def _compute(runs: Runs, todo: Sequence[tuple[str, range]], directory: Directory,
-             jobs: int, address: str | None) -> None:
-    """Compute what is missing, and write each chunk as it comes."""
-    version, show = chunks.version(), partial(print, flush=True)
+def _count(parts: Sequence[Part]) -> int:
+    """Return the number of runs of chunks."""
+    return sum(len(part) for _, part in parts)
+
+
+@contextmanager
+def _workers(runs: Runs, jobs: int, address: str | None) -> Iterator[Client]:
+    """Compile what runs need, if they run here, and yield a client of the workers."""
+    show = partial(print, flush=True)
     if address is None:
         compile_setups(map(runs.example, range(len(runs.spec.variants))), show)
-    with pool.workers(min(jobs, len(todo)), address) as client:
+    with pool.workers(jobs, address) as client:
         count = pool.threads(client, show)
         print(f'{count} worker{"s" if count > 1 else ""}', flush=True)
-        there = len(runs) - sum(len(part) for _, part in todo)
-        with progress_bar(total=len(runs), initial=there, desc='map', unit='run') as bar:
-            def ended(error: BaseException) -> str:
-                return (f'{str(error) or "stopped"}; {bar.n} of {len(runs)} runs are in '
-                        f'{directory.path}, the same command goes on')
-            try:
-                for key, table in pool.computed(
-                        client, chunks.compute, (runs, version), todo,
-                        partial(bar.write, file=sys.stderr)):
-                    directory.write(key, table)
-                    bar.update(len(table))
-            except CtcError as error:
-                raise CtcError(ended(error)) from None
-            except KeyboardInterrupt as error:
-                raise KeyboardInterrupt(ended(error)) from None
+        yield client
+
+
+def _compute(runs: Runs, client: Client, parts: Sequence[Part], todo: Sequence[Part],
+             directory: Directory) -> None:
+    """Compute what is missing of chunks, and write each as it comes."""
+    total = _count(parts)
+    with progress_bar(total=total, initial=total - _count(todo), desc='map', unit='run') as bar:
+        def ended(error: BaseException) -> str:
+            return (f'{str(error) or "stopped"}; {bar.n} of {total} runs are in '
+                    f'{directory.path}, the same command goes on')
+        try:
+            for key, table in pool.computed(
+                    client, chunks.compute, (runs, chunks.version()), todo,
+                    partial(bar.write, file=sys.stderr)):
+                directory.write(key, table)
+                bar.update(len(table))
+        except CtcError as error:
+            raise CtcError(ended(error)) from None
+        except KeyboardInterrupt as error:
+            raise KeyboardInterrupt(ended(error)) from None
 
 
 def _counts(column: pyarrow.ChunkedArray) -> dict[str, int]:

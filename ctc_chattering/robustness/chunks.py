@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 import dataclasses
 from functools import cache
@@ -34,7 +35,7 @@ _SOURCES = ('errors.py', 'parameters.py', 'numerics', 'dynamics', 'trajectory', 
             'simulation', 'configuration', 'analysis/metrics.py',
             'analysis/result.py', 'studies/recommended.py', 'studies/score.py',
             'robustness/chunks.py', 'robustness/columns.py', 'robustness/evaluation.py',
-            'robustness/quantity.py', 'robustness/runs.py')
+            'robustness/quantity.py', 'robustness/refinement.py', 'robustness/runs.py')
 
 
 @cache
@@ -74,7 +75,8 @@ def contents(runs: Runs) -> dict[str, Any]:
         'descriptions': {node: hashlib.sha256(text.encode()).hexdigest()
                          for node, text in setup.descriptions.items()}, 'window': spec.window,
         'laws': [dataclasses.asdict(variant) for variant in spec.variants], **quantities,
-        **spec.repeats.as_mapping(), 'failure': spec.failure.as_mapping()}
+        **spec.repeats.as_mapping(), 'failure': spec.failure.as_mapping(),
+        **({'coarse': spec.coarse} if spec.refined else {})}
 
 
 def about(runs: Runs) -> dict[str, Any]:
@@ -92,29 +94,30 @@ def map_key(runs: Runs) -> str:
     return _key([contents(runs), version()])
 
 
-def chunk_key(key: str, chunk: range) -> str:
+def chunk_key(key: str, chunk: Sequence[int]) -> str:
     """Return the name of a chunk of the map with the given key."""
-    return _key([key, chunk.start, chunk.stop])
+    return _key([key, chunk.start, chunk.stop] if isinstance(chunk, range) else [key, *chunk])
 
 
 def _key(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:32]
 
 
-def chunks(runs: Runs) -> list[range]:
+def chunks(runs: Runs, some: Sequence[int] | None = None) -> list[Sequence[int]]:
     """
-    Return the runs of a map in chunks of so many steps each, or fewer where runs are few.
+    Return all runs of a map, or some, in chunks of so many steps each, fewer of few runs.
 
-    Their size depends on nothing but the spec.
+    Their size depends on nothing but the spec and the number of runs.
     """
     spec = runs.spec
+    numbers: Sequence[int] = range(len(runs)) if some is None else some
     n, plant = len(spec.setup.controller.joint_names), spec.setup.plant
     steps = plant.duration / min(plant.control_period, plant.integration_step)
-    size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(runs) // _FEWEST)))
-    return [range(k, min(k + size, len(runs))) for k in range(0, len(runs), size)]
+    size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(numbers) // _FEWEST)))
+    return [numbers[k:k + size] for k in range(0, len(numbers), size)]
 
 
-def compute(runs: Runs, made_by: str, chunk: range) -> pyarrow.Table:
+def compute(runs: Runs, made_by: str, chunk: Sequence[int]) -> pyarrow.Table:
     """
     Return the rows of a chunk; what they need is compiled first, if it is not on this machine.
 
@@ -124,7 +127,7 @@ def compute(runs: Runs, made_by: str, chunk: range) -> pyarrow.Table:
         The map.
     made_by : str
         `version` of the process that asks.
-    chunk : range
+    chunk : sequence of int
         Numbers of the runs.
 
     Raises

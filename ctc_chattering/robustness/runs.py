@@ -82,7 +82,7 @@ class Runs:
         place, spec = self.place(run), self.spec
         variant = spec.variants[place.variant]
         return {'run': run, 'point': place.point, 'repeat': place.repeat,
-                'seed': spec.repeats.seed + place.repeat, 'variant': variant.name,
+                'seed': self._seed(place.repeat), 'variant': variant.name,
                 'law': variant.law, 'switching': variant.switching,
                 **{quantity.name: x for quantity, x in self._settings(place)}}
 
@@ -99,8 +99,12 @@ class Runs:
         place = self.place(run)
         settings = self._settings(place)
         known = tuple(x for quantity, x in settings[:len(self.spec.axes)] if quantity.known)
-        return applied(self._of_law(place.variant, known), settings,
-                       self.spec.repeats.seed + place.repeat)
+        return applied(self._of_law(place.variant, known), settings, self._seed(place.repeat))
+
+    def _seed(self, repeat: int) -> int:
+        """Return the seed of the noise; the same for all repeats if differences count."""
+        repeats = self.spec.repeats
+        return repeats.seed + (0 if repeats.sampling == 'saltelli' else repeat)
 
     def example(self, variant: int) -> Setup:
         """Return a setup of a law: that of the first point without a draw, if it is allowed."""

@@ -38,12 +38,21 @@ def unit_draws(method: str, n: int, m: int, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     if method == 'random' or m == 0:
         return rng.random((n, m))
+    if method == 'saltelli':
+        return _saltelli(unit_draws('sobol', n // (m + 2), 2 * m, seed))
     # Here, for the workers, which need no draws, to start twice as fast.
     from scipy.stats import qmc  # type: ignore[import-untyped]
     if method == 'latin_hypercube':
         return np.asarray(qmc.LatinHypercube(m, rng=rng).random(n))
     # A Sobol sequence has its balance at powers of two.
     return np.asarray(qmc.Sobol(m, rng=rng).random_base2(ceil(log2(n))))[:n]
+
+
+def _saltelli(pairs: Array) -> Array:
+    """Return draws A, B, and A with each column of B in turn, shape ((m + 2) n, m)."""
+    A, B = np.hsplit(pairs, 2)
+    one = np.eye(len(A.T), dtype=bool)
+    return np.vstack([A, B, *(np.where(mine, B, A) for mine in one)])
 
 
 def quantile(x: Uncertain, u: Array) -> Array:

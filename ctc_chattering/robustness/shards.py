@@ -29,7 +29,7 @@ _GROUP = 100_000
 #: Of all files.
 _FORMAT: dict[str, Any] = {'compression': 'zstd', 'write_page_checksum': True}
 #: Key and runs of a chunk.
-Part = tuple[str, range]
+Part = tuple[str, Sequence[int]]
 
 
 class Damaged(CtcError):
@@ -81,7 +81,7 @@ class Directory:
             temporary.write_bytes(content)
         self._files[key] = path
 
-    def read(self, key: str, runs: range, schema: pyarrow.Schema) -> pyarrow.Table | None:
+    def read(self, key: str, runs: Sequence[int], schema: pyarrow.Schema) -> pyarrow.Table | None:
         """
         Return the rows of a chunk, checked; None if it is not there.
 
@@ -89,7 +89,7 @@ class Directory:
         ----------
         key : str
             Of the chunk.
-        runs : range
+        runs : sequence of int
             Numbers of its runs.
         schema : pyarrow.Schema
             Of its rows.
@@ -127,7 +127,7 @@ class Directory:
 
     def merge(self, parts: Sequence[Part], schema: pyarrow.Schema) -> pyarrow.Table:
         """
-        Write and return all rows in the order of the chunks, the same bytes for any chunks.
+        Write and return all rows in the order of the runs, the same bytes for any chunks.
 
         Raises
         ------
@@ -135,7 +135,9 @@ class Directory:
             If a chunk is missing or damaged; nothing is written then.
 
         """
-        rows = pyarrow.concat_tables(self._tables(parts, schema)).combine_chunks()
+        rows = self.rows(parts, schema)
+        if not all(isinstance(runs, range) for _, runs in parts):
+            rows = rows.sort_by('run')
         with _replacing(self.path / TABLE) as temporary:
             parquet.write_table(rows.replace_schema_metadata(self._metadata()), temporary,
                                 row_group_size=_GROUP, **_FORMAT)
@@ -143,12 +145,16 @@ class Directory:
             left.unlink(missing_ok=True)
         return rows
 
+    def rows(self, parts: Sequence[Part], schema: pyarrow.Schema) -> pyarrow.Table:
+        """Return the rows of chunks, in their order; raise `CtcError` as `merge` does."""
+        return pyarrow.concat_tables(self._tables(parts, schema)).combine_chunks()
+
     def _tables(self, parts: Sequence[Part], schema: pyarrow.Schema) -> Iterator[pyarrow.Table]:
         """Yield the rows of each chunk."""
         for key, runs in parts:
             table = self.read(key, runs, schema)
             if table is None:
-                raise CtcError(f'{self.path}: runs {runs.start} to {runs.stop - 1} are missing')
+                raise CtcError(f'{self.path}: runs {runs[0]} to {runs[-1]} are missing')
             yield table
 
     def _metadata(self) -> dict[str, str]:
@@ -175,7 +181,7 @@ def read_about(directory: Path) -> dict[str, Any]:
     return about if isinstance(about, dict) else {}
 
 
-def checked(path: Path, runs: range, schema: pyarrow.Schema) -> pyarrow.Table:
+def checked(path: Path, runs: Sequence[int], schema: pyarrow.Schema) -> pyarrow.Table:
     """
     Return the rows of a shard.
 
@@ -197,13 +203,13 @@ def checked(path: Path, runs: range, schema: pyarrow.Schema) -> pyarrow.Table:
             raise Damaged(f'{path}: damaged, {error}') from None
 
 
-def _rows(source: Any, runs: range, schema: pyarrow.Schema) -> pyarrow.Table:
+def _rows(source: Any, runs: Sequence[int], schema: pyarrow.Schema) -> pyarrow.Table:
     """Return the rows of a file; raise `ValueError` unless they are those of the runs."""
     table = parquet.read_table(source, partitioning=None, page_checksum_verification=True)
     if not table.schema.equals(schema):
         raise ValueError('it has other columns')
     if not np.array_equal(table['run'], runs):
-        raise ValueError(f'its {len(table)} rows are not runs {runs.start} to {runs.stop - 1}')
+        raise ValueError(f'its {len(table)} rows are not runs {runs[0]} to {runs[-1]}')
     return table
 
 

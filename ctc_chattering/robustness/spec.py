@@ -27,9 +27,11 @@ from ctc_chattering.robustness.quantity import (
 from ctc_chattering.studies.recommended import recommended_setup
 
 Q = TypeVar('Q')
+#: Most levels of a refinement.
+_LEVELS = 16
 #: Keys of a spec. `tune` is for `ctc tune`.
 KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncertain', 'sampling',
-        'repeats', 'seed', 'failure', 'tune')
+        'repeats', 'seed', 'failure', 'refine', 'tune')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Repeats(Config):
 
     sampling: str = parameter(
         'sampling', 'str', 'sobol', 'How `uncertain` is drawn.',
-        choices=('random', 'latin_hypercube', 'sobol'))
+        choices=('random', 'latin_hypercube', 'sobol', 'saltelli'))
     repeats: int = parameter(
         'repeats', 'int', 1, 'Runs of every law at every point.', minimum=1, maximum=MOST)
     seed: int = parameter(
@@ -113,6 +115,8 @@ class MapSpec:
         Draws.
     failure : Failure
         Limits.
+    coarse : tuple of int
+        Of each axis: every how many of its values are run first, a power of two; 1 for all.
 
     """
 
@@ -124,6 +128,12 @@ class MapSpec:
     uncertain: tuple[Uncertain, ...]
     repeats: Repeats
     failure: Failure
+    coarse: tuple[int, ...] = ()
+
+    @property
+    def refined(self) -> bool:
+        """Return whether points are run near the boundary only."""
+        return any(step > 1 for step in self.coarse)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -178,7 +188,8 @@ def parse(tree: object, path: Path) -> MapSpec:
         path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
         axes, uncertain,
         Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
-        _failure(values.get('failure', {})))
+        _failure(values.get('failure', {})), _coarse(values, axes))
+    _check_saltelli(spec)
     if spec.runs > MOST:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
                        f'{spec.repeats.repeats} repeats; allowed: {MOST}')
@@ -222,6 +233,34 @@ def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object
             raise ParameterError(key, name, 'a name of letters, digits and _ that is no column '
                                  'of the results, such as error, law or repeat')
     return tuple(read(name, x) for name, x in tree.items())
+
+
+def _coarse(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
+    """Return every how many values of each axis are run first; all of an axis without range."""
+    spec = Parameter('refine', 'int', 0, '', minimum=0, maximum=_LEVELS)
+    levels = spec.coerce(values.get('refine', 0))
+    spec.check(levels, 0)
+    of_range = [axis for axis in axes if 'range' in values['axes'][axis.name]]
+    if levels and not of_range:
+        raise ParameterError('refine', levels, '0, or an axis with a range')
+    for axis in of_range:
+        if (len(axis.values) - 1) % 2 ** levels:
+            raise ParameterError(f'axes.{axis.name}.count', len(axis.values),
+                                 f'a multiple of {2 ** levels} and 1 with refine {levels}')
+    return tuple(2 ** levels if axis in of_range else 1 for axis in axes)
+
+
+def _check_saltelli(spec: MapSpec) -> None:
+    """Check what Sobol indices need: no axis, and two draws and one for each that is uncertain."""
+    if spec.repeats.sampling != 'saltelli':
+        return
+    parts = len(spec.uncertain) + 2
+    if spec.axes or not spec.uncertain:
+        raise ParameterError('sampling', 'saltelli', 'uncertain and no axes')
+    n = spec.repeats.repeats // parts
+    if n * parts != spec.repeats.repeats or n & (n - 1):
+        raise ParameterError('repeats', spec.repeats.repeats, (
+            f'{parts} times a power of two with saltelli, for example {256 * parts}'))
 
 
 def _failure(tree: object) -> Failure:

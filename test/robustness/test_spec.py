@@ -173,3 +173,24 @@ def test_what_is_no_spec(tmp_path: Path, text: str, word: str) -> None:
 
 def test_the_small_map_starts_on_track() -> None:
     assert spec().setup.plant.initial_velocity == tuple(ON_TRACK['initial_velocity'])
+
+
+@pytest.mark.parametrize(('changes', 'words'), [
+    ({'refine': 1}, 'refine: 1 is not allowed; allowed: 0, or an axis with a range'),
+    ({'refine': -1}, 'refine: -1'),
+    ({'refine': 2, 'axes': {'ka': {'parameter': 'ka', 'range': [1, 9], 'count': 8}}},
+     'axes.ka.count: 8 is not allowed; allowed: a multiple of 4 and 1 with refine 2'),
+    ({'sampling': 'saltelli'}, 'is not allowed; allowed: uncertain and no axes'),
+    ({'sampling': 'saltelli', 'axes': None, 'repeats': 9},
+     'repeats: 9 is not allowed; allowed: 3 times a power of two with saltelli')])
+def test_refine_and_saltelli_are_checked(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(CtcError, match=re.escape(words)):
+        spec(**changes)
+
+
+def test_the_coarse_grid_is_of_axes_with_a_range() -> None:
+    axes = {'ka': {'parameter': 'ka', 'range': [1, 9], 'count': 9},
+            'delay': {'parameter': 'plant.input_delay', 'values': [0, 1, 2]}}
+    assert spec(axes=axes, refine=2).coarse == (4, 1)
+    assert not spec(axes=axes).refined
+    assert spec(sampling='saltelli', axes=None, repeats=12).runs == 24

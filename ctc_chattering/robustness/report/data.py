@@ -24,6 +24,8 @@ KINDS = ('diverged', 'error', 'saturated', 'not reached', 'too long', 'refused')
 COLUMNS = ('run', 'repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
 #: Of the error.
 QUANTILES = (0.05, 0.5, 0.95)
+#: Distance of two values of an axis that was not refined.
+_FAR = 1e6
 #: In place of an infinite error where one interpolates, and what only such errors exceed.
 _HUGE, _LARGE = 1e300, 1e290
 
@@ -40,6 +42,11 @@ class MapData:
         Name and unit of each axis, in the order of the map.
     uncertain : sequence of str
         Names of the parameters that were drawn.
+    refined : sequence of str
+        Names of axes along which only points near the boundary were run: another point of the
+        grid counts as the nearest one along them that was run; `rows` has those that were run.
+    saltelli : bool
+        Whether draws are such that Sobol indices follow.
 
     Attributes
     ----------
@@ -59,7 +66,8 @@ class MapData:
 
     """
 
-    def __init__(self, table: Any, axes: Mapping[str, str], uncertain: Sequence[str] = ()) -> None:
+    def __init__(self, table: Any, axes: Mapping[str, str], uncertain: Sequence[str] = (),
+                 refined: Sequence[str] = (), saltelli: bool = False) -> None:
         if not len(table):
             raise CtcError('no run in the results')
         self.rows = rows = table.select([*COLUMNS, *axes, *uncertain]).to_pandas()
@@ -72,7 +80,7 @@ class MapData:
                  for name, unit in axes.items()]
         self.axes = tuple(x for x in every if len(x.values) > 1)
         self.fixed = tuple(x for x in every if len(x.values) == 1)
-        self.uncertain = tuple(uncertain)
+        self.uncertain, self.refined, self.saltelli = tuple(uncertain), tuple(refined), saltelli
         first = rows.drop_duplicates('variant')
         self.variants, self.laws = tuple(first['variant']), tuple(first['law'])
         self._cells = [pandas.Categorical(rows['variant'], self.variants), *(
@@ -100,7 +108,20 @@ class MapData:
     def _grid(self, column: pandas.Series, what: str, *arguments: Any) -> Any:
         """Return what `what` of each cell is, shape (V, *shape)."""
         found = getattr(column.groupby(self._cells, observed=False), what)(*arguments)
-        return found.to_numpy().reshape(len(self.variants), *self.shape)
+        values = found.to_numpy().reshape(len(self.variants), *self.shape)
+        return values[self._nearest] if self.refined else values
+
+    @cached_property
+    def _nearest(self) -> tuple[npt.NDArray[np.int_], ...]:
+        """Return indices of the nearest points that were run, each of shape (V, *shape)."""
+        from scipy.ndimage import distance_transform_edt  # type: ignore[import-untyped]
+        count = self.rows['error'].groupby(self._cells, observed=False).size().to_numpy()
+        none = count.reshape(len(self.variants), *self.shape) == 0
+        along = [1.0 if axis.name in self.refined else _FAR for axis in self.axes]
+        found = [distance_transform_edt(x, along, return_distances=False, return_indices=True)
+                 for x in none]
+        first = np.arange(len(none)).reshape(-1, *(1,) * len(self.shape))
+        return (np.broadcast_to(first, none.shape), *np.stack(found, axis=1))
 
     @cached_property
     def runs(self) -> Counts:

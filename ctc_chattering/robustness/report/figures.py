@@ -13,6 +13,7 @@ from ctc_chattering.robustness.report.data import MapData, slices
 from ctc_chattering.robustness.report.draws import correlations, distributions, shares
 from ctc_chattering.robustness.report.lines import bands, lines
 from ctc_chattering.robustness.report.panels import boundary, LINES, mesh, sheet, states, THIRD
+from ctc_chattering.robustness.report.sobol import sensitivities, sobol_figure
 import matplotlib
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
@@ -149,7 +150,11 @@ def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:
     yield 'failures', shares(data), (
         'Share of all runs that fail, by the first kind that applies, and the interval of 95 % of '
         'their sum' + (' for other draws, which all points share.' if data.axes else ' (Wilson).'))
-    if (len(data.columns) > 1 or data.uncertain) and data.rows['error'].nunique() > 1:
+    if data.saltelli and any(True for _ in sensitivities(data)):
+        yield 'sobol', sobol_figure(data), (
+            'Sobol indices: part of the variance that is due to a quantity alone, and with all '
+            'that it does together with others. Lines: intervals of 95 %.')
+    elif (len(data.columns) > 1 or data.uncertain) and data.rows['error'].nunique() > 1:
         yield 'dependence', correlations(data), _correlation_caption(data)
 
 

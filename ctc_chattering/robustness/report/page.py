@@ -13,6 +13,7 @@ from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import pooled, side
 from ctc_chattering.robustness.report.contrast import Contrast, contrast, passing
 from ctc_chattering.robustness.report.data import Counts, KINDS, MapData
+from ctc_chattering.robustness.report.sobol import sobol_table
 import numpy as np
 
 #: Names of laws, and what is said of them.
@@ -50,7 +51,8 @@ def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
         [(name, f'{name} ({what})') for name, what in files.items()], _lead(data), __package__,
         'page.html', failures=_failures(data), worse=worse, better=better,
         base=None if data.base is None else data.variants[data.base],
-        boundaries=list(_boundaries(data)), summary=_summary(data, facts))
+        boundaries=list(_boundaries(data)),
+        sobol=sobol_table(data) if data.saltelli else None, summary=_summary(data, facts))
 
 
 def _headline(data: MapData) -> str:
@@ -71,7 +73,9 @@ def _lead(data: MapData) -> str:
     points = f'over {axes}: {counted(int(np.prod(data.shape)), "point")}, ' if axes else ''
     return (f'{counted(len(data.variants), "law")} {points or "with "}'
             f'{counted(data.repeats, "draw")}{" each" if axes else ""}, '
-            f'{counted(len(data.rows), "run")} in all.')
+            f'{counted(len(data.rows), "run")} in all'
+            + (', near the boundary only: any other point is shown as the nearest one that was '
+               'run, and shares are of the runs made.' if data.refined else '.'))
 
 
 def _failures(data: MapData) -> Table:

@@ -39,7 +39,9 @@ def write_report(spec: MapSpec, table: Any, directory: Path) -> Path:
         If a file cannot be written.
 
     """
-    data = MapData(table, {x.name: x.unit for x in spec.axes}, [x.name for x in spec.uncertain])
+    data = MapData(table, {x.name: x.unit for x in spec.axes}, [x.name for x in spec.uncertain],
+                   [x.name for x, step in zip(spec.axes, spec.coarse) if step > 1],
+                   spec.repeats.sampling == 'saltelli')
     figures = save_map_figures(data, directory / FIGURES)
     write_map_page(data, figures, directory / PAGE, facts(spec),
                    {TABLE: 'a row a run', JSON: 'the spec, versions and counts'})

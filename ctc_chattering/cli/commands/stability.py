@@ -1,0 +1,59 @@
+"""`ctc stability`: what errors of model, lag and delay the loop of a parameter file stands."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from ctc_chattering.analysis.number_format import number_text
+from ctc_chattering.analysis.output import prepare, write_text
+from ctc_chattering.analysis.tables import print_columns
+from ctc_chattering.cli.options import add_output, add_params_file, check, load_setup
+from ctc_chattering.control.controller import LAWS
+
+DETAILS = ('Of the sampled loop with constant M, without limits: the poles for errors that are '
+           'constant, the small-gain theorem for those that vary. Status 1 if it is not stable '
+           'for the exact model. docs/theory.md has the theorem and what it does not cover.')
+_JSON, _FIGURES = 'stability.json', 'figures'
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `ctc stability`."""
+    add_params_file(parser)
+    parser.add_argument('--law', metavar='X', help=f"in place of the file's: {' | '.join(LAWS)}")
+    parser.add_argument('--control-period', type=float, metavar='S',
+                        help="in place of the file's [s]")
+    parser.add_argument('--lag', type=float, metavar='S',
+                        help="true lag of all drives, in place of the plant's actuator_lag [s]")
+    parser.add_argument('--delay', type=int, metavar='N',
+                        help="true delay in samples, in place of the plant's input_delay")
+    add_output(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run `ctc stability`."""
+    from ctc_chattering.robustness.stability.margins import loops_of
+    from ctc_chattering.robustness.stability.report import as_json, margins, region, rows
+
+    for name, value in (('--lag', options.lag), ('--delay', options.delay)):
+        if value is not None:
+            check(name, value, 0)
+    _, _, setup = load_setup(options)
+    config = setup.controller
+    loops = loops_of(setup, options.lag, options.delay)
+    robot = loops.robots[0]
+    if options.out is not None:
+        prepare(options.out, (_JSON, _FIGURES), options.overwrite)
+    print(f'{config.law}: kp {number_text(config.kp)}, kv {number_text(config.kv)}, sampled every '
+          f'{1e3 * robot.period:g} ms')
+    for who, lag, delay in (('law', config.actuator_lag if config.takes('actuator_lag')
+                             else (0.0,), config.input_delay),
+                            ('robot', tuple(robot.lag.tolist()), robot.delay)):
+        print(f'{who}: lag {number_text(tuple(1e3 * x for x in lag))} ms, delay {delay}')
+    found = margins(loops)
+    print_columns(list(rows(found, robot.period)))
+    if options.out is not None:
+        from ctc_chattering.analysis import drawing
+        write_text(options.out / _JSON, json.dumps(as_json(found), indent=2) + '\n')
+        drawing.save(region(loops, found), options.out / _FIGURES, ('svg',))
+    return 0 if found.radius < 1.0 else 1

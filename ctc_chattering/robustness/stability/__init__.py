@@ -1,0 +1,1 @@
+"""Stability of a sampled loop: what errors of model, lag and delay it stands, computed."""

@@ -1,0 +1,230 @@
+"""
+What errors of model, lag and delay the loop of a parameter file stands.
+
+The robot is linear: M is constant, C = G = 0, no torque is at its limit, and what is estimated is
+within ±Ka. Friction, its compensation, and errors of C and G that are bounded are inputs. With the
+loop of `sampled_loop` and X = M̂^½ M⁻¹ M̂^½::
+
+    X constant:    exponentially stable if and only if all poles of the loop are within the unit
+                   circle; with equal settings of all joints those of one joint, for each
+                   eigenvalue of X
+    X(k) varying:  exponentially stable if, for one c,  ‖X(k) - c‖ ‖G_c‖∞ < 1 at all k      (MG1)
+
+G_c is the loop with X = c, from w to z; the second line is the small-gain theorem. For symmetric X
+it says that all eigenvalues of M̂ M⁻¹ stay between c ± 1 / ‖G_c‖∞.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+from functools import cached_property
+from typing import NamedTuple
+
+from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.numerics.peak_gain import peak_gain
+from ctc_chattering.numerics.time_grid import period_ns, seconds
+from ctc_chattering.parameters import matrix
+from ctc_chattering.robustness.stability.linear_law import linear_law, LinearLaw
+from ctc_chattering.robustness.stability.sampled_loop import (
+    LinearRobot,
+    one_joint,
+    sampled_loop,
+    SampledLoop,
+)
+from ctc_chattering.trajectory.reference import make_motion
+import numpy as np
+
+#: Eigenvalues of M̂ M⁻¹ that are looked at, and centres c of (MG1).
+RATIOS = np.geomspace(0.01, 100.0, 200)
+_CENTRES = np.geomspace(0.4, 2.5, 20)
+#: s of (XL2): of no weight, as it happens.
+_SCALE = 3.0
+#: Lags that are looked at: so many, up to so many times lateness; and delays beyond the known one.
+_LAGS, _LONGEST, _DELAYS = 200, 20.0, 20
+#: Instants of the motion at which M̂ is taken, where the settings of the joints differ.
+_INSTANTS = 5
+#: Steps of a bisection.
+_HALVINGS = 40
+#: Most samples of a response that are summed.
+_LONG = 200_000
+
+
+class StableRange(NamedTuple):
+    """An interval."""
+
+    low: float
+    high: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Loops:
+    """
+    The loops of a law with a robot, one for each M̂ that counts.
+
+    Attributes
+    ----------
+    laws : sequence of LinearLaw
+        With each M̂.
+    robots : sequence of LinearRobot
+        As many; lag and delay are the true ones.
+
+    """
+
+    laws: Sequence[LinearLaw]
+    robots: Sequence[LinearRobot]
+
+    def with_drives(self, lag: float | None = None, delay: int | None = None) -> Loops:
+        """Return the loops with another true lag [s] of all drives, or delay in samples."""
+        return Loops(self.laws, [x._replace(
+            lag=x.lag if lag is None else np.full_like(x.lag, lag),
+            delay=x.delay if delay is None else delay) for x in self.robots])
+
+    @cached_property
+    def all(self) -> list[SampledLoop]:  # noqa: A003
+        """Return the loops."""
+        return [sampled_loop(*x) for x in zip(self.laws, self.robots)]
+
+    def radius(self, ratio: float = 1.0) -> float:
+        """Return the largest absolute value of a pole for M̂ = `ratio` M."""
+        return max(x.radius(ratio) for x in self.all)
+
+    def ratios(self) -> StableRange | None:
+        """Return for which eigenvalues of M̂ M⁻¹, around 1, all poles are stable; else None."""
+        return stable(self.radius, 1.0, RATIOS)
+
+    def guaranteed(self) -> StableRange | None:
+        """Return the widest interval of (MG1), as a quotient, around 1; None for none."""
+        found = None
+        for c in _CENTRES:
+            if self.radius(c) < 1.0:
+                d = min(1.0 / peak_gain(y.closed(c), y.B, y.C)
+                        for y in (x.scaled(_SCALE) for x in self.all))
+                if 0.0 < c - d < 1.0 < c + d and (
+                        found is None or (c + d) / (c - d) > found.high / found.low):
+                    found = StableRange(c - d, c + d)
+        return found
+
+    def lags(self, ratio: float = 1.0) -> StableRange | None:
+        """Return for which true lags [s], around that of the robot, all poles are stable."""
+        late = max(x.lag.max() + x.period * (1 + x.delay) for x in self.robots)
+        return stable(lambda lag: self.with_drives(lag=lag).radius(ratio),
+                      float(self.robots[0].lag.max()), np.linspace(0.0, _LONGEST * late, _LAGS))
+
+    def delays(self, ratio: float = 1.0) -> list[int]:
+        """Return for which true delays, in samples, all poles are stable."""
+        return [d for d in range(self.robots[0].delay + _DELAYS)
+                if self.with_drives(delay=d).radius(ratio) < 1.0]
+
+    def error_gain(self, ratio: float = 1.0) -> float:
+        """
+        Return the largest |e_i| for |M⁻¹ P|_i <= 1 rad/s², M̂ = `ratio` M [s²]; inf if unstable.
+
+        For equal settings of all joints. P is any bounded torque, friction for example: the sum
+        of the absolute values of the response to impulses of its two means over a period.
+        """
+        (loop,), (robot,) = self.all, self.robots
+        if loop.radius(ratio) >= 1.0:
+            return np.inf
+        A, h, total = loop.closed(ratio), robot.period, 0.0
+        x = np.zeros((len(A), 2))
+        x[0, 0], x[1, 1] = 0.5 * h * h, h
+        for _ in range(_LONG):
+            total += np.abs(x[0]).sum()
+            x = A @ x
+            if np.abs(x[0]).sum() < 1e-12 * total:
+                break
+        return total
+
+
+def stable(radius: Callable[[float], float], at: float, grid: Array) -> StableRange | None:
+    """Return where a radius is below 1 around `at`, to the ends of a grid; None if not there."""
+    if not radius(at) < 1.0:
+        return None
+    ends = []
+    for side in (np.flip(grid[grid < at]), grid[grid > at]):
+        inside = at
+        for x in side.tolist():
+            if not radius(x) < 1.0:
+                outside = x
+                for _ in range(_HALVINGS):
+                    middle = 0.5 * (inside + outside)
+                    if radius(middle) < 1.0:
+                        inside = middle
+                    else:
+                        outside = middle
+                break
+            inside = x
+        ends.append(inside)
+    return StableRange(*ends)
+
+
+def loops_of(setup: Setup, lag: float | None = None, delay: int | None = None) -> Loops:
+    """
+    Return the loops of a parameter file.
+
+    Parameters
+    ----------
+    setup : Setup
+        The law and what it knows; lag, delay and sensor of its robot.
+    lag, delay : float, int, optional
+        Of the robot's drives, in place of the file's [s], samples.
+
+    Raises
+    ------
+    CtcError
+        If the law is not linear, or its torque not in proportion to M̂.
+
+    """
+    config, plant = setup.controller, setup.plant
+    n, lags = len(config.joint_names), np.array(plant.actuator_lag)
+    if lag is not None:
+        lags = np.full(n, lag)
+    eye = np.eye(n)
+    law = linear_law(config, eye)
+    _check(config, law, linear_law(config, 2.0 * eye))
+    if plant.velocity_sensor == 'filtered' and (law.B[:, n:].any() or law.D[:, n:].any()):
+        raise CtcError(f'velocity_sensor: filtered is not allowed under law {config.law}, which '
+                       'uses the velocity; allowed: exact, difference')
+    robot = LinearRobot(
+        seconds(period_ns(config.control_period)), eye, lags,
+        plant.input_delay if delay is None else delay, plant.velocity_sensor == 'difference')
+    if _equal(config, lags):
+        return Loops([one_joint(law)], [robot._replace(mass=eye[:1, :1], lag=lags[:1])])
+    masses = _masses(setup)
+    return Loops([linear_law(config, mass) for mass in masses],
+                 [robot._replace(mass=mass) for mass in masses])
+
+
+def _check(config: ControllerConfig, law: LinearLaw, double: LinearLaw) -> None:
+    """Refuse a law whose torque is not in proportion to M̂."""
+    first, second = (x.D + sum(x.C @ np.linalg.matrix_power(x.A, k) @ x.B for k in range(9))
+                     for x in (law, double))
+    if not np.allclose(2.0 * first, second, rtol=1e-3, atol=1e-3 * np.abs(second).max()):
+        raise CtcError(f'law {config.law}: its torque is not in proportion to M of the model; its '
+                       'stability is not computed')
+
+
+def _equal(config: ControllerConfig, lags: Array) -> bool:
+    """Return whether all joints have the same gains and lags, and no gain couples them."""
+    n = len(lags)
+    told = config.actuator_lag if config.takes('actuator_lag') else (0.0,)
+    gains = [np.array(matrix(x, n)) for x in (config.kp, config.kv)]
+    return (all((x == x[0, 0] * np.eye(n)).all() for x in gains)
+            and len({*lags.tolist()}) == len({*told}) == 1
+            and all(len({*getattr(config, name)}) == 1 for name in ('ki',) if config.takes(name)))
+
+
+def _masses(setup: Setup) -> list[Array]:
+    """Return M̂ at instants of the motion."""
+    config, plant = setup.controller, setup.plant
+    model = model_of(config, setup.descriptions.get('controller', ''))
+    motion = make_motion(setup.reference, setup.route, dict(zip(
+        plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
+    order = [setup.reference.joint_names.index(name) for name in config.joint_names]
+    times = np.linspace(0.0, 1e9 * (plant.duration or 1.0), _INSTANTS).astype(int).tolist()
+    return [np.array(model.mass_matrix([motion.at(t)[0][i] for i in order])) for t in times]

@@ -1,0 +1,41 @@
+"""The largest gain of a sampled system, against closed forms and fine grids of frequencies."""
+
+from __future__ import annotations
+
+from ctc_chattering.numerics.peak_gain import peak_gain
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize('pole', [0.0, 0.9, -0.9999])
+def test_of_first_order(pole: float) -> None:
+    """|1 / (z - a)| is largest at z = 1 or -1."""
+    found = peak_gain(np.array([[pole]]), np.array([[2.0]]), np.array([[1.0]]))
+    assert 1.0 <= found * (1.0 - abs(pole)) / 2.0 < 1.002
+
+
+def test_of_a_sharp_resonance() -> None:
+    """A pair of poles 1e-6 within the unit circle, between the points of any coarse grid."""
+    r, angle = 1.0 - 1e-6, 1.2345
+    A = r * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    z = np.exp(1j * (angle + np.linspace(-3e-6, 3e-6, 2001)))
+    B, C = np.array([[1.0], [0.0]]), np.array([[0.0, 1.0]])
+    exact = max(abs((C @ np.linalg.solve(x * np.eye(2) - A, B)).item()) for x in z)
+    assert exact <= peak_gain(A, B, C) < 1.003 * exact
+
+
+def test_of_random_systems() -> None:
+    rng = np.random.default_rng(0)
+    z = np.exp(1j * np.linspace(0.0, np.pi, 3000))[:, np.newaxis, np.newaxis]
+    for m, k in ((3, 1), (6, 2), (8, 3)):
+        A, B, C = (rng.standard_normal(shape) for shape in ((m, m), (m, k), (k, m)))
+        A *= 0.98 / np.abs(np.linalg.eigvals(A)).max()
+        scale = np.geomspace(1e-4, 1e4, m)
+        exact = np.linalg.svd(C @ np.linalg.solve(z * np.eye(m) - A, B), compute_uv=False).max()
+        found = peak_gain(scale[:, np.newaxis] * A / scale, scale[:, np.newaxis] * B, C / scale)
+        assert exact <= found < 1.003 * exact
+
+
+def test_of_an_unstable_system_and_of_none() -> None:
+    assert peak_gain(np.array([[1.0]]), np.ones((1, 1)), np.ones((1, 1))) == np.inf
+    assert peak_gain(np.array([[0.5]]), np.ones((1, 1)), np.zeros((1, 1))) == 0.0
