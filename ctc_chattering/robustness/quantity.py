@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 import dataclasses
 from itertools import pairwise
 from typing import Any
@@ -16,6 +16,8 @@ import numpy as np
 
 #: Most runs of a map, and values of an axis.
 MOST = 10_000_000
+#: Most levels of a refinement.
+_LEVELS = 16
 #: Distributions, and the two numbers of each; of `choice` any number of values.
 DISTRIBUTIONS = ('uniform', 'log_uniform', 'normal', 'choice')
 #: Parameters that the spec itself sets: by its duration, and by seed and repeat.
@@ -200,6 +202,21 @@ def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup
                 applied(setup, [(quantity, x)])
             except CtcError as error:
                 raise CtcError(f'{quantity.name} = {x:g}: {error}') from None
+
+
+def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
+    """Return every how many values of each axis are run first; all of an axis without range."""
+    spec = Parameter('refine', 'int', 0, '', minimum=0, maximum=_LEVELS)
+    levels = spec.coerce(values.get('refine', 0))
+    spec.check(levels, 0)
+    of_range = [axis for axis in axes if 'range' in values['axes'][axis.name]]
+    if levels and not of_range:
+        raise ParameterError('refine', levels, '0, or an axis with a range')
+    for axis in of_range:
+        if (len(axis.values) - 1) % 2 ** levels:
+            raise ParameterError(f'axes.{axis.name}.count', len(axis.values),
+                                 f'a multiple of {2 ** levels} and 1 with refine {levels}')
+    return tuple(2 ** levels if axis in of_range else 1 for axis in axes)
 
 
 def _parameters(key: str, values: dict[str, Any]

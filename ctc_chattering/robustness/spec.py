@@ -19,6 +19,7 @@ from ctc_chattering.robustness import columns
 from ctc_chattering.robustness.quantity import (
     Axis,
     check,
+    coarse_steps,
     MOST,
     read_axis,
     read_uncertain,
@@ -27,8 +28,6 @@ from ctc_chattering.robustness.quantity import (
 from ctc_chattering.studies.recommended import recommended_setup
 
 Q = TypeVar('Q')
-#: Most levels of a refinement.
-_LEVELS = 16
 #: Keys of a spec. `tune` is for `ctc tune`.
 KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncertain', 'sampling',
         'repeats', 'seed', 'failure', 'refine', 'tune')
@@ -188,7 +187,7 @@ def parse(tree: object, path: Path) -> MapSpec:
         path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
         axes, uncertain,
         Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
-        _failure(values.get('failure', {})), _coarse(values, axes))
+        _failure(values.get('failure', {})), coarse_steps(values, axes))
     _check_saltelli(spec)
     if spec.runs > MOST:
         raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
@@ -233,21 +232,6 @@ def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object
             raise ParameterError(key, name, 'a name of letters, digits and _ that is no column '
                                  'of the results, such as error, law or repeat')
     return tuple(read(name, x) for name, x in tree.items())
-
-
-def _coarse(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
-    """Return every how many values of each axis are run first; all of an axis without range."""
-    spec = Parameter('refine', 'int', 0, '', minimum=0, maximum=_LEVELS)
-    levels = spec.coerce(values.get('refine', 0))
-    spec.check(levels, 0)
-    of_range = [axis for axis in axes if 'range' in values['axes'][axis.name]]
-    if levels and not of_range:
-        raise ParameterError('refine', levels, '0, or an axis with a range')
-    for axis in of_range:
-        if (len(axis.values) - 1) % 2 ** levels:
-            raise ParameterError(f'axes.{axis.name}.count', len(axis.values),
-                                 f'a multiple of {2 ** levels} and 1 with refine {levels}')
-    return tuple(2 ** levels if axis in of_range else 1 for axis in axes)
 
 
 def _check_saltelli(spec: MapSpec) -> None:

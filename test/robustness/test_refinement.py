@@ -74,7 +74,7 @@ def test_a_boundary_between_two_points_of_the_coarse_grid_is_followed_from_elsew
 def rows(made: Runs, numbers: Any) -> pyarrow.Table:
     """Return rows of runs that fail where friction exceeds ka, for one law twice that."""
     def failure(x: dict[str, Any]) -> str:
-        return 'error' * (x['friction'] > x['ka'] * (1 + (x['law'] == 'chattering')))
+        return 'error' * bool(x['friction'] > x['ka'] * (1 + (x['law'] == 'chattering')))
     return pyarrow.Table.from_pylist([
         {**which, 'failure': failure(which), 'error': 1.0} for which in map(
             made.columns, numbers)], chunks.schema(made.spec))

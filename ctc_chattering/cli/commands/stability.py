@@ -7,9 +7,11 @@ import json
 
 from ctc_chattering.analysis.number_format import number_text
 from ctc_chattering.analysis.output import prepare, write_text
+from ctc_chattering.analysis.result import finite
 from ctc_chattering.analysis.tables import print_columns
-from ctc_chattering.cli.options import add_output, add_params_file, check, load_setup
+from ctc_chattering.cli.options import add_output, add_params_file, load_setup
 from ctc_chattering.control.controller import LAWS
+from ctc_chattering.errors import given_by_user
 
 DETAILS = ('Of the sampled loop with constant M, without limits: the poles for errors that are '
            'constant, the small-gain theorem for those that vary. Status 1 if it is not stable '
@@ -35,11 +37,13 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.robustness.stability.margins import loops_of
     from ctc_chattering.robustness.stability.report import as_json, margins, region, rows
 
-    for name, value in (('--lag', options.lag), ('--delay', options.delay)):
-        if value is not None:
-            check(name, value, 0)
     _, _, setup = load_setup(options)
-    config = setup.controller
+    config, drives = setup.controller, {
+        name: value for name, value in (('actuator_lag', options.lag),
+                                        ('input_delay', options.delay)) if value is not None}
+    with given_by_user(drives):
+        setup.plant.changed({name: [x] * len(config.joint_names) if name == 'actuator_lag' else x
+                             for name, x in drives.items()})
     loops = loops_of(setup, options.lag, options.delay)
     robot = loops.robots[0]
     if options.out is not None:
@@ -54,6 +58,6 @@ def run(options: argparse.Namespace) -> int:
     print_columns(list(rows(found, robot.period)))
     if options.out is not None:
         from ctc_chattering.analysis import drawing
-        write_text(options.out / _JSON, json.dumps(as_json(found), indent=2) + '\n')
+        write_text(options.out / _JSON, json.dumps(finite(as_json(found)), indent=2) + '\n')
         drawing.save(region(loops, found), options.out / _FIGURES, ('svg',))
     return 0 if found.radius < 1.0 else 1

@@ -48,6 +48,8 @@ _SCALE = 3.0
 _LAGS, _LONGEST, _DELAYS = 200, 20.0, 20
 #: Instants of the motion at which M̂ is taken, where the settings of the joints differ.
 _INSTANTS = 5
+#: What couples the joints of the M̂ with which a law is tried.
+_COUPLING = 0.3
 #: Steps of a bisection.
 _HALVINGS = 40
 #: Most samples of a response that are summed.
@@ -110,10 +112,18 @@ class Loops:
         return found
 
     def lags(self, ratio: float = 1.0) -> StableRange | None:
-        """Return for which true lags [s], around that of the robot, all poles are stable."""
+        """
+        Return for which true lags [s] all poles are stable; None if there is none.
+
+        Around that of the robot, or, where that is not stable, the shortest that is.
+        """
+        def radius(lag: float) -> float:
+            return self.with_drives(lag=lag).radius(ratio)
         late = max(x.lag.max() + x.period * (1 + x.delay) for x in self.robots)
-        return stable(lambda lag: self.with_drives(lag=lag).radius(ratio),
-                      float(self.robots[0].lag.max()), np.linspace(0.0, _LONGEST * late, _LAGS))
+        grid = np.linspace(0.0, _LONGEST * late, _LAGS)
+        own = float(self.robots[0].lag.max())
+        at = next((x for x in (own, *grid.tolist()) if radius(x) < 1.0), own)
+        return stable(radius, at, grid)
 
     def delays(self, ratio: float = 1.0) -> list[int]:
         """Return for which true delays, in samples, all poles are stable."""
@@ -186,25 +196,26 @@ def loops_of(setup: Setup, lag: float | None = None, delay: int | None = None) -
         lags = np.full(n, lag)
     eye = np.eye(n)
     law = linear_law(config, eye)
-    _check(config, law, linear_law(config, 2.0 * eye))
+    equal = _equal(config, lags)
+    _check(config, law, eye + _COUPLING if equal else 2.0 * eye)
     if plant.velocity_sensor == 'filtered' and (law.B[:, n:].any() or law.D[:, n:].any()):
         raise CtcError(f'velocity_sensor: filtered is not allowed under law {config.law}, which '
                        'uses the velocity; allowed: exact, difference')
     robot = LinearRobot(
         seconds(period_ns(config.control_period)), eye, lags,
         plant.input_delay if delay is None else delay, plant.velocity_sensor == 'difference')
-    if _equal(config, lags):
+    if equal:
         return Loops([one_joint(law)], [robot._replace(mass=eye[:1, :1], lag=lags[:1])])
     masses = _masses(setup)
     return Loops([linear_law(config, mass) for mass in masses],
                  [robot._replace(mass=mass) for mass in masses])
 
 
-def _check(config: ControllerConfig, law: LinearLaw, double: LinearLaw) -> None:
-    """Refuse a law whose torque is not in proportion to M̂."""
-    first, second = (x.D + sum(x.C @ np.linalg.matrix_power(x.A, k) @ x.B for k in range(9))
-                     for x in (law, double))
-    if not np.allclose(2.0 * first, second, rtol=1e-3, atol=1e-3 * np.abs(second).max()):
+def _check(config: ControllerConfig, law: LinearLaw, mass: Array) -> None:
+    """Refuse a law whose torque with M̂ = `mass` is not `mass` times that with M̂ = 1."""
+    first, other = (x.D + sum(x.C @ np.linalg.matrix_power(x.A, k) @ x.B for k in range(9))
+                    for x in (law, linear_law(config, mass)))
+    if not np.abs(mass @ first - other).max() <= 1e-3 * np.abs(other).max():
         raise CtcError(f'law {config.law}: its torque is not in proportion to M of the model; its '
                        'stability is not computed')
 

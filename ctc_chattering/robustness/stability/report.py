@@ -57,7 +57,7 @@ def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
     """Yield rows of a table, intervals rounded inwards; `period` is h [s]."""
     if found.radius < 1.0:
         slowest = -1e3 * period / math.log(found.radius)
-        yield 'slowest decay, model exact', f'{_digits(slowest, up=True)} ms'
+        yield 'slowest time constant, model exact', f'{_digits(slowest, up=True)} ms'
     else:
         yield 'model exact', f'unstable: a pole at {found.radius:.3g}'
     yield 'M of the model / M of the robot, constant', _span(found.ratios)
@@ -66,7 +66,7 @@ def rows(found: Margins, period: float) -> Iterator[tuple[str, str]]:
         at = '' if ratio == 1.0 else f', model {ratio:g} M'
         yield f'lag of the drives{at}', _span(lags, 1e3, ' ms')
         yield f'delay{at}', f'{_counts(delays)} samples' if delays else 'none'
-    if found.error_gain is not None:
+    if found.error_gain is not None and math.isfinite(found.error_gain):
         yield 'error for 1 rad/s^2 of bounded perturbation', (
             f'at most {_digits(found.error_gain, up=True)} rad')
 

@@ -40,7 +40,7 @@ _START = 2.0
 _ASKED = ('b',)
 #: Keys of the section `tune`, and of a spec of `ctc map` that have no meaning here.
 _KEYS = ('law', 'switching', 'torque_limit', 'torque_rate_limit', 'search')
-_OF_MAP = ('axes', 'laws', 'failure')
+_OF_MAP = ('axes', 'laws', 'failure', 'refine')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +155,8 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
                            'uncertain; it is for ctc map')
     given: Any = {'repeats': DRAWS, **tree} if isinstance(tree, dict) else tree
     spec = parse(given, path)
+    if spec.repeats.sampling == 'saltelli':
+        raise ParameterError('sampling', 'saltelli', 'random | latin_hypercube | sobol')
     uncertain = (*spec.uncertain, *more) if more or 'uncertain' in given else usual(spec.setup)
     section = mapping('tune', given.get('tune') or {}, _KEYS)
     file = _plain(spec.setup)

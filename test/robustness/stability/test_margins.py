@@ -12,8 +12,10 @@ from ctc_chattering.control.controller import Controller
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.robustness.spec import read_spec
 from ctc_chattering.robustness.stability.linear_law import Frozen
 from ctc_chattering.robustness.stability.margins import Loops, loops_of, stable
+from ctc_chattering.studies.score import score
 import numpy as np
 import pytest
 from scipy.linalg import expm  # type: ignore[import-untyped]
@@ -86,6 +88,24 @@ def test_errors_that_vary_within_the_guarantee_decay() -> None:
     assert e[-30:].max() < 1e-2 * e[:30].max()
 
 
+@pytest.mark.slow
+def test_the_real_arm_is_stable_where_the_theorem_says() -> None:
+    """The two-link arm, which is not linear, in its motion with friction, around the bounds."""
+    setup = read_spec(find_config('stability', folder='maps')).setup
+    law = {**REAL_ARM, 'ka': [60.0, 30.0], 'estimator_bandwidth': 100.0}
+    found = loops(law, LAG, 1)
+    exact, guaranteed = found.ratios(), found.guaranteed()
+    assert exact is not None
+    assert guaranteed is not None
+    for ratio, stays in ((0.92 * exact.low, False), (1.05 * guaranteed.low, True),
+                         (0.95 * guaranteed.high, True), (0.95 * exact.high, True),
+                         (1.05 * exact.high, False)):
+        error = score(parameter_file.changed(setup, {
+            'controller': {**law, 'inertia_scale': ratio},
+            'plant': {'actuator_lag': [LAG] * 2}}), (4.0, 6.0)).error
+        assert (error < 3e-3) == stays, (ratio, error)
+
+
 @pytest.mark.parametrize(('switching', 'bandwidth', 'most'), [
     ('implicit', 1.0, 2.0), ('implicit_observer', 200.0, 4.0 / (3.0 - exp(-0.2)))])
 def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: float) -> None:
@@ -129,6 +149,8 @@ def test_lags_and_delays() -> None:
 def test_what_is_refused() -> None:
     with pytest.raises(CtcError, match='chattering sign is not linear'):
         loops({'switching': 'sign'})
+    with pytest.raises(CtcError, match='law pd_gravity: its torque is not in proportion to M'):
+        loops({'law': 'pd_gravity'})
     with pytest.raises(CtcError, match='velocity_sensor: filtered is not allowed'):
         loops({'law': 'compensation'}, velocity_sensor='filtered', velocity_cutoff=500.0)
     assert loops(REAL_ARM, velocity_sensor='filtered', velocity_cutoff=500.0).radius() < 1.0

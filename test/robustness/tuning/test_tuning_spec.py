@@ -121,6 +121,8 @@ def test_the_values_to_be_written_have_the_duration_of_the_file() -> None:
 @pytest.mark.parametrize(('tree', 'tune', 'words'), [
     ({'axes': {}}, {}, 'axes: not allowed for ctc tune'),
     ({'laws': ['integral']}, {}, 'laws: not allowed for ctc tune'),
+    ({'refine': 1}, {}, 'refine: not allowed for ctc tune'),
+    ({'sampling': 'saltelli', 'repeats': 8}, {}, 'saltelli'),
     ({'tune': {'rate': 1}}, {}, 'tune: .rate. is not allowed; allowed: a mapping of law, '),
     ({'tune': 3}, {}, 'tune: 3 is not allowed'),
     ({}, {'law': 'pid'}, 'tune.law: .pid. is not allowed'),
