@@ -185,6 +185,10 @@ class ObserverFeedback:
         ddx = (F - f) / m + back
         return x[0] + h * x[1] + 0.5 * h * h * ddx, x[1] + h * ddx
 
+    def relief(self) -> Array:
+        """Return the divisor of (FR5)."""
+        return self.gains.kv + self.T * self.gains.kp
+
     def step(self, q: Array, dq: Array, points: list[Point]) -> Array:
         """Return the command for a measured state; `points` are the reference from now on."""
         h = self.known.period
@@ -210,7 +214,7 @@ class ObserverFeedback:
         if np.isfinite(self.R).any():
             rest = tau - sent
             rest = rest - np.clip(rest, -10e-3 * self.R, 10e-3 * self.R)
-            x = x[0], x[1] - np.linalg.solve(M, rest) / (self.gains.kv + self.T * self.gains.kp)
+            x = x[0], x[1] - np.linalg.solve(M, rest) / self.relief()
         self.x, self.ddq = x, point.ddq
         level = self.learned(now)
         self.seen = self.with_level(level, now, mass, weight, [*self.transit, sent][0])
