@@ -11,8 +11,8 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.control.controller import LAWS
 
 #: Further colours, for runs of one experiment under the same law.
-_FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7',
-            '#1B1B1B')
+_FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7', '#8C1D40',
+            '#009E9E', '#1B1B1B')
 #: Colour of each law, and of a run under several (after Okabe and Ito).
 LAW_COLOURS = dict(zip(LAWS, cycle(('#D55E00', '#0072B2', *_FURTHER))))
 MIXED = '#007A5A'
@@ -21,7 +21,7 @@ _SIGNS = {'ka': 'Ka', 'kp': 'Kp', 'kv': 'Kv', 'lambda': 'λ', 'b': 'b', 'control
           'boundary_layer': 'layer', 'observer_bandwidth': 'bandwidth',
           'ki': 'Ki', 'momentum_gain': 'K', 'super_twisting_k1': 'k₁',
           'super_twisting_k2': 'k₂', 'adaptation_gain': 'Γ', 'friction_level': 'f',
-          'friction_velocity': 'ε',
+          'friction_velocity': 'ε', 'friction_lead': 't', 'lead_ratio': 'a',
           'input_delay': 'delay', 'inertia_scale': 'inertia ×', 'gravity_scale': 'gravity ×'}
 
 

@@ -15,8 +15,12 @@ from ctc_chattering.parameters import parameter
 
 #: Values of the parameter ``law``, besides classes; each is a module of `control/laws`.
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
-        'slotine_li', 'friction_feedforward', 'pd_gravity', 'observer_feedback')
+        'slotine_li', 'friction_feedforward', 'pd_gravity', 'pid_kalman',
+        'extended_state_observer', 'observer_feedback')
 _PAPER = ('compensation', 'chattering')
+#: Laws that observe a state, and those that know the drives.
+_OBSERVING = ('extended_state_observer', 'observer_feedback')
+_OF_DRIVES = ('pid_kalman', *_OBSERVING)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,9 +40,9 @@ class ControllerConfig(RobotConfig):
         shape='nn')
     ka: tuple[float, ...] = parameter(
         'ka', 'float[]', 10.0,
-        'Chattering gain Ka; must exceed friction plus disturbance. Under observer_feedback the '
-        'bound of what is estimated; must exceed the error of the model as well.',
-        unit='N*m', minimum=0.0, shape='n', laws=('chattering', 'observer_feedback'))
+        'Chattering gain Ka; must exceed friction plus disturbance. Under laws that observe '
+        'a state the bound of what is estimated; must exceed the error of the model as well.',
+        unit='N*m', minimum=0.0, shape='n', laws=('chattering', *_OBSERVING))
     lambda_: float = parameter(
         'lambda', 'float', 10.0, 'Pole of the filter (3).', unit='1/s', minimum=0.0,
         exclusive=True, laws=(*_PAPER, 'super_twisting'))
@@ -58,15 +62,15 @@ class ControllerConfig(RobotConfig):
         unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',))
     estimator_bandwidth: float = parameter(
         'estimator_bandwidth', 'float', 100.0,
-        'How fast the observer of state and perturbation follows.', unit='rad/s', minimum=0.0,
-        exclusive=True, maximum=1e4, laws=('observer_feedback',))
+        'How fast the observer of state and perturbation, or of the velocity, follows.',
+        unit='rad/s', minimum=0.0, exclusive=True, maximum=1e4, laws=_OF_DRIVES)
     actuator_lag: tuple[float, ...] = parameter(
         'actuator_lag', 'float[]', 0.0, 'Time constant of the drives, as far as it is known.',
-        unit='s', minimum=0.0, maximum=1.0, shape='n', laws=('observer_feedback',))
+        unit='s', minimum=0.0, maximum=1.0, shape='n', laws=_OF_DRIVES)
     torque_rate_limit: tuple[float, ...] = parameter(
         'torque_rate_limit', 'float[]', float('inf'),
         'Fastest change of the torque of the drives, as far as it is known.', unit='N*m/s',
-        minimum=0.0, exclusive=True, infinite=True, shape='n', laws=('observer_feedback',))
+        minimum=0.0, exclusive=True, infinite=True, shape='n', laws=_OF_DRIVES)
     friction_learning: float = parameter(
         'friction_learning', 'float', 20.0,
         'How fast the level of friction is learned; 0 for not at all.', unit='1/s', minimum=0.0,
@@ -74,7 +78,11 @@ class ControllerConfig(RobotConfig):
     ki: tuple[float, ...] = parameter(
         'ki', 'float[]', 100.0,
         'Integral gain Ki, less than Kv Kp; a triple pole at -p has kv 3 p, kp 3 p^2, ki p^3.',
-        unit='1/s^3', minimum=0.0, shape='n', laws=('integral',))
+        unit='1/s^3', minimum=0.0, shape='n', laws=('integral', 'pid_kalman'))
+    lead_ratio: float = parameter(
+        'lead_ratio', 'float', 0.5,
+        'What the lead leaves of the lag of the drives; 1 for no lead.', minimum=0.0,
+        exclusive=True, maximum=1.0, laws=('pid_kalman',))
     momentum_gain: float = parameter(
         'momentum_gain', 'float', 200.0,
         'How fast the estimate of the perturbation follows the momentum.', unit='1/s',
@@ -95,11 +103,16 @@ class ControllerConfig(RobotConfig):
         'friction_level', 'float[]', 0.0,
         'Coulomb friction as it is known; slotine_li and observer_feedback adapt it from there.',
         unit='N*m', minimum=0.0, shape='n',
-        laws=('slotine_li', 'friction_feedforward', 'observer_feedback'))
+        laws=('slotine_li', 'friction_feedforward', *_OF_DRIVES))
     friction_velocity: float = parameter(
         'friction_velocity', 'float', 0.05,
         'Velocity over which the friction compensated for changes its sign.', unit='rad/s',
-        minimum=0.0, exclusive=True, laws=('slotine_li', 'friction_feedforward'))
+        minimum=0.0, exclusive=True,
+        laws=('slotine_li', 'friction_feedforward', 'pid_kalman', 'extended_state_observer'))
+    friction_lead: float = parameter(
+        'friction_lead', 'float', 0.0,
+        'How long before a reversal the friction fed forward changes its sign.', unit='s',
+        minimum=0.0, maximum=0.1, laws=('pid_kalman', 'extended_state_observer'))
     input_delay: int = parameter(
         'input_delay', 'int', 0,
         'Known delay of the torque, in samples; the law predicts the state over it.', minimum=0,
@@ -121,7 +134,7 @@ class ControllerConfig(RobotConfig):
     anti_windup: bool = parameter(
         'anti_windup', 'bool', True,
         'Keep what the effort limits cut off the torque out of the filter (3) and of integrals.',
-        laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li'))
+        laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li', 'pid_kalman'))
     error_limit: tuple[float, ...] = parameter(
         'error_limit', 'float[]', float('inf'),
         'Position error beyond which no torque is sent any more until ~/reset; .inf for never.',

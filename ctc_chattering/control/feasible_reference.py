@@ -19,6 +19,7 @@ reference q_d. A feedback that insists on it makes the joint stick until the tor
     ddx = (F - f) / M_ii - 2 w dx - w² x,     f ∈ K̂ Sgn(dq_d + dx)⁺, implicit              (FR3)
     w = min(0.6 √Kp_ii, ½ / h, 0.55 / T, (J / |x|)^⅓, (J / |dx|)^½),     J = ½ R / M_ii    (FR4)
 
+Where the reference stands, F - f is left out, or x would stick, and nothing would bring it back.
 J is half of the jerk that the drive can give the joint. x begins at the distance of the robot from
 q_d: the start is smooth from anywhere. Where the drives give less than what is asked for by more
 than 10 ms R, the rest is taken from dx, which keeps the loop from winding up::
@@ -33,7 +34,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import every, function, record, solve, some
+from ctc_chattering.numerics.compilable import every, function, record, solve, some, Truths
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -42,6 +43,8 @@ OVERSHOOT, _LEAD = 0.35, 0.67
 _RETURN, _RAMP_RETURN, _PART, _STEP = 0.6, 0.55, 0.5, 0.5
 #: How far the drives may be behind before (FR5) acts [s].
 _BEHIND = 10e-3
+#: Up to this velocity [rad/s] and acceleration [rad/s²] the reference stands.
+_STANDS = 1e-9
 #: The shortest ramp [s], and what keeps a quotient finite.
 _LEAST, _TINY = 1e-6, 1e-12
 
@@ -107,7 +110,7 @@ class FeasibleReference(NamedTuple):
         F = self.feedforward(at, level, 0.5 * h)
         holding = inertia * ((at.dq + by.dx) / h + at.ddq + back) + F
         f = np.minimum(np.maximum(holding, -level), level)
-        ddx = (F - f) / inertia + back
+        ddx = np.where(stands(at), 0.0, (F - f) / inertia) + back
         return Deviation(by.x + h * (by.dx + 0.5 * h * ddx), by.dx + h * ddx)
 
     def relieved(self, by: Deviation, missing: Array, mass: Array) -> Deviation:
@@ -152,6 +155,12 @@ def feasible_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: fl
     fastest = np.minimum(_RETURN * np.sqrt(kp), _STEP / period)
     return FeasibleReference(period, rate, fastest, kv + lag * kp,
                              float(np.isfinite(rate).any()))
+
+
+@function
+def stands(at: Desired) -> Truths:
+    """Return of which joints the reference stands, shape (n,)."""
+    return (np.abs(at.dq) <= _STANDS) & (np.abs(at.ddq) <= _STANDS)
 
 
 @function

@@ -12,7 +12,8 @@ control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). At every
 
 q_r is the reference with the deviation that the drives need, F the friction it makes. τ is within
 R (T + h) of the torque of the drives, in the metric of M⁻¹: beyond it they are no faster. The
-measured velocity is not used after the first sample.
+measured velocity is not used after the first sample. A joint that comes to rest gets a constant
+torque (`standstill`).
 
 With M̂ = c M, drives without lag and limits, and no friction, (OF1) to (OF3) are linear. Their
 poles are within the unit circle, for Kp = p², Kv = 2 p, p = ω = 100 rad/s, h = 1 ms, if::
@@ -41,6 +42,15 @@ from ctc_chattering.control.friction_level import (
     untaught,
 )
 from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.standstill import (
+    corrected,
+    kept,
+    moving,
+    Rest,
+    Standstill,
+    standstill,
+    waiting,
+)
 from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
 from ctc_chattering.numerics.box_qp import nearest
 from ctc_chattering.numerics.compilable import diagonal, dot, function, record
@@ -65,6 +75,8 @@ class Memory(NamedTuple):
     #: The last ddq_d [rad/s²], shape (n,), and whether there is one.
     ddq: Array
     followed: float
+    #: Which joints are held.
+    rest: Rest
 
 
 @record
@@ -102,6 +114,7 @@ class ObserverFeedback(NamedTuple):
     observer: StateObserver
     reference: FeasibleReference
     learning: FrictionLevel
+    standstill: Standstill
 
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
@@ -113,13 +126,14 @@ class ObserverFeedback(NamedTuple):
             kp, kv, ka, np.array(config.friction_level), float(any(config.actuator_lag)),
             state_observer(drive_model(lag, rate, period), bandwidth, ka),
             feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
-            friction_level(config.friction_learning, bandwidth, period, ka))
+            friction_level(config.friction_learning, bandwidth, period, ka),
+            standstill(bandwidth, ka, kp.diagonal(), rate, period))
 
     def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""
         zero = 0.0 * self.given
         return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
-                      untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0)
+                      untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero))
 
     def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
         """Observe the state from the measured one, with the estimate of the other law."""
@@ -127,17 +141,19 @@ class ObserverFeedback(NamedTuple):
             now.M, estimate - memory.learned.level * np.sign(now.dq), self.ka)
         return memory._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, deviating=0.0,
-            followed=0.0)
+            followed=0.0, rest=moving(now.zero))
 
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
+        rest = self.standstill.placed_at(memory.rest, q)
         if memory.known != 0.0:
-            at = self.observer.correct(memory.observed, memory.mass, q)
+            at = corrected(memory.rest, rest, memory.observed,
+                           self.observer.correct(memory.observed, memory.mass, q), q)
         else:
             at = Observed(q, dq, held, memory.observed.perturbation, memory.observed.slope)
         return Memory(at, memory.mass, memory.known, memory.learned, memory.deviation,
-                      memory.deviating, memory.ddq, memory.followed), at.q, at.dq
+                      memory.deviating, memory.ddq, memory.followed, rest), at.q, at.dq
 
     def answer(self, memory: Memory, now: State, context: Context, control: ControlMemory,
                points: Array) -> tuple[Terms, Memory]:
@@ -153,21 +169,24 @@ class ObserverFeedback(NamedTuple):
             by = Deviation(place.at.q - point.q, place.at.dq - point.dq)
         now_wanted = self.wanted(memory, place, point, by)
         tau, held = now_wanted.tau, place.at.torque
-        by = self.reference.following(
-            point, by, now_wanted.back, diagonal(place.M), memory.learned.level)
+        start = by
+        by = waiting(memory.rest, start, self.reference.following(
+            point, by, now_wanted.back, diagonal(place.M), memory.learned.level))
         if self.lagging != 0.0:
             after = placed(context.models.after, self.half_way(memory, place, tau))
             then = self.wanted(memory, after, self.next_point(memory, point), by)
             tau = self.observer.drives.command(tau, then.tau)
         sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
-        by = self.reference.relieved(by, tau - sent, place.M)
+        by = waiting(memory.rest, start, self.reference.relieved(by, tau - sent, place.M))
         z = now_wanted.z
         return Terms(sent + z, now.zero, z, now.zero), Memory(
-            memory.observed, memory.mass, memory.known, memory.learned, by, 1.0, point.ddq, 1.0)
+            memory.observed, memory.mass, memory.known, memory.learned, by, 1.0, point.ddq, 1.0,
+            self.standstill.judged(memory.rest, point, place.at.q, diagonal(place.M)))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
-        return self.observer.predict(place.at, place.M, place.bias, memory.learned.level, command)
+        return kept(memory.rest, place.at, self.observer.predict(
+            place.at, place.M, place.bias, memory.learned.level, command))
 
     def wanted(self, memory: Memory, place: Place, point: Desired, by: Deviation) -> WantedTorque:
         """Return what (OF2) and (OF3) want."""
@@ -194,10 +213,11 @@ class ObserverFeedback(NamedTuple):
         """Learn the level of friction, and predict the next sample."""
         at = memory.observed
         learned = self.learning.learn(memory.learned, at.dq, at.perturbation)
-        by = self.reference.relieved(memory.deviation, applied.saturation_error, now.M)
+        by = waiting(memory.rest, memory.deviation, self.reference.relieved(
+            memory.deviation, applied.saturation_error, now.M))
         after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
-        return Memory(after, now.M, 1.0, learned, by, memory.deviating, memory.ddq,
-                      memory.followed)
+        return Memory(kept(memory.rest, at, after), now.M, 1.0, learned, by, memory.deviating,
+                      memory.ddq, memory.followed, memory.rest)
 
     def estimate(self, memory: Memory, now: State) -> Array:
         """Return P̂ with the friction of sliding."""

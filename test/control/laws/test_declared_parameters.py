@@ -17,10 +17,15 @@ PARAMETERS = ControllerConfig.parameters()
 BASE: dict[str, Any] = {
     'effort_limit': [400.0, 15.0], 'friction_level': [3.0, 2.0], 'boundary_layer': 0.5,
     'actuator_lag': [2e-3, 3e-3], 'torque_rate_limit': [1e6, 4e5]}
+#: Of the laws that observe, at states from which others would saturate at every sample.
+SLOW: dict[str, Any] = {
+    'pid_kalman': {'estimator_bandwidth': 1.0},
+    'extended_state_observer': {'estimator_bandwidth': 10.0, 'kp': 1.0, 'kv': 1.0,
+                                'torque_rate_limit': [1e4, 4e3], 'friction_velocity': 5.0}}
 #: Another value where the default times 1.3 is none, or would not matter.
 OTHER: dict[str, Any] = {
     'switching': 'boundary_layer', 'anti_windup': False, 'effort_limit': [300.0, 10.0],
-    'effort_rate_limit': [2e3, 2e3], 'input_delay': 1}
+    'effort_rate_limit': [2e3, 2e3], 'input_delay': 1, 'friction_lead': 0.01}
 #: The switching that a parameter belongs to.
 SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'implicit_observer'}
 #: Parameters without an effect on single torques: what is not the law's, and the period, which
@@ -32,7 +37,7 @@ OUTSIDE = ('joint_names', 'model', 'description', 'locked', 'law', 'error_limit'
 def torques(law: str, values: dict[str, Any]) -> Array:
     """Return the torques at states that are the same for all."""
     rng = np.random.default_rng(3)
-    config = ControllerConfig.from_mapping({**BASE, 'law': law, **values})
+    config = ControllerConfig.from_mapping({**BASE, **SLOW.get(law, {}), 'law': law, **values})
     controller = Controller(config)
     rows = [inputs(rng, 0.1 if k % 2 else 1e-3) for k in range(31)]
     return np.array([controller.step(*rows[k], [rows[k + 1][2:]] * config.input_delay).tau

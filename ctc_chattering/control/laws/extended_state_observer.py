@@ -1,0 +1,146 @@
+"""
+Law `extended_state_observer`: active disturbance rejection with friction fed forward.
+
+Han, *From PID to active disturbance rejection control*, IEEE TIE 56, 2009, with the generalized
+observer of Godbole, Kolhe & Talole, IEEE TCST 21, 2013 (the slope of the perturbation is a
+state), for drives that are known. With what `state_observer` and `drive_model` define, the drives'
+torque τ_d and E = exp(-h / T), ⁺ for the end of the period in which the torque arrives::
+
+    q̂, dq̂, P̂, Ṗ̂:  corrected by the measured q, then predicted until ⁺                    (ES1)
+    τ* = M (ddq_d + Kv (dq_d - dq̂) + Kp (q_d - q̂)) + C dq̂ + G + P̂ + F, all at ⁺          (ES2)
+    F  = f tanh((dq_d + t ddq_d) / ε)                                                    (ES3)
+    τ  = (τ* - E τ_d) / (1 - E), within τ_d ± R (T + h)                                  (ES4)
+
+so that the drives give τ* at ⁺. The observer knows F, too: P̂ is what is left of the friction. The
+lead t [s] begins the change of F before the reversal, which drives with a limited rate need.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.control.delay_prediction import ROWS
+from ctc_chattering.control.drive_model import drive_model
+from ctc_chattering.control.evaluation import Context, ControlMemory, State
+from ctc_chattering.control.feasible_reference import Desired
+from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.laws.observer_feedback import Place, placed
+from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
+from ctc_chattering.numerics.box_qp import nearest
+from ctc_chattering.numerics.compilable import dot, record
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import matrix
+import numpy as np
+
+
+@record
+class ExtendedState(NamedTuple):
+    """What the law remembers from sample to sample; truth values are 1.0 and 0.0."""
+
+    #: The state, predicted from the last sample with M there, (n, n), and whether there is one.
+    observed: Observed
+    mass: Array
+    known: float
+    #: The last ddq_d [rad/s²], shape (n,), and whether there is one.
+    ddq: Array
+    followed: float
+
+
+@law(symbol='-(P̂ + F)')
+class ExtendedStateObserver(NamedTuple):
+    """Computed torque plus the estimate of an extended state observer, and friction."""
+
+    #: Kp [1/s²] and Kv [1/s], shape (n, n), and Ka [N·m], shape (n,).
+    kp: Array
+    kv: Array
+    ka: Array
+    #: f [N·m], shape (n,), ε [rad/s] and t [s].
+    friction: Array
+    width: float
+    ahead: float
+    observer: StateObserver
+
+    @classmethod
+    def made(cls, config: ControllerConfig, period: float) -> ExtendedStateObserver:
+        """Return the law of a configuration."""
+        n, ka = len(config.joint_names), np.array(config.ka)
+        drives = drive_model(np.array(config.actuator_lag), np.array(config.torque_rate_limit),
+                             period)
+        return cls(np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
+                   np.array(config.friction_level), config.friction_velocity,
+                   config.friction_lead, state_observer(drives, config.estimator_bandwidth, ka))
+
+    def initial(self) -> ExtendedState:
+        """Return the memory with nothing observed."""
+        zero = 0.0 * self.friction
+        return ExtendedState(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
+                             zero, 0.0)
+
+    def initialized(self, memory: ExtendedState, now: State, estimate: Array | None
+                    ) -> ExtendedState:
+        """Observe the state from the measured one, with the estimate of the other law."""
+        P = now.zero if estimate is None else nearest(
+            now.M, estimate - self.fed_forward(now.dq_d, now.ddq_d), self.ka)
+        return memory._replace(
+            observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, followed=0.0)
+
+    def corrected(self, memory: ExtendedState, q: Array, dq: Array, held: Array
+                  ) -> tuple[ExtendedState, Array, Array]:
+        """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
+        if memory.known != 0.0:
+            at = self.observer.correct(memory.observed, memory.mass, q)
+        else:
+            at = Observed(q, dq, held, memory.observed.perturbation, memory.observed.slope)
+        return ExtendedState(at, memory.mass, memory.known, memory.ddq, memory.followed
+                             ), at.q, at.dq
+
+    def answer(self, memory: ExtendedState, now: State, context: Context, control: ControlMemory,
+               points: Array) -> tuple[Terms, ExtendedState]:
+        """Return the terms of (ES4), for the period in which the torque arrives."""
+        place, delay = Place(memory.observed, now.M, now.bias), int(context.settings.delay)
+        for j in range(delay):
+            command = context.transit[ROWS * ((int(control.turn) + j) % delay)]
+            F = self.fed_forward(points[3 * j + 1], points[3 * j + 2])
+            place = placed(context.models.arriving, self.moved(place, command, F))
+        held, drives = place.at.torque, self.observer.drives
+        dq, ddq = points[3 * delay + 1], points[3 * delay + 2]
+        place = placed(context.models.after,
+                       self.moved(place, control.held, self.fed_forward(dq, ddq)))
+        r = self.next_point(memory, Desired(points[3 * delay], dq, ddq))
+        z = -(place.at.perturbation + self.fed_forward(r.dq, r.ddq))
+        u = dot(self.kv, r.dq - place.at.dq) + dot(self.kp, r.q - place.at.q)
+        wanted = dot(place.M, r.ddq + u) + place.bias - z
+        command = (wanted - drives.decay * held) / (1.0 - drives.decay)
+        sent = np.minimum(np.maximum(command, held - drives.reach), held + drives.reach)
+        return Terms(sent + z, now.zero, z, now.zero), ExtendedState(
+            memory.observed, memory.mass, memory.known, ddq, 1.0)
+
+    def moved(self, place: Place, command: Array, F: Array) -> Observed:
+        """Return the state a period later, under a command to the drives and the friction F."""
+        return self.observer.predict(place.at, place.M, place.bias + F, 0.0 * F, command)
+
+    def fed_forward(self, dq_d: Array, ddq_d: Array) -> Array:
+        """Return F of (ES3), shape (n,) [N·m]."""
+        return self.friction * np.tanh((dq_d + self.ahead * ddq_d) / self.width)
+
+    def next_point(self, memory: ExtendedState, point: Desired) -> Desired:
+        """Return the point of the reference a period after `point`, with the last jerk."""
+        h, step = self.observer.drives.period, memory.followed * (point.ddq - memory.ddq)
+        return Desired(point.q + h * (point.dq + h * (0.5 * point.ddq + step / 6.0)),
+                       point.dq + h * (point.ddq + 0.5 * step), point.ddq + step)
+
+    def advanced(self, memory: ExtendedState, now: State, applied: Applied, correction: Array
+                 ) -> ExtendedState:
+        """Predict the next sample."""
+        after = self.moved(Place(memory.observed, now.M, now.bias), applied.tau,
+                           self.fed_forward(now.dq_d, now.ddq_d))
+        return ExtendedState(after, now.M, 1.0, memory.ddq, memory.followed)
+
+    def estimate(self, memory: ExtendedState, now: State) -> Array:
+        """Return P̂ + F."""
+        return memory.observed.perturbation + self.fed_forward(now.dq_d, now.ddq_d)
+
+
+#: What the name of this module stands for.
+LAW = ExtendedStateObserver

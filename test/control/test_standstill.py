@@ -1,0 +1,90 @@
+"""Rest: which joints are held, what holding keeps, and what it does to a joint that sticks."""
+
+from __future__ import annotations
+
+import math
+
+from ctc_chattering.control.feasible_reference import Desired, Deviation
+from ctc_chattering.control.standstill import (
+    corrected,
+    kept,
+    moving,
+    Rest,
+    Standstill,
+    standstill,
+    waiting,
+)
+from ctc_chattering.control.state_observer import Observed
+import numpy as np
+from oracles import Array
+import pytest
+
+H, BANDWIDTH, ZERO = 1e-3, 200.0, np.zeros(2)
+#: Ka, Kp_ii, M_ii.
+BOUND, KP, INERTIA = np.array([60.0, 30.0]), np.full(2, 1e4), np.array([9.0, 0.62])
+STILL = Desired(ZERO, ZERO, ZERO)
+
+
+def made(rate: float = math.inf) -> Standstill:
+    return standstill(BANDWIDTH, BOUND, KP, np.full(2, rate), H)
+
+
+def after(samples: int, at: Desired = STILL, q: Array = ZERO, rate: float = math.inf,
+          rest: Rest | None = None) -> Rest:
+    """Return the rest after samples at one measured position."""
+    rest = rest or moving(ZERO)
+    for _ in range(samples):
+        rest = made(rate).judged(made(rate).placed_at(rest, q), at, q, INERTIA)
+    return rest
+
+
+@pytest.mark.parametrize(('rate', 'samples'), [(math.inf, (30, 30)), (1e3, (90, 60))])
+def test_a_joint_is_held_when_observer_and_drives_had_the_time_to_free_it(
+        rate: float, samples: tuple[int, int]) -> None:
+    """Check W = 6 / ω + Ka / R, where joint and reference stand from the start."""
+    for i, expected in enumerate(samples):
+        assert not after(expected - 1, rate=rate).held[i]
+        assert after(expected + 1, rate=rate).held[i]
+
+
+@pytest.mark.parametrize('at', [
+    Desired(ZERO, np.full(2, 1e-6), ZERO), Desired(ZERO, ZERO, np.full(2, -1e-6)),
+    Desired(1.01 * 2.0 * BOUND / (KP * INERTIA), ZERO, ZERO)])
+def test_none_is_held_that_moves_or_that_friction_cannot_hold(at: Desired) -> None:
+    assert not after(3000, at).held.any()
+    assert after(100).held.all()
+    assert not after(1, Desired(ZERO, np.full(2, 1e-6), ZERO), rest=after(100)).held.any()
+
+
+def test_the_longer_slips_go_on_the_shorter_a_stop_serves() -> None:
+    """Check that stops of s₁ are held after W² / s₁, and none that is shorter than 2 / ω."""
+    for stop, latest in ((9, math.inf), (11, 900 / 11), (20, 900 / 20), (28, 900 / 28)):
+        rest, k = moving(ZERO), 0
+        while not rest.held.any() and k < 3000:
+            k += 1
+            rest = after(1, q=np.full(2, 1e-3 * (k // stop % 2)), rest=rest)
+        assert k <= latest + 2 * stop if latest < math.inf else k == 3000
+
+
+def test_a_joint_that_moves_is_released_and_the_time_begins_again() -> None:
+    held = after(100)
+    assert after(1, q=np.array([0.9e-4, -0.9e-4]), rest=held).held.all()
+    moved = after(1, q=np.array([0.0, 1.1e-4]), rest=held)
+    np.testing.assert_array_equal(moved.held, [1.0, 0.0])
+    np.testing.assert_allclose(moved.reference, [0.101, 0.001])
+
+
+def test_what_is_held_stays_and_what_is_released_begins_where_it_is() -> None:
+    """Check observed state and deviation of joint 2; joint 1 is free."""
+    before = Observed(*(np.array([x, x]) for x in (1.0, 2.0, 3.0, 4.0, 5.0)))
+    later = Observed(*(np.array([x, x]) for x in (1.1, 2.1, 3.1, 4.1, 5.1)))
+    rest = moving(ZERO)._replace(held=np.array([0.0, 1.0]))
+    expected = [[1.1, 1.0], [2.1, 0.0], [3.1, 3.1], [4.1, 4.0], [5.1, 0.0]]
+    np.testing.assert_array_equal(kept(rest, before, later), expected)
+    np.testing.assert_array_equal(
+        waiting(rest, Deviation(ZERO, ZERO), Deviation(ZERO + 1.0, ZERO + 2.0)),
+        [[1.0, 0.0], [2.0, 0.0]])
+    q = np.array([7.0, 7.0])
+    np.testing.assert_array_equal(corrected(rest, rest, before, later, q), expected)
+    expected[0][1] = 7.0
+    np.testing.assert_array_equal(corrected(rest, moving(ZERO), before, later, q), expected)
