@@ -15,12 +15,15 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.studies import tuning
 from ctc_chattering.studies.conditions import ALL, Condition, condition, CONDITIONS
+from ctc_chattering.studies.held_out_conditions import held_out, HeldOut
 from ctc_chattering.studies.pool import in_parallel
 from ctc_chattering.studies.recommended import recommended
 from ctc_chattering.studies.score import over_simulation, Runner, Score, score, worst
 from ctc_chattering.studies.search import Numbers, search
 from ctc_chattering.studies.tuning import Budget
 
+#: Most trials at random.
+_AT_RANDOM = 40
 #: Where gains come from.
 FILE, RECOMMENDED, TUNED = 'file', 'recommended', 'tuned'
 
@@ -40,6 +43,8 @@ class Variant(NamedTuple):
 
 #: That to which all others are compared.
 BASE = Variant('compensation', '', FILE)
+#: That whose torque variation sets the limit of all others.
+BEST = Variant('observer_feedback', '', RECOMMENDED)
 
 
 def variants(laws: Sequence[str] = LAWS, tuned: bool = False) -> list[Variant]:
@@ -48,7 +53,7 @@ def variants(laws: Sequence[str] = LAWS, tuned: bool = False) -> list[Variant]:
     found = [Variant(law, switching, settings) for law in LAWS if law in laws for switching in (
         SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',))]
     if 'observer_feedback' in laws:
-        found.append(Variant('observer_feedback', '', RECOMMENDED))
+        found.append(BEST)
     return [BASE, *(x for x in found if x != BASE)]
 
 
@@ -60,11 +65,12 @@ class Task(NamedTuple):
     condition: Condition | None
     variant: Variant
     budget: Budget | None
+    held_out: tuple[HeldOut, ...] = ()
 
 
 def tasks(paths: Sequence[Path], backends: Sequence[str | None],
           conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
-          budget: Budget | None = None) -> list[Task]:
+          budget: Budget | None = None, others: int = 0, seed: int = 0) -> list[Task]:
     """
     Return what to run: every variant on every robot and plant under every condition.
 
@@ -76,9 +82,11 @@ def tasks(paths: Sequence[Path], backends: Sequence[str | None],
         Names, `ALL` for each that the robot can have, None for the robot as it is in the file.
     laws, budget
         As `variants` and `Task` have them.
+    others, seed : int
+        How many held-out conditions, and the seed of their draws.
 
     """
-    return [Task(path, backend, chosen, variant, budget)
+    return [Task(path, backend, chosen, variant, budget, held_out(others, seed))
             for path in paths for backend in backends
             for chosen in _conditions(conditions, path, backend)
             for variant in variants(laws, budget is not None)]
@@ -95,6 +103,14 @@ def _conditions(names: Sequence[str | None], path: Path, backend: str | None
 
 def _plain(backend: str | None) -> Overrides:
     return {'plant': {'plant_backend': backend} if backend else {}}
+
+
+class Judged(NamedTuple):
+    """A held-out condition, the overrides of its run, and the numbers."""
+
+    condition: HeldOut
+    run: Overrides
+    score: Score
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,8 +130,10 @@ class Outcome:
         The overrides of each run.
     score : Score
         The worst of the runs.
-    cost : float or None
-        Cost, where there is a budget.
+    limit : tuple of float, shape (n,)
+        Torque variation that gains were to keep [N·m/s]; empty without a search.
+    judged : tuple of Judged
+        What the same gains do in each held-out condition.
 
     """
 
@@ -125,7 +143,8 @@ class Outcome:
     joints: tuple[str, ...]
     runs: tuple[Overrides, ...]
     score: Score
-    cost: float | None = None
+    limit: tuple[float, ...] = ()
+    judged: tuple[Judged, ...] = ()
 
 
 def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
@@ -179,29 +198,42 @@ def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
     Raises
     ------
     CtcError
-        If `BASE` has no numbers.
+        If `BASE` has no numbers, or a search no limit of the torque variation.
 
     """
-    runs, budget = runs_of(task), task.budget
+    runs, values = runs_of(task), dict[str, Any]()
     setup = parameter_file.load(task.path, runs[0])
-    base = _base(task._replace(variant=BASE), run) if budget else None
-    if budget and base and task.variant.settings == TUNED:
-        runs = _with(runs, _tuned(task, budget, base, run))
-    found = base if base and task.variant == BASE else _scored(task.path, runs, run)
+    limit: tuple[float, ...] = ()
+    if task.budget:
+        limit = _limit(task._replace(variant=BEST), run)
+        if task.variant.settings == TUNED:
+            values = _tuned(task, task.budget, limit, run)
+            runs = _with(runs, values)
+    found = _scored(task.path, runs, run)
     if task.variant == BASE:
         _check(task, found)
     return Outcome(
         task, setup.plant.experiment, setup.plant.plant_backend, setup.plant.joint_names, runs,
-        found, tuning.cost(found, base, budget.weights) if budget and base and not found.failure
-        else None)
+        found, limit, tuple(_judged(task, x, values, run) for x in task.held_out))
 
 
 @lru_cache(maxsize=4)
-def _base(task: Task, run: Runner) -> Score:
-    """Return the numbers of `BASE`, which is that of all variants of a robot and condition."""
+def _limit(task: Task, run: Runner) -> tuple[float, ...]:
+    """Return the torque variation allowed to all laws of a robot and condition."""
     found = _scored(task.path, runs_of(task), run)
     _check(task, found)
-    return found
+    return tuple((task.budget.variation if task.budget else 1.0) * x for x in found.variation)
+
+
+def _judged(task: Task, other: HeldOut, values: dict[str, Any], run: Runner) -> Judged:
+    """Return what gains do in a condition for which they were not chosen."""
+    plain = _plain(task.backend)
+    under = other.overrides(parameter_file.load(task.path, plain))
+    known = merged(plain, under, {'controller': task.variant.values})
+    if task.variant.settings == RECOMMENDED:
+        values = recommended(parameter_file.load(task.path, known))
+    mine = merged(known, {'controller': values})
+    return Judged(other, mine, _scored(task.path, (mine,), run))
 
 
 def _check(task: Task, found: Score) -> None:
@@ -215,21 +247,23 @@ def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
     return worst(score(parameter_file.load(path, x), run=run) for x in runs)
 
 
-def _tuned(task: Task, budget: Budget, base: Score, run: Runner) -> dict[str, Any]:
+def _tuned(task: Task, budget: Budget, limit: tuple[float, ...], run: Runner
+           ) -> dict[str, Any]:
     """Return the best gains that the budget finds, as parameters of the controller."""
     runs = runs_of(task)
     setup = parameter_file.load(task.path, runs[0])
     config, friction = setup.controller, setup.plant.coulomb_friction
-    costs: list[float] = []
+    costs: list[tuple[bool, float]] = []
 
     def answers(batch: list[Numbers]) -> Iterator[tuple[list[float], Numbers]]:
         for numbers in batch:
             found = _scored(task.path, _with(runs, tuning.gains(numbers, config, friction)), run)
-            costs.append(tuning.cost(found, base, budget.weights))
-            yield costs[-1:], {}
+            costs.append(tuning.cost(found, limit))
+            yield [costs[-1][1]], {}
 
     tried = search(answers, tuning.space(config),
-                   tuning.starts(config, friction, recommended(setup)), budget.trials, budget.seed)
+                   tuning.starts(config, friction, recommended(setup)), budget.trials, budget.seed,
+                   at_random=_AT_RANDOM, together=True)
     return tuning.gains(tried[costs.index(min(costs))], config, friction)
 
 

@@ -11,18 +11,20 @@ from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.studies.comparison import Outcome
 from ctc_chattering.studies.comparison_figures import save_comparison_figures
-from ctc_chattering.studies.comparison_tables import tables, to_csv, to_markdown
+from ctc_chattering.studies.comparison_tables import held_out_csv, tables, to_csv, to_markdown
 
 #: Names in the directory.
-TABLE, CSV, PAGE, FIGURES, PARAMETERS = (
-    'compare.md', 'compare.csv', 'index.html', 'figures', 'parameters')
-NAMES = (TABLE, CSV, PAGE, FIGURES, PARAMETERS)
+TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS = (
+    'compare.md', 'compare.csv', 'held_out.csv', 'index.html', 'figures', 'parameters')
+NAMES = (TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS)
 
 
 def write_comparison(outcomes: Sequence[Outcome], out: Path) -> None:
     """Write everything into `out`; raise `CtcError` if that cannot be done."""
     write_text(out / TABLE, to_markdown(outcomes))
     write_text(out / CSV, to_csv(outcomes))
+    if any(x.judged for x in outcomes):
+        write_text(out / HELD_OUT, held_out_csv(outcomes))
     write_parameters(outcomes, out / PARAMETERS)
     write_page(outcomes, save_comparison_figures(outcomes, out / FIGURES), out / PAGE)
 

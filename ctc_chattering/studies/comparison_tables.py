@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 import itertools
 import json
+from math import inf
+from statistics import median
 
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.result import finite
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
-from ctc_chattering.studies.comparison import BASE, Outcome, Variant
+from ctc_chattering.studies.comparison import BASE, BEST, Outcome, Variant
 
 #: A number with the text that shows it.
 Number = tuple[float, str]
@@ -22,22 +24,48 @@ _NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torq
 
 def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
     """
-    Yield two tables for each robot, plant and condition: errors, and changes of the torque.
+    Yield tables for each robot, plant and condition: robustness, errors, changes of the torque.
 
-    `least` is the smallest ratio of the errors of all joints, to that of `BASE`.
+    `least` is the smallest ratio of the errors of all joints to that of `BASE`; the first table is
+    there with held-out conditions only.
     """
     for group in groups(outcomes):
+        if group[0].judged:
+            yield _robustness(group)
         joints = group[0].joints
         title = bold(heading(group[0]))
         engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
-        engine, scored = f'; {engines}' if engines else '', group[0].cost is not None
+        engine = f'; {engines}' if engines else ''
         yield Table(
             title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
-            [*_HEAD, *joints, 'least', 'peak torque [N·m]', *(['cost'] if scored else [])],
+            [*_HEAD, *joints, 'least', 'peak torque [N·m]'],
             _rows(group, partial(_errors, base=group[0])), len(_HEAD))
         yield Table(
             title + ': torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
             + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
+
+
+def _robustness(group: Sequence[Outcome]) -> Table:
+    """Return the table of held-out conditions, the law that survives most of them first."""
+    best = next((x for x in group if x.task.variant == BEST), group[0])
+
+    def row(outcome: Outcome) -> tuple[float, float, list[str]]:
+        found = [x.score for x in outcome.judged]
+        errors = sorted(x.error for x in found if not x.failure)
+        ratios = [median([a / b for a, b in zip(x.variation, y.score.variation)])
+                  for x, y in zip(found, best.judged) if not x.failure and not y.score.failure]
+        head = [*outcome.task.variant, f'{len(errors)} of {len(found)}']
+        if not errors:
+            return 0.0, inf, [*head, '', '', '']
+        return -len(errors), median(errors), [
+            *head, f'{errors[-1]:.1e}', f'{median(errors):.1e}',
+            f'{median(ratios):.2g}' if ratios else '']
+
+    return Table(
+        bold(heading(group[0])) + f': {len(group[0].judged)} held-out conditions',
+        [*_HEAD, 'survived', 'worst error [rad]', 'median error [rad]',
+         f'variation over that of {BEST.law}, {BEST.settings}'],
+        [x[2] for x in sorted(map(row, group), key=lambda x: x[:2])], len(_HEAD))
 
 
 def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
@@ -57,12 +85,10 @@ def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the first table; the smallest is the best."""
     found, original = outcome.score, base.score
     least = min(a / b if b else float('inf') for a, b in zip(original.rms, found.rms))
-    ratio = '' if outcome.task.variant == BASE else f'{least:.3g}×' if least < 10.0 else (
+    ratio = '' if outcome.task.variant == BASE else f'{least:.2g}×' if least < 100.0 else (
         f'{least:.0f}×')
-    cells = [*((x, f'{x:.2e}') for x in found.rms), (-least, ratio),
+    cells = [*((x, f'{x:.1e}') for x in found.rms), (-least, ratio),
              (max(found.peak), f'{max(found.peak):.0f}')]
-    if outcome.cost is not None:
-        cells.append((outcome.cost, f'{outcome.cost:.2f}'))
     return [[cell] for cell in cells]
 
 
@@ -107,9 +133,25 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
             rows.append({
                 'experiment': x.experiment, 'backend': x.backend,
                 'condition': task.condition.name if task.condition else '',
-                **task.variant._asdict(), 'joint': joint, **numbers, 'cost': x.cost,
+                **task.variant._asdict(), 'joint': joint, **numbers,
+                'variation_limit': x.limit[i] if x.limit else None,
                 'trials': budget and budget.trials, 'seed': budget and budget.seed,
                 'failure': found.failure, 'controller': json.dumps(
                     finite(x.runs[0].get('controller', {})), sort_keys=True),
                 'engine': found.engine})
+    return csv_text(rows)
+
+
+def held_out_csv(outcomes: Sequence[Outcome]) -> str:
+    """Return one line per law and held-out condition: its numbers and all that was changed."""
+    rows = []
+    for x in outcomes:
+        for other, run, found in x.judged:
+            rows.append({
+                'experiment': x.experiment, 'backend': x.backend, **x.task.variant._asdict(),
+                'seed': other.seed, 'index': other.index,
+                **{name: json.dumps(getattr(found, key)) if not found.failure else None
+                   for name, key in _NUMBERS.items()}, 'failure': found.failure,
+                **{node.strip('/*') or 'all': json.dumps(finite(values), sort_keys=True)
+                   for node, values in run.items()}, 'engine': found.engine})
     return csv_text(rows)

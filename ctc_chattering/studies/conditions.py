@@ -3,8 +3,8 @@ Conditions of a comparison: drives, sensors and errors of the model, on any robo
 
 A condition replaces what the parameter file has of drives, sensors, network and model error, so
 that a condition means the same on every robot; friction, disturbance, elasticity and limits of the
-torque stay those of the file. What a lab can know of the drives, delay, lag and rate limit, the
-controller is given; a law takes of it what it can use.
+torque stay those of the file. What a lab can know, delay, lag and rate limit of the drives and the
+level of the Coulomb friction, the controller is given; a law takes of it what it can use.
 """
 
 from __future__ import annotations
@@ -54,6 +54,9 @@ class Condition:
         Mass at the end of the arm that the controller's model lacks [kg].
     factors : tuple of float
         Of M, C and G in the controller's model; a run for each.
+    friction_error : float
+        Part by which the friction is told wrong: up on every other joint, down on the others, and
+        the other way round in every other run.
 
     """
 
@@ -67,6 +70,7 @@ class Condition:
     noise: float = 0.0
     payload: float = 0.0
     factors: tuple[float, ...] = (1.0,)
+    friction_error: float = 0.0
 
     def fits(self, setup: Setup) -> bool:
         """Return whether the robot of a parameter file can have it."""
@@ -105,8 +109,11 @@ class Condition:
         start = max(setup.reference.start_duration, _START)
         return tuple({
             'plant': plant, 'reference': {'start_duration': start}, 'bringup': {'events': ['']},
-            'controller': {**common, 'inertia_scale': factor, 'gravity_scale': factor}}
-            for factor in self.factors)
+            'controller': {
+                **common, 'inertia_scale': factor, 'gravity_scale': factor, 'friction_level': [
+                    x * (1.0 + self.friction_error * (1.0 - 2.0 * ((i + k) % 2)))
+                    for i, x in enumerate(setup.plant.coulomb_friction)]}}
+            for k, factor in enumerate(self.factors))
 
     def _sensor(self) -> str:
         """Return the plant's `velocity_sensor`."""
@@ -115,8 +122,8 @@ class Condition:
 
 _REAL_ARM = Condition(
     'real_arm', 'like a real arm: lag of 2 ms, rate limits, delay of 1 sample, velocity '
-    'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1', lag=2e-3, rate_limited=True,
-    delay=1, resolution=1e-5, factors=(0.9, 1.1))
+    'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1, friction told 10 % wrong',
+    lag=2e-3, rate_limited=True, delay=1, resolution=1e-5, factors=(0.9, 1.1), friction_error=0.1)
 #: All conditions by name.
 CONDITIONS = {condition.name: condition for condition in (
     Condition('clean', 'ideal drives and sensors, exact model'),

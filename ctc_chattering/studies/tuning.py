@@ -1,11 +1,11 @@
 """
 The gains of a law as numbers to be searched, and their cost in a comparison.
 
-The cost of gains is the mean over the joints of the weighted sum of ``ln(x / x_0)``, where x is
-the RMS error, the torque variation or the largest torque rate, and x_0 the same under
-`compensation` with the file's gains in the same condition. It is 0 for these, and 1 for what is e
-times worse in everything at weights whose sum is 1. The gains searched are numbers that suit
-robots of every size: where joints differ, a number times what the file has for each joint.
+The cost of gains is the mean over the joints of the logarithm of the RMS error, at equal torque
+variation: what exceeds a limit of the variation, the same for all laws, costs ten times as much,
+``ln e + 10 max(0, ln(V / V_0))``. Gains within the limit come before all others. The gains
+searched are numbers that suit robots of every size: where joints differ, a number times what the
+file has for each joint.
 """
 
 from __future__ import annotations
@@ -19,24 +19,19 @@ from ctc_chattering.studies.score import Score
 
 #: Cost of gains with which a run diverges; larger than that of any run that does not.
 DIVERGED = 1e3
-#: Added to both sides of a ratio, so that 0 is allowed.
+#: Cost of a variation that exceeds its limit, over that of an error.
+_EXCESS = 10.0
+#: Smallest number of which the logarithm is taken.
 _TINY = 1e-12
 
 
-class Weights(NamedTuple):
-    """Weights of the cost: RMS error, torque variation, largest torque rate."""
-
-    error: float = 1.0
-    variation: float = 0.5
-    rate: float = 0.25
-
-
 class Budget(NamedTuple):
-    """What each law may use: trials, the seed of Optuna's sampler, and the weights."""
+    """What each law may use: trials, the seed of Optuna's sampler, and torque variation."""
 
     trials: int
     seed: int = 0
-    weights: Weights = Weights()
+    #: Over that of `observer_feedback` with its recommended settings.
+    variation: float = 1.5
 
 
 class Range(NamedTuple):
@@ -55,18 +50,22 @@ SPACE: dict[str, Range] = {
     'damping': Range(0.4, 4.0),
     'lambda': Range(1.0, 100.0, ('compensation', 'chattering', 'super_twisting')),
     'b': Range(0.1, 10.0, ('compensation', 'chattering', 'super_twisting')),
-    'ka': Range(0.5, 20.0, ('chattering', 'observer_feedback')),
+    'ka': Range(0.5, 20.0, ('chattering', 'extended_state_observer', 'observer_feedback')),
     'boundary_layer': Range(1e-3, 1.0, ('boundary_layer',)),
     'observer_bandwidth': Range(20.0, 2000.0, ('implicit_observer',)),
-    'ki': Range(1e-3, 0.5, ('integral',)),
+    'ki': Range(1e-3, 0.5, ('integral', 'pid_kalman')),
+    'lead_ratio': Range(0.05, 1.0, ('pid_kalman',)),
     'momentum_gain': Range(10.0, 1000.0, ('momentum_observer',)),
     'super_twisting_k1': Range(1.0, 1000.0, ('super_twisting',)),
     'super_twisting_k2': Range(10.0, 1e5, ('super_twisting',)),
     'adaptation_gain': Range(0.1, 1e4, ('slotine_li',)),
-    'friction_velocity': Range(2e-3, 1.0, ('slotine_li', 'friction_feedforward')),
-    'estimator_bandwidth': Range(30.0, 400.0, ('observer_feedback',)),
+    'friction_velocity': Range(2e-3, 1.0, (
+        'slotine_li', 'friction_feedforward', 'pid_kalman', 'extended_state_observer')),
+    'friction_lead': Range(3e-4, 0.03, ('pid_kalman', 'extended_state_observer')),
+    'estimator_bandwidth': Range(30.0, 600.0, (
+        'pid_kalman', 'extended_state_observer', 'observer_feedback')),
     'friction_learning': Range(1.0, 100.0, ('observer_feedback',))}
-#: Laws that get the plant's true Coulomb friction: their best case.
+#: Laws that need the Coulomb friction.
 KNOW_FRICTION = ('slotine_li', 'friction_feedforward')
 
 
@@ -100,8 +99,6 @@ def gains(numbers: Mapping[str, float], config: ControllerConfig, friction: tupl
             per_joint = config.parameters()[name].shape
             values[name] = [x * y for y in _scales(name, kp * kv, config, friction)
                             ] if per_joint else x
-    if config.law in KNOW_FRICTION:
-        values['friction_level'] = list(friction)
     return values
 
 
@@ -117,7 +114,7 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
     known : mapping
         What is recommended for `observer_feedback`, by parameter: of its `kp`, `kv` and `ka`, and
         the triple pole of `integral` and the observer of `chattering` for a robot, are the
-        second, with the first for all else.
+        second, with what suits a reversal of 10 ms, and the first for all else.
 
     """
     kp, kv = config.kp[0], config.kv[0]
@@ -132,6 +129,7 @@ def starts(config: ControllerConfig, friction: tuple[float, ...], known: Mapping
     other = {'pole': pole, 'damping': 0.5 * known['kv'][0] / pole,
              'ka': known['ka'][0] / (config.ka[0] or 1.0), 'ki': 1.0 / 9.0,
              'estimator_bandwidth': known['estimator_bandwidth'],
+             'friction_lead': 5e-3, 'friction_velocity': 0.1, 'lead_ratio': 0.1,
              'observer_bandwidth': config.parameters()['observer_bandwidth'].default}
     return [{name: min(max(x.get(name, file[name]), limits.low), limits.high)
              for name, limits in space(config).items()} for x in ({}, other)]
@@ -145,13 +143,11 @@ def _scales(name: str, product: float, config: ControllerConfig, friction: tuple
             'adaptation_gain': tuple(x or 1.0 for x in friction)}.get(name, (1.0,) * n)
 
 
-def cost(found: Score, base: Score, weights: Weights) -> float:
-    """Return the cost of what was found, relative to `base`."""
+def cost(found: Score, limit: tuple[float, ...]) -> tuple[bool, float]:
+    """Return whether a variation exceeds its limit, shape (n,) [N·m/s], and the cost."""
     if found.failure:
-        return DIVERGED
-    total = 0.0
-    for weight, mine, theirs in zip(weights, (found.rms, found.variation, found.rate),
-                                    (base.rms, base.variation, base.rate)):
-        total += weight * sum(math.log((x + _TINY) / (y + _TINY))
-                              for x, y in zip(mine, theirs)) / len(mine)
-    return min(total, DIVERGED) if math.isfinite(total) else DIVERGED
+        return True, DIVERGED
+    excess = [math.log(max(x, _TINY) / y) for x, y in zip(found.variation, limit)]
+    total = sum(math.log(max(x, _TINY)) + _EXCESS * max(y, 0.0)
+                for x, y in zip(found.rms, excess)) / len(limit)
+    return max(excess) > 0.0, min(total, DIVERGED) if math.isfinite(total) else DIVERGED

@@ -5,45 +5,57 @@ from __future__ import annotations
 import csv
 import re
 
-from comparison_page import DOCS, filled, PAGE
+from comparison_page import DOCS, filled, filled_readme, PAGE, README
 from ctc_chattering.studies.conditions import ALL, CONDITIONS
-from ctc_chattering.studies.tuning import DIVERGED, Weights
+from ctc_chattering.studies.tuning import Budget
 import pytest
 
 TEXT = PAGE.read_text(encoding='utf-8')
+BLOCKS = re.findall(r'<!-- tables: (\S+) -->', TEXT)
+
+
+def lines(directory: str, name: str) -> list[dict[str, str]]:
+    """Return the lines of a CSV file beside the page."""
+    with (DOCS / directory / name).open(encoding='utf-8') as stream:
+        return list(csv.DictReader(stream))
+
+
+def shown(directory: str, title: str) -> dict[tuple[str, ...], list[str]]:
+    """Return the rows of the table with a title, by law, switching and settings."""
+    text = (DOCS / directory / 'compare.md').read_text(encoding='utf-8').replace('**', '')
+    table = text[text.index(title):].split('\n\n')[1]
+    rows = [[x.strip() for x in row.strip('|').split('|')] for row in table.splitlines()[2:]]
+    return {tuple(row[:3]): row[3:] for row in rows}
 
 
 def test_its_tables_are_those_that_were_written() -> None:
     assert filled(TEXT) == TEXT
-    assert TEXT.count('<!-- tables: ') == 2
+    assert BLOCKS
+    text = README.read_text(encoding='utf-8')
+    assert filled_readme(text) == text
+    assert '<!-- tables: ' in text
 
 
-def test_it_has_every_condition_and_the_cost() -> None:
+def test_it_has_every_condition_and_the_budget() -> None:
     table = TEXT[TEXT.index('| `--condition` |'):].split('\n\n')[0]
     assert re.findall(r'^\| `(\w+)`', table, re.MULTILINE) == [*CONDITIONS, ALL]
-    error, variation, rate = Weights()
-    assert f'`{error:g} ln(e / e₀) + {variation:g} ln(V / V₀) + {rate:g} ln(R / R₀)`' in TEXT
-    assert f'costs {DIVERGED:g}' in TEXT
+    assert f'{Budget(1).variation:g} times that of `observer_feedback`' in TEXT
 
 
-@pytest.mark.parametrize('directory', ['two_link', 'urdf'])
+@pytest.mark.parametrize('directory', BLOCKS)
 def test_each_number_of_the_tables_is_in_the_csv(directory: str) -> None:
-    """Check the RMS errors, row by row and joint by joint."""
-    with (DOCS / 'comparison' / directory / 'compare.csv').open(encoding='utf-8') as stream:
-        lines = [x for x in csv.DictReader(stream) if x['rms_error']]
-    text = (DOCS / 'comparison' / directory / 'compare.md').read_text(encoding='utf-8')
-    title, shown = '', {}
-    for line in text.replace('**', '').splitlines():
-        title = line.partition(': ')[0] if ': RMS error' in line else (
-            '' if ': torque variation' in line else title)
-        cells = [x.strip() for x in line.strip('|').split('|')]
-        if title and len(cells) > 3:
-            shown[(title, cells[0], cells[1], cells[2])] = cells[3:]
-    assert lines
-    for x in lines:
+    """Check RMS errors joint by joint, and what survived of the held-out conditions."""
+    found = [x for x in lines(directory, 'compare.csv') if x['rms_error']]
+    assert found
+    for x in found:
         title = f'{x["experiment"]}, plant {x["backend"]}, {x["condition"]}'
-        joints = [y['joint'] for y in lines if (y['experiment'], y['backend'], y['condition']) == (
-            x['experiment'], x['backend'], x['condition']) and y['law'] == 'compensation'
-            and y['settings'] == 'file']
-        row = shown[title, x['law'], x['switching'], x['settings']]
-        assert row[joints.index(x['joint'])] == f'{float(x["rms_error"]):.2e}'
+        row = shown(directory, f'{title}: RMS error')[x['law'], x['switching'], x['settings']]
+        assert f'{float(x["rms_error"]):.1e}' in row
+    judged = lines(directory, 'held_out.csv')
+    table = shown(directory, f'{title}: {len({x["index"] for x in judged})} held-out conditions')
+    for variant, row in table.items():
+        mine = [x for x in judged if (x['law'], x['switching'], x['settings']) == variant]
+        errors = sorted(max(map(float, x['rms_error'].strip('[]').split(',')))
+                        for x in mine if not x['failure'])
+        assert row[0] == f'{len(errors)} of {len(mine)}'
+        assert not errors or row[1] == f'{errors[-1]:.1e}'

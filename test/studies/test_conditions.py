@@ -89,6 +89,13 @@ def test_a_condition_replaces_what_the_file_has_and_nothing_else(name: str, spoi
     assert found[0].plant.torque_saturation == (5100.0, 850.0)
 
 
+def test_friction_is_told_and_wrong_where_a_condition_says_so() -> None:
+    """Check both signs on both joints, over the two runs."""
+    assert [x.controller.friction_level for x in setups(FRICTION, 'real_arm')] == [
+        pytest.approx((10.89, 8.91)), pytest.approx((8.91, 10.89))]
+    assert [x.controller.friction_level for x in setups(FRICTION, 'lag')] == [(9.9, 9.9)]
+
+
 def test_events_of_the_file_are_left_out() -> None:
     assert parameter_file.load(CONFIG / 'switch.yaml').events
     assert not setups(CONFIG / 'switch.yaml', 'clean')[0].events

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from math import inf, nan
+from math import inf
 from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
@@ -42,10 +42,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--trials', type=int, metavar='N',
                         help="tune every law, with N trials each; without it, the file's gains")
     parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of the trials, 0 by default')
-    parser.add_argument('--weights', default='1,0.5,0.25', metavar='E,V,R',
-                        help='weights of RMS error, torque variation and largest torque rate in '
-                             'the cost that is tuned for, 1,0.5,0.25 by default')
+                        help='seed of the trials and of the held-out conditions, 0 by default')
+    parser.add_argument('--variation', type=float, default=1.5, metavar='X',
+                        help='torque variation allowed to every law that is tuned, over that of '
+                             'observer_feedback as recommended, 1.5 by default')
+    parser.add_argument('--held-out', type=int, default=0, metavar='N',
+                        help='judge all laws in N further conditions, drawn by the seed, for '
+                             'which no law was tuned: which survive, with which errors')
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate the bags, not the simulation')
@@ -65,7 +68,8 @@ def run(options: argparse.Namespace) -> int:
     if options.ros:
         from ctc_chattering.studies.over_ros import over_ros as runner
     todo = comparison.tasks([find_file(file) for file in options.files], _backends(options),
-                            options.condition or [None], _laws(options), _budget(options))
+                            options.condition or [None], _laws(options), _budget(options),
+                            _others(options), options.seed)
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)
     runs = comparison.compare(todo, 1 if options.ros else number_of_jobs(options.jobs), runner)
@@ -98,16 +102,12 @@ def _laws(options: argparse.Namespace) -> list[str]:
 
 
 def _budget(options: argparse.Namespace) -> Budget | None:
-    """Return trials, seed and weights, or None without trials; raise `UsageError`."""
+    """Return trials, seed and variation, or None without trials; raise `UsageError`."""
     from ctc_chattering.studies.search import require_optuna
-    from ctc_chattering.studies.tuning import Budget, Weights
+    from ctc_chattering.studies.tuning import Budget
 
-    try:
-        weights = Weights(*map(float, options.weights.split(',')))
-    except (TypeError, ValueError):
-        weights = Weights(nan)
-    if not all(0.0 <= x < inf for x in weights):
-        raise UsageError(f'--weights: {options.weights}; allowed: up to three numbers >= 0')
+    if not 0.0 < options.variation < inf:
+        raise UsageError(f'--variation: {options.variation}; allowed: a number > 0')
     if options.trials is None:
         return None
     if options.trials < 1 or not 0 <= options.seed < 2 ** 32:
@@ -115,4 +115,11 @@ def _budget(options: argparse.Namespace) -> Budget | None:
     if options.ros:
         raise UsageError('--trials and --ros exclude each other: the simulation is tuned')
     require_optuna('--trials')
-    return Budget(options.trials, options.seed, weights)
+    return Budget(options.trials, options.seed, options.variation)
+
+
+def _others(options: argparse.Namespace) -> int:
+    """Return the number of held-out conditions, or raise `UsageError`."""
+    if options.held_out < 0 or not 0 <= options.seed < 2 ** 32:
+        raise UsageError('allowed: --held-out from 0 on, --seed from 0 to 2**32 - 1')
+    return int(options.held_out)
