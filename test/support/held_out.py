@@ -32,6 +32,8 @@ from rigid_bodies import Array
 #: well, as docs/safety.md says of a robot of which nothing is known; the gains by the rule of
 #: docs/theory.md as well, nothing of the drives; lag and rate limit roughly, and the delay.
 TELLINGS = ('name', 'nothing', 'gains', 'rough')
+#: Rivals that are told what `rough` is, and the friction to 10 %.
+RIVALS = {'eso': 'extended_state_observer', 'integral': 'integral'}
 #: Duration, and the instant from which errors count [s]; largest error [rad].
 DURATION, COUNTS, DIVERGED = 9.0, 5.0, 3.0
 #: Longest steps of the plant of two joints, and of more [s].
@@ -69,6 +71,8 @@ class Condition:
     told_rate: float
     #: Whether `gains` is told the delay.
     told_delay: bool
+    #: The Coulomb friction as it is known to 10 %.
+    told_friction: list[float]
 
     def text(self) -> str:
         """Return it in a line."""
@@ -89,24 +93,7 @@ def drawn(seed: int) -> tuple[Condition, Arm, Path3, Array]:
     name = 'two_link' if rng.random() < _TWO_LINK else str(rng.choice(NAMES[1:]))
     known = robot(name)
     wide = dict(zip(_QUANTITIES, rng.random(len(_QUANTITIES)) < _WIDE))
-    period = float(rng.choice([5e-4, 1e-3, 2e-3, 4e-3])) if wide['period'] else 1e-3
-    bits = rng.random() < 0.3
-    c = Condition(
-        seed, name, period, int(rng.integers(4)) if wide['delay'] else 1,
-        (rng.uniform(0.0, 5e-3) * np.ones(known.n) if wide['lag'] else rng.uniform(
-            1e-3, 2.5e-3, known.n)).tolist(), [],
-        (2.0 * np.pi / 2 ** int(rng.integers(12, 21)) if bits else float(
-            10.0 ** rng.uniform(-6, -3))) if wide['encoder'] else 1e-5,
-        float(rng.uniform(0.0, 0.6) if wide['friction'] else rng.uniform(0.1, 0.3)),
-        float(rng.uniform(0.2, 0.6)) if wide['stribeck'] else 0.0,
-        float(10.0 ** rng.uniform(-3, -0.5)), bool(rng.random() < 0.2),
-        0.2 if wide['model'] else 0.08, float(rng.uniform(0.0, 0.15)) if wide['payload'] else 0.0,
-        str(rng.choice(['sinusoid', 'trapezoid'])),
-        float(rng.uniform(-1.0, 1.0)) if wide['start'] else 0.0,
-        float(rng.uniform(0.1, 0.5)) if wide['load'] else 0.0, 1.0,
-        float(rng.uniform(0.5, 1.5)), float(3.0 ** rng.uniform(-1.0, 1.0)),
-        bool(rng.random() < 0.5))
-    c.delay = min(c.delay, int(6e-3 / period))
+    c = quantities(seed, known, wide, rng)
     arm = true_arm(c, known, rng)
     path, first = motion_of(c, known, arm, rng)
     torque, change = needed(arm, times(c), path)
@@ -119,12 +106,37 @@ def drawn(seed: int) -> tuple[Condition, Arm, Path3, Array]:
     left = known.effort[j] - torque[j] - (1.0 + c.stribeck) * coulomb[j]
     load[j] = min(c.load * max(weight[j], 0.15 * known.effort[j]), 0.6 * left)
     begin = float(rng.uniform(3.0, 6.0))
+    c.told_friction = (coulomb * np.random.default_rng(seed).uniform(0.9, 1.1, known.n)).tolist()
     arm = arm._replace(
         coulomb=coulomb, stribeck=c.stribeck * coulomb, speed=np.full(known.n, c.stribeck_speed),
         viscous=rng.uniform(0.0, 0.3) * coulomb, bristle=2e3 * coulomb * c.bristles,
         lag=np.array(c.lag), rate=np.array(c.rate), load=load, rest=path.rest,
         times=np.array([begin, begin + rng.uniform(0.5, 2.0)]))
     return c, arm, path, first
+
+
+def quantities(seed: int, known: Robot, wide: dict[str, np.bool_], rng: np.random.Generator
+               ) -> Condition:
+    """Return a condition without rate limits; `wide` says what is drawn from all of its range."""
+    period = float(rng.choice([5e-4, 1e-3, 2e-3, 4e-3])) if wide['period'] else 1e-3
+    bits = rng.random() < 0.3
+    c = Condition(
+        seed, known.name, period, int(rng.integers(4)) if wide['delay'] else 1,
+        (rng.uniform(0.0, 5e-3) * np.ones(known.n) if wide['lag'] else rng.uniform(
+            1e-3, 2.5e-3, known.n)).tolist(), [],
+        (2.0 * np.pi / 2 ** int(rng.integers(12, 21)) if bits else float(
+            10.0 ** rng.uniform(-6, -3))) if wide['encoder'] else 1e-5,
+        float(rng.uniform(0.0, 0.6) if wide['friction'] else rng.uniform(0.1, 0.3)),
+        float(rng.uniform(0.2, 0.6)) if wide['stribeck'] else 0.0,
+        float(10.0 ** rng.uniform(-3, -0.5)), bool(rng.random() < 0.2),
+        0.2 if wide['model'] else 0.08, float(rng.uniform(0.0, 0.15)) if wide['payload'] else 0.0,
+        str(rng.choice(['sinusoid', 'trapezoid'])),
+        float(rng.uniform(-1.0, 1.0)) if wide['start'] else 0.0,
+        float(rng.uniform(0.1, 0.5)) if wide['load'] else 0.0, 1.0,
+        float(rng.uniform(0.5, 1.5)), float(3.0 ** rng.uniform(-1.0, 1.0)),
+        bool(rng.random() < 0.5), [])
+    c.delay = min(c.delay, int(6e-3 / period))
+    return c
 
 
 def times(c: Condition) -> Array:
@@ -185,17 +197,30 @@ def told(c: Condition, telling: str) -> dict[str, Any]:
     values['ka'], values['effort_limit'] = [0.5 * x for x in known.effort], list(known.effort)
     if telling == 'nothing':
         return values
-    lag = 0.0
-    if telling == 'rough':
+    rough = telling == 'rough' or telling in RIVALS
+    # What the package assumes of a lag that it is not told; 0 where it assumes nothing.
+    lag = max(getattr(ControllerConfig(), 'assumed_lag', (0.0,)))
+    if rough:
         lag = c.told_lag * max(c.lag)
         values['actuator_lag'] = [c.told_lag * x for x in c.lag]
         values['torque_rate_limit'] = [c.told_rate * x for x in c.rate]
-    if telling == 'rough' or c.told_delay:
+    if rough or c.told_delay:
         values['input_delay'] = c.delay
     pole = largest_pole(lateness(lag, c.period, values.get('input_delay', 0)))
-    width = estimator_bandwidth(pole, c.encoder) if telling == 'rough' else pole
-    return {**values, 'kp': [pole ** 2] * known.n, 'kv': [2.0 * pole] * known.n,
-            'estimator_bandwidth': width}
+    width = estimator_bandwidth(pole, c.encoder) if rough else pole
+    values = {**values, 'kp': [pole ** 2] * known.n, 'kv': [2.0 * pole] * known.n,
+              'estimator_bandwidth': width}
+    return {**values, **rival(c, telling, lag)} if telling in RIVALS else values
+
+
+def rival(c: Condition, telling: str, lag: float) -> dict[str, Any]:
+    """Return what a rival has in place of that."""
+    n, known = len(c.lag), {'law': RIVALS[telling], 'friction_level': c.told_friction}
+    if telling != 'integral':
+        return known
+    late = max(f / (c.told_rate * r) for f, r in zip(c.told_friction, c.rate))
+    p = 0.6 * largest_pole(late + lateness(lag, c.period, c.delay))  # docs/laws.md
+    return {**known, 'kp': [3.0 * p ** 2] * n, 'kv': [3.0 * p] * n, 'ki': [p ** 3] * n}
 
 
 def controller(c: Condition, values: dict[str, Any]) -> Controller:

@@ -157,7 +157,7 @@ def set_up(arm: Arm, now: Motion, h: float, w: Array, rhs: Array, most: Array) -
         stiff, most[i] = arm.bristle[i], h * level
         if stiff > 0.0:
             keeps = 1.0 / (1.0 + h * stiff * abs(speed) / level)
-            damps = 2.0 * np.sqrt(stiff * w[i, i])
+            damps = np.sqrt(stiff * w[i, i])
             rhs[i] -= h * (stiff * keeps + damps * (keeps - 1.0) / h) * now.bend[i]
             w[i, i] += h * keeps * (h * stiff + damps)
             most[i] = 0.0

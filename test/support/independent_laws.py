@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 
 class Known(NamedTuple):
@@ -119,6 +120,9 @@ class ObserverFeedback:
         self.ddq: Array | None = None
         self.lags: list[Array] = [np.zeros(2)] * 3
         self.slow_sign, self.slow_P = np.zeros(2), np.zeros(2)
+        # Of the hold at rest: place, time of joint and reference there, and who is held.
+        self.place, self.stood, self.waited = np.zeros(2), np.zeros(2), np.zeros(2)
+        self.held: Flags = np.zeros(2, bool)
 
     def ahead(self, at: Seen, M: Array, bias: Array, command: Array) -> Seen:
         """Return the state a period later, (SO1)."""
@@ -128,10 +132,37 @@ class ObserverFeedback:
         dq: Array = h * np.linalg.solve(M, push - nearest(M, push, self.K)).astype(np.float64)
         more = weighted - mean + h / 6.0 * at.slope
         q = at.q + 0.5 * h * (at.dq + dq) + 0.5 * h * h * np.linalg.solve(M, more)
-        return Seen(q, dq, end, at.P + h * at.slope, at.slope)
+        return self.kept(at, Seen(q, dq, end, at.P + h * at.slope, at.slope))
+
+    def kept(self, before: Seen, after: Seen) -> Seen:
+        """Return a state with the joints that are held as they were."""
+        return Seen(np.where(self.held, before.q, after.q), np.where(self.held, 0.0, after.dq),
+                    after.torque, np.where(self.held, before.P, after.P),
+                    np.where(self.held, 0.0, after.slope))
+
+    def rested(self, q: Array) -> Flags:
+        """Take a measured position for (SS1), and return which joints it releases."""
+        moved = np.abs(q - self.place) > 1e-4
+        released: Flags = moved & self.held
+        self.place = np.where(moved, q, self.place)
+        self.stood = np.where(moved, 0.0, self.stood + self.known.period)
+        self.waited = np.where(released, 0.0, self.waited)
+        self.held = self.held & ~moved
+        return released
+
+    def hold(self, point: Point, q: Array, M: Array) -> None:
+        """Hold the joints that (SS1) and (SS2) say."""
+        w = self.gains.estimator_bandwidth
+        still = (np.abs(point.dq) <= 1e-9) & (np.abs(point.ddq) <= 1e-9)
+        self.waited = np.where(still, self.waited + self.known.period, 0.0)
+        near = M.diagonal() * self.gains.kp * np.abs(point.q - q) <= 2.0 * self.Ka
+        long = (self.stood >= 2.0 / w) & (
+            self.stood * self.waited >= (6.0 / w + self.Ka / self.R) ** 2)
+        self.held = still & (self.held | (near & long))
 
     def corrected(self, q: Array, dq: Array) -> Seen:
         """Return the state with what the measured position says, (SO2)."""
+        released = self.rested(q)
         if self.seen is None:
             return Seen(q, dq, np.zeros(2), np.zeros(2), np.zeros(2))
         h, at = self.known.period, self.seen
@@ -141,9 +172,12 @@ class ObserverFeedback:
         P = nearest(self.before, at.P - 2.0 * (1 - w) ** 3 * (1 + w) / h ** 2 * force, self.Ka)
         slope = at.slope - (1 - w) ** 4 / h ** 3 * force
         slope[(np.abs(P) >= self.Ka) & (slope * P > 0.0)] = 0.0
-        return Seen(at.q + (1 - w ** 4) * e,
-                    at.dq + (1 - w) ** 2 * (11 + 14 * w + 11 * w * w) / (6.0 * h) * e, at.torque,
-                    P, slope)
+        to = self.kept(at, Seen(
+            at.q + (1 - w ** 4) * e,
+            at.dq + (1 - w) ** 2 * (11 + 14 * w + 11 * w * w) / (6.0 * h) * e, at.torque, P,
+            slope))
+        return Seen(np.where(released, q, to.q), np.where(released, 0.0, to.dq), to.torque,
+                    np.where(released, at.P, to.P), np.where(released, 0.0, to.slope))
 
     def friction(self, point: Point, later: float) -> Array:
         """Return F of (FR1)."""
@@ -182,8 +216,10 @@ class ObserverFeedback:
         h, m, back = self.known.period, M.diagonal(), self.back(M, x)
         F = self.friction(point, 0.5 * h)
         f = np.clip(m * ((point.dq + x[1]) / h + point.ddq + back) + F, -self.K, self.K)
-        ddx = (F - f) / m + back
-        return x[0] + h * x[1] + 0.5 * h * h * ddx, x[1] + h * ddx
+        stands = (np.abs(point.dq) <= 1e-9) & (np.abs(point.ddq) <= 1e-9)
+        ddx = np.where(stands, 0.0, (F - f) / m) + back
+        return (np.where(self.held, x[0], x[0] + h * x[1] + 0.5 * h * h * ddx),
+                np.where(self.held, x[1], x[1] + h * ddx))
 
     def relief(self) -> Array:
         """Return the divisor of (FR5)."""
@@ -214,18 +250,14 @@ class ObserverFeedback:
         if np.isfinite(self.R).any():
             rest = tau - sent
             rest = rest - np.clip(rest, -10e-3 * self.R, 10e-3 * self.R)
-            x = x[0], x[1] - np.linalg.solve(M, rest) / self.relief()
-        self.x, self.ddq = x, point.ddq
-        level = self.learned(now)
-        self.seen = self.with_level(level, now, mass, weight, [*self.transit, sent][0])
-        self.transit = [*self.transit, sent][1:]
-        self.before = mass
+            less = np.linalg.solve(M, rest) / self.relief()
+            x = x[0], np.where(self.held, x[1], x[1] - less)
+        self.hold(point, at.q, M)
+        self.x, self.ddq, self.before = x, point.ddq, mass
+        self.K = self.learned(now)
+        self.transit.append(sent)
+        self.seen = self.ahead(now, mass, weight, self.transit.pop(0))
         return sent
-
-    def with_level(self, level: Array, at: Seen, M: Array, bias: Array, command: Array) -> Seen:
-        """Take the learned level, and return the state a period later."""
-        self.K = level
-        return self.ahead(at, M, bias, command)
 
     def learned(self, at: Seen) -> Array:
         """Return K̂ of (FL1)."""

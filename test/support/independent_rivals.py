@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from independent_laws import Array, Known, Point
+from independent_laws import Array, drive_over, Gains, Known, ObserverFeedback, Point
 import numpy as np
 
 
@@ -43,6 +43,11 @@ class Rival:
     def passed(self, e: Array, de: Array) -> None:
         """Go on by a period on the way to the arrival."""
 
+    def limited(self, at: At, tau: Array) -> Array:
+        """Return the command for a wanted torque."""
+        del at
+        return tau
+
     def advance(self, at: At) -> None:
         """Go on by a period from the measured state."""
 
@@ -63,6 +68,7 @@ class Rival:
         at = self.at(q, dq, points[len(self.transit)])
         tau: Array = at.M @ (at.point.ddq + self.kv * at.de + self.kp * at.e) + (
             at.C @ dq + at.G + self.term(at))
+        tau = self.limited(at, tau)
         self.advance(now)
         self.transit = [*self.transit, tau][1:]
         return tau
@@ -158,7 +164,110 @@ class SlotineLi(FrictionFeedforward):
             self.level + self.known.period * self.gain * self.direction(at) * s, 0.0)
 
 
+class ExtendedState(ObserverFeedback):
+    """Active disturbance rejection on the same observer, with a friction that is known."""
+
+    def __init__(self, known: Known, numbers: Mapping[str, Any]) -> None:
+        super().__init__(known, Gains(
+            float(np.ravel(numbers['kp'])[0]), float(np.ravel(numbers['kv'])[0]), numbers['ka'],
+            numbers['estimator_bandwidth'], 0.0))
+        self.level = np.array(numbers['friction_level'])
+        self.width, self.lead = numbers['friction_velocity'], numbers.get('friction_lead', 0.0)
+        self.last = np.zeros(2)
+
+    def fed(self, point: Point) -> Array:
+        """Return the friction that is fed forward."""
+        F: Array = self.level * np.tanh((point.dq + self.lead * point.ddq) / self.width)
+        return F
+
+    def step(self, q: Array, dq: Array, points: list[Point]) -> Array:
+        h = self.known.period
+        at = now = self.corrected(q, dq)
+        M, bias = mass, weight = self.known.model(at.q, at.dq)
+        for point, command in zip(points, self.transit):
+            at = self.ahead(at, M, bias + self.fed(point), command)
+            M, bias = self.known.model(at.q, at.dq)
+        point, held = points[len(self.transit)], at.torque
+        at = self.ahead(at, M, bias + self.fed(point), self.last)
+        M, bias = self.known.model(at.q, at.dq)
+        jerk = np.zeros(2) if self.ddq is None else (point.ddq - self.ddq) / h
+        then = Point(point.q + h * point.dq + h * h / 2 * point.ddq + h ** 3 / 6 * jerk,
+                     point.dq + h * point.ddq + h * h / 2 * jerk, point.ddq + h * jerk)
+        u = self.gains.kv * (then.dq - at.dq) + self.gains.kp * (then.q - at.q)
+        tau = M @ (then.ddq + u) + bias + at.P + self.fed(then)
+        E, most = np.exp(-h / np.maximum(self.T, 1e-12)), self.R * (self.T + h)
+        sent: Array = np.clip((tau - E * held) / (1.0 - E), held - most, held + most)
+        self.ddq, self.last, self.before = point.ddq, sent, mass
+        self.transit.append(sent)
+        self.seen = self.ahead(now, mass, weight + self.fed(points[0]), self.transit.pop(0))
+        return sent
+
+
+class PidKalman(Integral):
+    """PID with inverse dynamics on a Kalman velocity, with lead and friction fed forward."""
+
+    def start(self, numbers: Mapping[str, Any]) -> None:
+        super().start(numbers)
+        h = self.known.period
+        self.level, self.width = np.array(numbers['friction_level']), numbers['friction_velocity']
+        self.early = numbers.get('friction_lead', 0.0)
+        lag = np.maximum(np.array(self.known.lag), 1e-12)
+        self.E, self.D = np.exp(-h / lag), np.exp(-h / (numbers.get('lead_ratio', 0.5) * lag))
+        self.gains = kalman(numbers['estimator_bandwidth'] * h) / np.array([1.0, h, h * h])
+        self.hat: Array | None = None
+        self.torque, self.asked = np.zeros(2), np.zeros(2)
+        self.sent: Array | None = None
+        self.back = 1.0 - np.exp(-h * self.ki / self.kp)
+
+    def term(self, at: At) -> Array:
+        F: Array = self.level * np.tanh((at.point.dq + self.early * at.point.ddq) / self.width)
+        return at.M @ self.x + F
+
+    def estimate(self, at: At) -> Array:
+        return self.term(at)
+
+    def limited(self, at: At, tau: Array) -> Array:
+        h, held = self.known.period, self.torque
+        for command in self.transit:
+            held = drive_over(self.known, held, command)[0]
+        command = tau if self.sent is None else self.D * self.sent + (1.0 - self.D) / (
+            1.0 - self.E) * (tau - self.E * self.asked)
+        most = np.array(self.known.rate) * (np.array(self.known.lag) + h)
+        sent: Array = np.clip(command, held - most, held + most)
+        self.x = self.x - self.back * np.linalg.solve(at.M, command - sent)
+        self.asked, self.sent = tau, sent
+        return sent
+
+    def step(self, q: Array, dq: Array, points: list[Point]) -> Array:
+        h = self.known.period
+        hat = np.array([q, dq, 0.0 * q])
+        if self.hat is not None:
+            hat = self.hat + np.outer(self.gains, q - self.hat[0])
+        first = [*self.transit]
+        sent = super().step(q, hat[1], points)
+        self.hat = np.array([hat[0] + h * hat[1] + h * h / 2 * hat[2], hat[1] + h * hat[2],
+                             hat[2]])
+        self.torque = drive_over(self.known, self.torque, [*first, sent][0])[0]
+        return sent
+
+
+def kalman(bandwidth: float) -> Array:
+    """Return the steady gains of a random jerk, by running the filter until it is steady."""
+    A = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+    g = bandwidth ** 3 * np.array([1.0 / 6.0, 0.5, 1.0])
+    P = np.eye(3)
+    for _ in range(200_000):
+        k = P[:, 0] / (P[0, 0] + 1.0)
+        after = A @ (P - np.outer(k, P[0])) @ A.T + np.outer(g, g)
+        if np.abs(after - P).max() < 1e-15 * np.abs(P).max():
+            break
+        P = after
+    gains: Array = P[:, 0] / (P[0, 0] + 1.0)
+    return gains
+
+
 #: The rivals by the name that the package has for them.
-RIVALS: dict[str, type[Rival]] = {
+RIVALS: dict[str, type[Rival | ExtendedState]] = {
     'compensation': Compensation, 'integral': Integral,
-    'friction_feedforward': FrictionFeedforward, 'slotine_li': SlotineLi}
+    'friction_feedforward': FrictionFeedforward, 'slotine_li': SlotineLi,
+    'pid_kalman': PidKalman, 'extended_state_observer': ExtendedState}

@@ -1,12 +1,14 @@
-"""The package's `observer_feedback` beside the program that was written by hand from its docs."""
+"""The package's laws beside programs that were written by hand from their docs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
+from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from independent_laws import Array, Gains, Known, ObserverFeedback, Point
+from independent_rivals import RIVALS
 import numpy as np
 import pytest
 
@@ -18,13 +20,21 @@ DRIVES = {
     'ideal': Known(delay=0, lag=(0.0, 0.0), rate=(inf, inf))}
 
 
-def of_the_package(known: Known, gains: Gains) -> Controller:
+#: Parameters of the rivals that are not at their defaults.
+_FRICTION = {'friction_level': [9.0, 10.0], 'friction_velocity': 0.3}
+NUMBERS: dict[str, dict[str, Any]] = {
+    'compensation': {'lambda': 12.0, 'b': 1.5}, 'integral': {'ki': [2e4, 1e4]},
+    'friction_feedforward': _FRICTION, 'slotine_li': {**_FRICTION, 'adaptation_gain': [20.0, 9.0]},
+    'pid_kalman': {**_FRICTION, 'ki': [2e4, 1e4], 'estimator_bandwidth': 150.0,
+                   'friction_lead': 4e-3, 'lead_ratio': 0.4},
+    'extended_state_observer': {**_FRICTION, 'ka': [60.0, 30.0], 'estimator_bandwidth': 150.0,
+                                'friction_lead': 4e-3}}
+
+
+def of_the_package(law: str, known: Known, numbers: dict[str, Any]) -> Controller:
     """Return the package's controller with the same parameters."""
     return Controller(ControllerConfig.from_mapping({
-        'law': 'observer_feedback', 'kp': [gains.kp] * 2, 'kv': [gains.kv] * 2,
-        'ka': list(gains.ka), 'estimator_bandwidth': gains.estimator_bandwidth,
-        'friction_learning': gains.friction_learning, 'control_period': known.period,
-        'friction_level': list(gains.friction_level), 'actuator_lag': list(known.lag),
+        'law': law, **numbers, 'control_period': known.period, 'actuator_lag': list(known.lag),
         'torque_rate_limit': list(known.rate), 'input_delay': known.delay,
         'inertia_scale': known.scale, 'gravity_scale': known.scale, 'compiled': False}))
 
@@ -38,19 +48,53 @@ def motion(rng: np.random.Generator, period: float) -> Callable[[int], Point]:
         -size * w * w * np.sin(phase + w * k * period))
 
 
+def check(law: Controller, hand: Any, known: Known, rng: np.random.Generator, size: float
+          ) -> None:
+    """Compare torques of a few samples from a random state, with errors of `size`, to 1e-9."""
+    at, offset = motion(rng, known.period), size * rng.normal(size=2)
+    for k in range(5):
+        points = [at(k + j) for j in range(known.delay + 1)]
+        q: Array = points[0].q + offset + 0.01 * size * rng.normal(size=2)
+        dq = points[0].dq + size * rng.normal(size=2)
+        first, *ahead = ((x.q.tolist(), x.dq.tolist(), x.ddq.tolist()) for x in points)
+        tau = law.step(q.tolist(), dq.tolist(), *first, ahead).tau
+        np.testing.assert_allclose(tau, hand.step(q, dq, points), rtol=1e-9, atol=1e-8)
+
+
 @pytest.mark.parametrize('drives', DRIVES)
 def test_torques_are_those_of_a_program_by_hand(drives: str) -> None:
-    """Compare torques of a few samples from random states, errors and gains, to 1e-9."""
     rng, known = np.random.default_rng(24), DRIVES[drives]
-    for _ in range(8):
+    for size in (3e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-5):
         gains = Gains(rng.uniform(50, 2e4), rng.uniform(10, 300), (60.0, 30.0),
                       rng.uniform(40, 250), 20.0, tuple(rng.uniform(0.0, 12.0, 2)))
-        law, hand = of_the_package(known, gains), ObserverFeedback(known, gains)
-        at, offset = motion(rng, known.period), 10.0 ** rng.uniform(-5, -0.5) * rng.normal(size=2)
-        for k in range(5):
-            points = [at(k + j) for j in range(known.delay + 1)]
-            q: Array = points[0].q + offset + 1e-4 * rng.normal(size=2)
-            dq = points[0].dq + 0.1 * rng.normal(size=2)
-            first, *ahead = ((x.q.tolist(), x.dq.tolist(), x.ddq.tolist()) for x in points)
-            tau = law.step(q.tolist(), dq.tolist(), *first, ahead).tau
-            np.testing.assert_allclose(tau, hand.step(q, dq, points), rtol=1e-9, atol=1e-8)
+        numbers = {name: 2 * [x] if name in ('kp', 'kv') else x
+                   for name, x in gains._asdict().items()}
+        law = of_the_package('observer_feedback', known, numbers)
+        check(law, ObserverFeedback(known, gains), known, rng, size)
+
+
+def test_a_joint_that_rests_is_held_as_by_hand() -> None:
+    """Compare torques while joints come to rest, are held, and are released by a push."""
+    known = Known()
+    gains = Gains(1e4, 200.0, (20.0, 10.0), 200.0, 20.0, (9.0, 4.0))
+    numbers = {name: 2 * [x] if name in ('kp', 'kv') else x
+               for name, x in gains._asdict().items()}
+    law, hand = of_the_package('observer_feedback', known, numbers), ObserverFeedback(known, gains)
+    point, held = Point(np.array([1.0, 0.5]), np.zeros(2), np.zeros(2)), set()
+    row = point.q.tolist(), [0.0, 0.0], [0.0, 0.0]
+    for k in range(140):
+        q = point.q + 1e-5 * np.array([3.0, -2.0]) + (2e-4 if k == 110 else 0.0)
+        tau = law.step(q.tolist(), [0.0, 0.0], *row, [row]).tau
+        np.testing.assert_allclose(tau, hand.step(q, point.dq, [point, point]), rtol=1e-9)
+        held.add((k < 110, *hand.held.tolist()))
+    assert {(True, True, True), (True, False, False), (False, False, False)} <= held
+
+
+@pytest.mark.parametrize('rival', NUMBERS)
+def test_rivals_are_those_of_a_program_by_hand(rival: str) -> None:
+    rng = np.random.default_rng(25)
+    for size, drives in zip((1e-1, 1e-2, 1e-4), ('known', 'slow', 'model too light')):
+        known = DRIVES[drives]
+        numbers = {**NUMBERS[rival], 'kp': [2e3] * 2, 'kv': [80.0] * 2}
+        check(of_the_package(rival, known, numbers), RIVALS[rival](known, numbers), known, rng,
+              size)

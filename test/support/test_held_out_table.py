@@ -1,0 +1,31 @@
+"""The table of the held-out conditions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from held_out_table import table, verdict
+
+
+def row(telling: str, diverged: float | None, *rms: float, slips: float = 0.0) -> dict[str, Any]:
+    """Return a row of one condition."""
+    return {'label': 'x', 'seed': 1, 'telling': telling, 'diverged': diverged, 'rms': list(rms),
+            'slips': slips, 'condition': 'trapezoid'}
+
+
+def test_what_counts_as_worse() -> None:
+    base = row('compensation', None, 0.1, 0.2)
+    assert verdict(row('rough', 3.0), base) == 'diverged'
+    assert verdict(row('rough', None, 0.01, 0.3), base) == 'worse'
+    assert verdict(row('rough', None, 0.11, 0.2), base) == 'held'
+    assert verdict(row('rough', None, 5.0, 5.0), row('compensation', 1.0)) == 'held'
+
+
+def test_a_condition_counts_once() -> None:
+    rows = [row('compensation', None, 0.1, 0.2), row('rough', 1.0), row('compensation', 2.0),
+            row('rough', None, 0.01, 0.02, slips=9.0)]
+    for x in rows:
+        x['verdict'] = verdict(x, rows[0])
+    rows[2] = dict(rows[0])
+    last = table(rows).splitlines()[-1]
+    assert last == '| x | rough | 1 | 1 | 0 | 0 | 0.1 | 1 of 1 |'
