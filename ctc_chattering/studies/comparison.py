@@ -22,6 +22,8 @@ from ctc_chattering.studies.score import over_simulation, Runner, Score, score, 
 from ctc_chattering.studies.search import Numbers, search
 from ctc_chattering.studies.tuning import Budget
 
+#: Most trials at random.
+_AT_RANDOM = 40
 #: Where gains come from.
 FILE, RECOMMENDED, TUNED = 'file', 'recommended', 'tuned'
 
@@ -260,7 +262,8 @@ def _tuned(task: Task, budget: Budget, limit: tuple[float, ...], run: Runner
             yield [costs[-1][1]], {}
 
     tried = search(answers, tuning.space(config),
-                   tuning.starts(config, friction, recommended(setup)), budget.trials, budget.seed)
+                   tuning.starts(config, friction, recommended(setup)), budget.trials, budget.seed,
+                   at_random=_AT_RANDOM, together=True)
     return tuning.gains(tried[costs.index(min(costs))], config, friction)
 
 

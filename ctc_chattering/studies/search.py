@@ -23,8 +23,8 @@ Answers = Callable[[list[Numbers]], Iterable[tuple[Sequence[float], Mapping[str,
 
 
 def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mapping[str, float]],
-           trials: int, seed: int, objectives: int = 1, group: int = 1, at_random: int = 10
-           ) -> list[Numbers]:
+           trials: int, seed: int, objectives: int = 1, group: int = 1, at_random: int = 10,
+           together: bool = False) -> list[Numbers]:
     """
     Return the numbers of all trials, in their order.
 
@@ -46,6 +46,8 @@ def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mappin
         Trials that are asked for at once.
     at_random : int
         Most trials at random before the sampler uses what it found.
+    together : bool
+        Whether the sampler takes all numbers of a trial together, not each by itself.
 
     Raises
     ------
@@ -57,7 +59,8 @@ def search(answers: Answers, ranges: Mapping[str, Range], first: Iterable[Mappin
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = optuna.create_study(
         directions=['minimize'] * objectives, sampler=optuna.samplers.TPESampler(
-            n_startup_trials=max(1, min(at_random, trials // 4)), seed=seed % _SEEDS))
+            n_startup_trials=max(1, min(at_random, trials // 4)), seed=seed % _SEEDS,
+            multivariate=together))
     for numbers in first:
         study.enqueue_trial(dict(numbers))
     space = {name: optuna.distributions.FloatDistribution(x.low, x.high, log=True)

@@ -57,7 +57,7 @@ def law(name: str, numbers: dict[str, Any], scale: float) -> Any:
     if name == 'observer_feedback':
         return ObserverFeedback(known, Gains(
             numbers['kp'][0], numbers['kv'][0], numbers['ka'], numbers['estimator_bandwidth'],
-            numbers.get('friction_learning', 20.0)))
+            numbers.get('friction_learning', 20.0), numbers.get('friction_level', (0.0, 0.0))))
     return RIVALS[name](known, numbers)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 
-from comparison_page import DOCS, filled, PAGE
+from comparison_page import DOCS, filled, filled_readme, PAGE, README
 from ctc_chattering.studies.conditions import ALL, CONDITIONS
 from ctc_chattering.studies.tuning import Budget
 import pytest
@@ -31,6 +31,9 @@ def shown(directory: str, title: str) -> dict[tuple[str, ...], list[str]]:
 def test_its_tables_are_those_that_were_written() -> None:
     assert filled(TEXT) == TEXT
     assert BLOCKS
+    text = README.read_text(encoding='utf-8')
+    assert filled_readme(text) == text
+    assert '<!-- tables: ' in text
 
 
 def test_it_has_every_condition_and_the_budget() -> None:

@@ -1,19 +1,34 @@
-"""Puts the tables and figures that `make compare` writes into docs/comparison.md."""
+"""Puts the tables and figures that `make compare` writes into docs/comparison.md and README."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import csv
+import json
 from pathlib import Path
 import re
+from statistics import median
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
-PAGE = DOCS / 'comparison.md'
-#: A block of the page, and the directory in docs/ that it shows.
+PAGE, README = DOCS / 'comparison.md', DOCS.parent / 'README.md'
+#: A block of a page, and the directory in docs/ that it shows.
 _BLOCK = re.compile(r'(<!-- tables: (\S+) -->\n).*?(<!-- end of tables -->)', re.DOTALL)
+#: Rows of README: law, switching, settings.
+_ROWS = (('observer_feedback', '', 'recommended'), ('extended_state_observer', '', 'tuned'),
+         ('pid_kalman', '', 'tuned'), ('friction_feedforward', '', 'tuned'),
+         ('chattering', 'implicit_observer', 'tuned'), ('compensation', '', 'file'))
+_HEADS = ('law', 'held-out conditions survived', 'their median error [rad]',
+          'RMS e₁, e₂ where tuned [rad]', 'torque variation there [N·m/s]')
 
 
 def filled(page: str) -> str:
-    """Return the page with all blocks as the directories have them now."""
+    """Return docs/comparison.md with all blocks as the directories have them now."""
     return _BLOCK.sub(lambda block: f'{block[1]}{_content(block[2])}{block[3]}', page)
+
+
+def filled_readme(page: str) -> str:
+    """Return README with its table as the directory has it now."""
+    return _BLOCK.sub(lambda block: f'{block[1]}{_short(block[2])}{block[3]}', page)
 
 
 def _content(directory: str) -> str:
@@ -23,5 +38,31 @@ def _content(directory: str) -> str:
         f'![{x.stem.replace("_", " ")}]({x.relative_to(DOCS).as_posix()})\n\n' for x in figures)
 
 
+def _short(directory: str) -> str:
+    lines = [_HEADS, ('---',) * len(_HEADS), *(_row(directory, x) for x in _ROWS)]
+    return ''.join(f'| {" | ".join(x)} |\n' for x in lines)
+
+
+def _row(directory: str, variant: tuple[str, str, str]) -> tuple[str, ...]:
+    law, switching, settings = variant
+    judged = list(_lines(directory, 'held_out.csv', variant))
+    errors = [max(json.loads(x['rms_error'])) for x in judged if not x['failure']]
+    joints = list(_lines(directory, 'compare.csv', variant))
+    name = ', '.join(filter(None, (law, f'`{switching}`' if switching else '',
+                                   'gains of the paper' if settings == 'file' else settings)))
+    return (name, f'{len(errors)} of {len(judged)}', f'{median(errors):.1e}' if errors else '',
+            ', '.join(f'{float(x["rms_error"]):.1e}' for x in joints),
+            ', '.join(f'{float(f"""{float(x["torque_variation_per_s"]):.2g}"""):.0f}'
+                      for x in joints))
+
+
+def _lines(directory: str, name: str, variant: tuple[str, str, str]) -> Iterator[dict[str, str]]:
+    with (DOCS / directory / name).open(encoding='utf-8') as stream:
+        for x in csv.DictReader(stream):
+            if (x['law'], x['switching'], x['settings']) == variant:
+                yield x
+
+
 if __name__ == '__main__':
-    PAGE.write_text(filled(PAGE.read_text(encoding='utf-8')), encoding='utf-8')
+    for path, fill in ((PAGE, filled), (README, filled_readme)):
+        path.write_text(fill(path.read_text(encoding='utf-8')), encoding='utf-8')

@@ -197,7 +197,9 @@ def told(c: Condition, telling: str) -> dict[str, Any]:
     values['ka'], values['effort_limit'] = [0.5 * x for x in known.effort], list(known.effort)
     if telling == 'nothing':
         return values
-    lag, rough = 0.0, telling == 'rough' or telling in RIVALS
+    rough = telling == 'rough' or telling in RIVALS
+    # What the package assumes of a lag that it is not told; 0 where it assumes nothing.
+    lag = max(getattr(ControllerConfig(), 'assumed_lag', (0.0,)))
     if rough:
         lag = c.told_lag * max(c.lag)
         values['actuator_lag'] = [c.told_lag * x for x in c.lag]

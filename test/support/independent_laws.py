@@ -221,6 +221,10 @@ class ObserverFeedback:
         return (np.where(self.held, x[0], x[0] + h * x[1] + 0.5 * h * h * ddx),
                 np.where(self.held, x[1], x[1] + h * ddx))
 
+    def relief(self) -> Array:
+        """Return the divisor of (FR5)."""
+        return self.gains.kv + self.T * self.gains.kp
+
     def step(self, q: Array, dq: Array, points: list[Point]) -> Array:
         """Return the command for a measured state; `points` are the reference from now on."""
         h = self.known.period
@@ -246,7 +250,7 @@ class ObserverFeedback:
         if np.isfinite(self.R).any():
             rest = tau - sent
             rest = rest - np.clip(rest, -10e-3 * self.R, 10e-3 * self.R)
-            less = np.linalg.solve(M, rest) / (self.gains.kv + self.T * self.gains.kp)
+            less = np.linalg.solve(M, rest) / self.relief()
             x = x[0], np.where(self.held, x[1], x[1] - less)
         self.hold(point, at.q, M)
         self.x, self.ddq, self.before = x, point.ddq, mass
