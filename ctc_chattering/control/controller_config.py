@@ -17,6 +17,8 @@ from ctc_chattering.parameters import parameter
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
         'slotine_li', 'friction_feedforward', 'pd_gravity', 'pid_kalman',
         'extended_state_observer', 'observer_feedback')
+#: Laws that serve for comparison: they say nothing before their gains are searched.
+RIVALS = ('pid_kalman', 'extended_state_observer')
 _PAPER = ('compensation', 'chattering')
 #: Laws that observe a state, and those that know the drives.
 _OBSERVING = ('extended_state_observer', 'observer_feedback')

@@ -11,7 +11,8 @@ from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.tables import markdown, markdown_table
-from ctc_chattering.control.controller import LAWS as EVERY_LAW
+from ctc_chattering.control.controller_config import LAWS as ALL_LAWS
+from ctc_chattering.control.controller_config import RIVALS
 from ctc_chattering.control.switching import SWITCHINGS as EVERY_SWITCHING
 from ctc_chattering.studies import law_study, study
 from ctc_chattering.studies.study import CaseOutcome, to_csv
@@ -46,6 +47,8 @@ class StudyKind:
         return (f'{self.name}.md', f'{self.name}.csv', f'{self.name}.html', self.figures)
 
 
+#: Laws of the study: with the gains of the file, or those that are recommended.
+EVERY_LAW = tuple(law for law in ALL_LAWS if law not in RIVALS)
 SWITCHINGS = StudyKind('switching', EVERY_SWITCHING, 'study', 'figures', study)
 LAWS = StudyKind('law', EVERY_LAW, 'laws', 'laws_figures', law_study)
 

@@ -108,7 +108,7 @@ def test_the_law(model: str, first: dict[str, Any], second: dict[str, Any], seed
     law = Controller(config, arrays() if model == 'arrays' else TwoLink())
     for _ in range(2):
         for q, dq, q_d, dq_d, ddq_d in islice(rows(seed), STEPS):
-            observes = config.law == 'observer_feedback'
+            observes = config.law in ('extended_state_observer', 'observer_feedback')
             sample = (law.try_step if observes else law.step)(q, dq, q_d, dq_d, ddq_d)
             if sample is None:
                 law.reset()

@@ -12,6 +12,7 @@ from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Overrides, Setup
 from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.controller_config import RIVALS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.studies import comparison_tables
@@ -176,8 +177,7 @@ def assert_documented(outcomes: list[Outcome]) -> None:
     (title,) = set(re.findall(r'^\*\*\w+, plant \w+\*\*', fresh, re.MULTILINE))
     old, new = ({tuple(row[:3]): row[3:] for line in text[text.index(title):].split('\n\n')[
         1].splitlines() for row in [cells(line.replace('**', ''))]} for text in (page, fresh))
-    # Laws that serve for comparison only say nothing without a search.
-    laws = [law for law in LAWS if law not in ('pid_kalman', 'extended_state_observer')]
+    laws = [law for law in LAWS if law not in RIVALS]
     assert list(old) == [('law', 'switching', 'settings'), ('---',) * 3, *variants(laws)]
     for row, numbers in list(new.items())[2:]:
         if row[0] not in laws:

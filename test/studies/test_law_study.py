@@ -7,7 +7,6 @@ from pathlib import Path
 
 from ctc_chattering.analysis.metrics import metrics
 from ctc_chattering.cli.ctc import main
-from ctc_chattering.control.controller import LAWS
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.studies import cases
 from ctc_chattering.studies.cases import Case
@@ -15,6 +14,7 @@ from ctc_chattering.studies.law_study import ratio
 from ctc_chattering.studies.recommended import recommended_setup
 from ctc_chattering.studies.score import Score
 from ctc_chattering.studies.study import CaseOutcome, run_cases
+from ctc_chattering.studies.study_files import EVERY_LAW as LAWS
 from ctc_chattering.studies.study_files import LAWS as LAW_KIND
 from ctc_chattering.studies.study_files import to_markdown
 import pytest
