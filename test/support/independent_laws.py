@@ -94,6 +94,8 @@ class Gains(NamedTuple):
     estimator_bandwidth: float = 200.0
     friction_learning: float = 20.0
     friction_level: Any = (0.0, 0.0)
+    #: Whether it gives up bandwidth where its feedback oscillates.
+    guarded: bool = False
 
 
 class Seen(NamedTuple):
@@ -123,6 +125,9 @@ class ObserverFeedback:
         # Of the hold at rest: place, time of joint and reference there, and who is held.
         self.place, self.stood, self.waited = np.zeros(2), np.zeros(2), np.zeros(2)
         self.held: Flags = np.zeros(2, bool)
+        # ln s and s of (OG1), the slow part of the feedback, and the feedback.
+        self.retreat, self.part = 0.0, 1.0
+        self.slow_f, self.f = np.zeros(2), np.zeros(2)
 
     def ahead(self, at: Seen, M: Array, bias: Array, command: Array) -> Seen:
         """Return the state a period later, (SO1)."""
@@ -166,7 +171,7 @@ class ObserverFeedback:
         if self.seen is None:
             return Seen(q, dq, np.zeros(2), np.zeros(2), np.zeros(2))
         h, at = self.known.period, self.seen
-        w = np.exp(-self.gains.estimator_bandwidth * h)
+        w = np.exp(-self.part * self.gains.estimator_bandwidth * h)
         e = q - at.q
         force = self.before @ e
         P = nearest(self.before, at.P - 2.0 * (1 - w) ** 3 * (1 + w) / h ** 2 * force, self.Ka)
@@ -194,7 +199,7 @@ class ObserverFeedback:
         """Return -2 w dx - w² x with w of (FR4)."""
         found, limited = np.zeros(2), np.isfinite(self.R).any()
         for i in (0, 1):
-            w = min(0.6 * np.sqrt(self.gains.kp), 0.5 / self.known.period)
+            w = self.part * min(0.6 * np.sqrt(self.gains.kp), 0.5 / self.known.period)
             if limited:
                 J = 0.5 * self.R[i] / M[i, i]
                 w = min(w, 0.55 * self.R[i] / max(self.K[i], 1e-12),
@@ -206,7 +211,10 @@ class ObserverFeedback:
     def wanted(self, at: Seen, M: Array, bias: Array, point: Point, x: tuple[Array, Array]
                ) -> Array:
         """Return τ* of (OF2) and (OF3)."""
-        u = self.gains.kv * (point.dq + x[1] - at.dq) + self.gains.kp * (point.q + x[0] - at.q)
+        s = self.part
+        u = s * self.gains.kv * (point.dq + x[1] - at.dq) + (
+            s * s * self.gains.kp * (point.q + x[0] - at.q))
+        self.f = M @ u
         z = -nearest(M, at.P + self.friction(point, 0.0), self.Ka)
         torque: Array = M @ (point.ddq + self.back(M, x) + u) + bias - z
         return torque
@@ -223,7 +231,7 @@ class ObserverFeedback:
 
     def relief(self) -> Array:
         """Return the divisor of (FR5)."""
-        return self.gains.kv + self.T * self.gains.kp
+        return self.part * (self.gains.kv + self.T * self.gains.kp)
 
     def step(self, q: Array, dq: Array, points: list[Point]) -> Array:
         """Return the command for a measured state; `points` are the reference from now on."""
@@ -235,7 +243,7 @@ class ObserverFeedback:
             M, bias = self.known.model(at.q, at.dq)
         point = points[len(self.transit)]
         x = (at.q - point.q, at.dq - point.dq) if self.x is None else self.x
-        tau = self.wanted(at, M, bias, point, x)
+        tau, feedback = self.wanted(at, M, bias, point, x), self.f
         x = self.followed(M, point, x)
         if self.T.any():
             half = 0.5 * (at.torque + tau)
@@ -254,15 +262,27 @@ class ObserverFeedback:
             x = x[0], np.where(self.held, x[1], x[1] - less)
         self.hold(point, at.q, M)
         self.x, self.ddq, self.before = x, point.ddq, mass
+        self.noticed(feedback)
         self.K = self.learned(now)
         self.transit.append(sent)
         self.seen = self.ahead(now, mass, weight, self.transit.pop(0))
         return sent
 
+    def noticed(self, feedback: Array) -> None:
+        """Go on with s of (OG1)."""
+        h = self.known.period
+        self.slow_f = self.slow_f + (1.0 - np.exp(-30.0 * h)) * (feedback - self.slow_f)
+        ratio = np.max(np.abs(feedback - self.slow_f) / (self.Ka + np.abs(self.slow_f)))
+        if self.gains.guarded:
+            self.retreat = max(np.exp(-0.5 * h) * self.retreat - 80.0 * h * max(ratio - 0.5, 0.0),
+                               np.log(0.1))
+            self.part = np.exp(self.retreat) if self.retreat <= -1e-3 else 1.0
+
     def learned(self, at: Seen) -> Array:
         """Return K̂ of (FL1)."""
         gain, h = self.gains.friction_learning, self.known.period
-        go, slow = 1.0 - np.exp(-self.gains.estimator_bandwidth * h), 1.0 - np.exp(-60.0 * h)
+        w = self.gains.estimator_bandwidth
+        go, slow = self.part * (1.0 - np.exp(-w * h)), 1.0 - np.exp(-60.0 * h)
         x, lags = np.where(np.abs(at.dq) > 2e-3, np.sign(at.dq), 0.0), []
         for lag in self.lags:
             x = lag + go * (x - lag)
