@@ -16,6 +16,8 @@ from ctc_chattering.parameters import parameter
 #: Values of the parameter ``law``, besides classes; each is a module of `control/laws`.
 LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_twisting',
         'slotine_li', 'friction_feedforward', 'pd_gravity', 'observer_feedback')
+#: Lag of drives of which it is not known [s]: too much costs little, too little much.
+ASSUMED_LAG = 3e-3
 _PAPER = ('compensation', 'chattering')
 
 
@@ -61,11 +63,12 @@ class ControllerConfig(RobotConfig):
         'How fast the observer of state and perturbation follows.', unit='rad/s', minimum=0.0,
         exclusive=True, maximum=1e4, laws=('observer_feedback',))
     actuator_lag: tuple[float, ...] = parameter(
-        'actuator_lag', 'float[]', 0.0, 'Time constant of the drives, as far as it is known.',
-        unit='s', minimum=0.0, maximum=1.0, shape='n', laws=('observer_feedback',))
+        'actuator_lag', 'float[]', float('inf'), 'Time constant of the drives; .inf where it is '
+        'not known: then 3 ms are assumed.', unit='s', minimum=0.0, maximum=1.0, infinite=True,
+        shape='n', laws=('observer_feedback',))
     torque_rate_limit: tuple[float, ...] = parameter(
         'torque_rate_limit', 'float[]', float('inf'),
-        'Fastest change of the torque of the drives, as far as it is known.', unit='N*m/s',
+        'Fastest change of the torque of the drives; .inf where it is not known.', unit='N*m/s',
         minimum=0.0, exclusive=True, infinite=True, shape='n', laws=('observer_feedback',))
     friction_learning: float = parameter(
         'friction_learning', 'float', 20.0,
@@ -153,6 +156,16 @@ class ControllerConfig(RobotConfig):
         """
         limits = of_model or (inf,) * len(self.effort_limit)
         return tuple(a if a < inf else b for a, b in zip(self.effort_limit, limits))
+
+    @property
+    def known_lag(self) -> tuple[float, ...]:
+        """Return the lag of the drives where it is known, and 0 elsewhere, shape (n,) [s]."""
+        return tuple(x if x < inf else 0.0 for x in self.actuator_lag)
+
+    @property
+    def assumed_lag(self) -> tuple[float, ...]:
+        """Return the lag of the drives, `ASSUMED_LAG` where it is not known, shape (n,) [s]."""
+        return tuple(ASSUMED_LAG if x == inf else x for x in self.actuator_lag)
 
     @property
     def switching_in_force(self) -> str:
