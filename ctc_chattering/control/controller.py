@@ -185,6 +185,12 @@ class Controller:
         """Return what the law in force remembers."""
         return self._law_memory if self._compiled is None else self._compiled.memories()[1]
 
+    @property
+    def stability(self) -> tuple[float, float]:
+        """Return part of its bandwidth that the law uses, and how long it was too much [s]."""
+        memory = self.law_memory
+        return self.law.bandwidth_in_use(memory), self.law.out_of_control(memory)
+
     def _take_back(self) -> None:
         """Go on with what machine code remembers, as plain Python."""
         if self._compiled is not None:

@@ -19,6 +19,8 @@ LAWS = ('compensation', 'chattering', 'integral', 'momentum_observer', 'super_tw
         'extended_state_observer', 'observer_feedback')
 #: Laws that serve for comparison: they say nothing before their gains are searched.
 RIVALS = ('pid_kalman', 'extended_state_observer')
+#: Lag of drives of which it is not known [s]: too much costs little, too little much.
+ASSUMED_LAG = 3e-3
 _PAPER = ('compensation', 'chattering')
 #: Laws that observe a state, and those that know the drives.
 _OBSERVING = ('extended_state_observer', 'observer_feedback')
@@ -67,11 +69,12 @@ class ControllerConfig(RobotConfig):
         'How fast the observer of state and perturbation, or of the velocity, follows.',
         unit='rad/s', minimum=0.0, exclusive=True, maximum=1e4, laws=_OF_DRIVES)
     actuator_lag: tuple[float, ...] = parameter(
-        'actuator_lag', 'float[]', 0.0, 'Time constant of the drives, as far as it is known.',
-        unit='s', minimum=0.0, maximum=1.0, shape='n', laws=_OF_DRIVES)
+        'actuator_lag', 'float[]', float('inf'), 'Time constant of the drives; .inf where it is '
+        'not known: then 3 ms are assumed.', unit='s', minimum=0.0, maximum=1.0, infinite=True,
+        shape='n', laws=_OF_DRIVES)
     torque_rate_limit: tuple[float, ...] = parameter(
         'torque_rate_limit', 'float[]', float('inf'),
-        'Fastest change of the torque of the drives, as far as it is known.', unit='N*m/s',
+        'Fastest change of the torque of the drives; .inf where it is not known.', unit='N*m/s',
         minimum=0.0, exclusive=True, infinite=True, shape='n', laws=_OF_DRIVES)
     friction_learning: float = parameter(
         'friction_learning', 'float', 20.0,
@@ -168,6 +171,16 @@ class ControllerConfig(RobotConfig):
         """
         limits = of_model or (inf,) * len(self.effort_limit)
         return tuple(a if a < inf else b for a, b in zip(self.effort_limit, limits))
+
+    @property
+    def known_lag(self) -> tuple[float, ...]:
+        """Return the lag of the drives where it is known, and 0 elsewhere, shape (n,) [s]."""
+        return tuple(x if x < inf else 0.0 for x in self.actuator_lag)
+
+    @property
+    def assumed_lag(self) -> tuple[float, ...]:
+        """Return the lag of the drives, `ASSUMED_LAG` where it is not known, shape (n,) [s]."""
+        return tuple(ASSUMED_LAG if x == inf else x for x in self.actuator_lag)
 
     @property
     def switching_in_force(self) -> str:

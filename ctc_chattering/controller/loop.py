@@ -8,9 +8,9 @@ from typing import NamedTuple
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller import stamps
 from ctc_chattering.controller.desired_motion import DesiredMotion
-from ctc_chattering.controller.error_limit import joint_beyond
 from ctc_chattering.controller.settings_check import unsafe_settings
 from ctc_chattering.controller.state_machine import Input, Mode
+from ctc_chattering.controller.trip import Trip, TripMonitor
 from ctc_chattering.controller.watchdog import Logger, Watchdog
 from ctc_chattering.errors import ParameterError, RejectedMessage
 from ctc_chattering.monitoring.controller_health import ControllerHealth
@@ -95,6 +95,7 @@ class ControlLoop:
         self.watchdog.timeout = max(round(state_timeout * NANOSECONDS), 3 * self.period)
         self._stamps = stamps.Stamps(self.watchdog.timeout)
         self.health = ControllerHealth(self._names, self.period)
+        self._trips = TripMonitor(self._names, self.period)
         self.reference_outages = 0
         #: The last state, and the same while it is not answered.
         self.last: JointSample | None = None
@@ -175,9 +176,8 @@ class ControlLoop:
             self.handle(Input.NO_REFERENCE)
             return None
         sample = self._step(law, state, points)
-        beyond = joint_beyond(sample.e, law.config.error_limit)
-        if beyond is not None:
-            self._trip(beyond, sample.e)
+        if (trip := self._trips.check(law, sample)) is not None:
+            self._trip(trip)
             return None
         self._send(sample.tau)
         self._held, self._pending = sample.tau, None
@@ -211,13 +211,12 @@ class ControlLoop:
         raise RejectedMessage('overflow', (
             f'no torque can be computed for {list(state.q)}, {list(state.dq)}'))
 
-    def _trip(self, joint: int, e: Vector) -> None:
-        """Send no torque until a reset: an error is beyond its limit."""
-        self._tripped = self._names[joint]
-        self.handle(Input.ERROR_LIMIT)
+    def _trip(self, trip: Trip) -> None:
+        """Send no torque until a reset."""
+        self._tripped = trip.reason
+        self.handle(trip.event)
         self.end_torque()
-        self._log.error(f'the position errors {[float(f"{x:.4g}") for x in e]} rad exceed '
-                        'error_limit; no torque until ~/reset')
+        self._log.error(f'{trip.detail}; no torque until ~/reset')
 
     def _note(self, t: int, sample: Sample, config: ControllerConfig) -> None:
         """Note what a torque was made of, after it was sent."""
@@ -285,9 +284,9 @@ class ControlLoop:
         """
         problems = self.health.report(now, rejected, self.simulated, cause)
         if self.law is not None:
+            problems += self._trips.warnings()
             problems += [(1, text) for text in unsafe_settings(self.law.config)]
-        tripped = (f'tripped: the position error of {self._tripped} exceeded error_limit; '
-                   'call ~/reset')
+        tripped = f'tripped: {self._tripped}; call ~/reset'
         wrong = {
             Mode.TRIPPED: tripped, Mode.TRIPPED_AND_DISABLED: tripped,
             Mode.NO_STATE: f'no state for {seconds(self.watchdog.silence(now)):.1f} s',

@@ -32,12 +32,12 @@ UNBOUNDED = ('integral', 'momentum_observer', 'super_twisting')
 def unsafe_settings(config: ControllerConfig) -> Iterator[str]:
     """Yield a line for each condition of this module that `config` meets."""
     if config.switching_in_force == 'implicit_observer':
-        ratio = config.observer_bandwidth * max(config.actuator_lag)
+        ratio = config.observer_bandwidth * max(config.known_lag)
         if ratio > LAG_RATIO:
             yield (f'observer_bandwidth times actuator_lag is {ratio:.2g}; the term rattles '
                    f'above {LAG_RATIO:g}')
     if config.law == 'integral':
-        n, lag = len(config.joint_names), np.array(config.actuator_lag)
+        n, lag = len(config.joint_names), np.array(config.known_lag)
         kp, kv = (np.array(matrix(x, n)).diagonal() for x in (config.kp, config.kv))
         for name, ki, most in zip(config.joint_names, config.ki, kp * (kv - lag * kp)):
             if ki >= most:

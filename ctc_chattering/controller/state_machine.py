@@ -58,6 +58,8 @@ class Input(Enum):
     HOLD = 'hold'
     #: The position error exceeds `error_limit`.
     ERROR_LIMIT = 'error limit'
+    #: The feedback oscillates, and less bandwidth does not end it.
+    OSCILLATION = 'oscillation'
     RESET = 'reset'
     DISABLE = 'disable'
     ENABLE = 'enable'
@@ -67,7 +69,8 @@ class Input(Enum):
 _ARMED = {
     Input.FOLLOW: Mode.RUNNING, Input.LEAD_BACK: Mode.RESTARTING, Input.HOLD: Mode.HOLDING,
     Input.NO_REFERENCE: Mode.WAITING_FOR_REFERENCE, Input.SILENCE: Mode.NO_STATE,
-    Input.ERROR_LIMIT: Mode.TRIPPED, Input.DISABLE: Mode.DISABLED}
+    Input.ERROR_LIMIT: Mode.TRIPPED, Input.OSCILLATION: Mode.TRIPPED,
+    Input.DISABLE: Mode.DISABLED}
 
 #: The next mode, by mode and input.
 TRANSITIONS: Mapping[Mode, Mapping[Input, Mode]] = {

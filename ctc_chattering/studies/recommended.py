@@ -27,7 +27,7 @@ def recommended_pole(setup: Setup) -> float:
     """Return p [rad/s] for the drives that the controller knows."""
     config = setup.controller
     return largest_pole(lateness(
-        max(config.actuator_lag), config.control_period, config.input_delay))
+        max(config.assumed_lag), config.control_period, config.input_delay))
 
 
 def integral_pole(setup: Setup) -> float:
@@ -35,7 +35,7 @@ def integral_pole(setup: Setup) -> float:
     config, plant = setup.controller, setup.plant
     reversal = max(f / r for f, r in zip(plant.coulomb_friction, plant.torque_rate_limit))
     return _INTEGRAL * largest_pole(reversal + lateness(
-        max(config.actuator_lag), config.control_period, config.input_delay))
+        max(config.known_lag), config.control_period, config.input_delay))
 
 
 def recommended_ka(setup: Setup) -> list[float]:

@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         prepare(options.out, (_JSON, _FIGURES), options.overwrite)
     print(f'{config.law}: kp {number_text(config.kp)}, kv {number_text(config.kv)}, sampled every '
           f'{1e3 * robot.period:g} ms')
-    for who, lag, delay in (('law', config.actuator_lag if config.takes('actuator_lag')
+    for who, lag, delay in (('law', config.assumed_lag if config.takes('actuator_lag')
                              else (0.0,), config.input_delay),
                             ('robot', tuple(robot.lag.tolist()), robot.delay)):
         print(f'{who}: lag {number_text(tuple(1e3 * x for x in lag))} ms, delay {delay}')

@@ -151,6 +151,12 @@ class Law(Protocol):
     def acting(self, memory: Any, now: State) -> Array:
         """Return what the delay prediction takes for P; `estimate` if a law does not say."""
 
+    def bandwidth_in_use(self, memory: Any) -> float:
+        """Return the part of its bandwidth that the law uses; 1 if a law does not say."""
+
+    def out_of_control(self, memory: Any) -> float:
+        """Return for how long the loop has seemed out of control [s]; 0 if a law does not say."""
+
 
 def _initial(self: Any) -> Nothing:
     return Nothing()
@@ -187,13 +193,22 @@ def _estimate(self: Any, memory: Any, now: State) -> Array:
     return now.zero
 
 
+def _bandwidth_in_use(self: Any, memory: Any) -> float:
+    return 1.0
+
+
+def _out_of_control(self: Any, memory: Any) -> float:
+    return 0.0
+
+
 def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
         ) -> Callable[[type[T]], type[T]]:
     """Mark a law, with what `Law` says of these; return it with the methods that it lacks."""
     def marked(kind: type[T]) -> type[T]:
         attributes = {'symbol': symbol, 'of_the_paper': of_the_paper, 'acts_on_v': acts_on_v,
                       'initial': _initial, 'reconfigured': _reconfigured,
-                      'initialized': _initialized, 'corrected': _corrected, 'answer': _answer}
+                      'initialized': _initialized, 'corrected': _corrected, 'answer': _answer,
+                      'bandwidth_in_use': _bandwidth_in_use, 'out_of_control': _out_of_control}
         return with_defaults(kind, attributes)
     return marked
 

@@ -65,7 +65,7 @@ class ExtendedStateObserver(NamedTuple):
     def made(cls, config: ControllerConfig, period: float) -> ExtendedStateObserver:
         """Return the law of a configuration."""
         n, ka = len(config.joint_names), np.array(config.ka)
-        drives = drive_model(np.array(config.actuator_lag), np.array(config.torque_rate_limit),
+        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit),
                              period)
         return cls(np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n)), ka,
                    np.array(config.friction_level), config.friction_velocity,

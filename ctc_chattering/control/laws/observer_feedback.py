@@ -13,16 +13,20 @@ control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). At every
 q_r is the reference with the deviation that the drives need, F the friction it makes. τ is within
 R (T + h) of the torque of the drives, in the metric of M⁻¹: beyond it they are no faster. The
 measured velocity is not used after the first sample. A joint that comes to rest gets a constant
-torque (`standstill`).
+torque (`standstill`). Drives that are not as known make the feedback oscillate; `oscillation` then
+gives all bandwidths, those of feedback, observer, deviation and learning, a factor s::
+
+    f = M (s Kv (dq_r - dq̂) + s² Kp (q_r - q̂)),     ω = s estimator_bandwidth              (OF5)
 
 With M̂ = c M, drives without lag and limits, and no friction, (OF1) to (OF3) are linear. Their
 poles are within the unit circle, for Kp = p², Kv = 2 p, p = ω = 100 rad/s, h = 1 ms, if::
 
-    0.47 < c < 3.1                                                                       (OF5)
+    0.47 < c < 3.1                                                                       (OF6)
 """
 
 from __future__ import annotations
 
+from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.control.controller_config import ControllerConfig
@@ -42,6 +46,12 @@ from ctc_chattering.control.friction_level import (
     untaught,
 )
 from ctc_chattering.control.laws.base import Applied, law, Terms
+from ctc_chattering.control.oscillation import (
+    GRACE,
+    Oscillation,
+    oscillation_guard,
+    OscillationGuard,
+)
 from ctc_chattering.control.standstill import (
     corrected,
     kept,
@@ -57,6 +67,9 @@ from ctc_chattering.numerics.compilable import diagonal, dot, function, record
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
+
+#: ln s from which on the law is as configured.
+_NO_RETREAT = -1e-3
 
 
 @record
@@ -77,6 +90,8 @@ class Memory(NamedTuple):
     followed: float
     #: Which joints are held.
     rest: Rest
+    #: Of the feedback, and with it s of `oscillation`.
+    oscillation: Oscillation
 
 
 @record
@@ -97,6 +112,8 @@ class WantedTorque(NamedTuple):
     z: Array
     #: -2 w dx - w² x of the deviation [rad/s²].
     back: Array
+    #: f of (OF5) [N·m].
+    feedback: Array
 
 
 @law(symbol='-(P̂ + F)')
@@ -115,25 +132,49 @@ class ObserverFeedback(NamedTuple):
     reference: FeasibleReference
     learning: FrictionLevel
     standstill: Standstill
+    guard: OscillationGuard
+    #: Of the bandwidths, those of Kp and Kv: s for the law of a sample (`slowed_down`).
+    part: float
 
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
         """Return the law of a configuration."""
         n, bandwidth, ka = len(config.joint_names), config.estimator_bandwidth, np.array(config.ka)
         kp, kv = np.array(matrix(config.kp, n)), np.array(matrix(config.kv, n))
-        lag, rate = np.array(config.actuator_lag), np.array(config.torque_rate_limit)
+        lag, rate = np.array(config.assumed_lag), np.array(config.torque_rate_limit)
         return cls(
-            kp, kv, ka, np.array(config.friction_level), float(any(config.actuator_lag)),
+            kp, kv, ka, np.array(config.friction_level), float(any(config.assumed_lag)),
             state_observer(drive_model(lag, rate, period), bandwidth, ka),
             feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
             friction_level(config.friction_learning, bandwidth, period, ka),
-            standstill(bandwidth, ka, kp.diagonal(), rate, period))
+            standstill(bandwidth, ka, kp.diagonal(), rate, period),
+            oscillation_guard(ka, period), 1.0)
+
+    def bandwidth_in_use(self, memory: Memory) -> float:
+        """Return s of `oscillation`."""
+        return exp(memory.oscillation.retreat)
+
+    def out_of_control(self, memory: Memory) -> float:
+        """Return how long less bandwidth has not helped [s]."""
+        return memory.oscillation.strained
+
+    def slowed_down(self, memory: Memory) -> ObserverFeedback:
+        """Return the law with the part of its bandwidths that it may use."""
+        if memory.oscillation.retreat > _NO_RETREAT:
+            return self
+        part, of, learning = self.bandwidth_in_use(memory), self.reference, self.learning
+        return ObserverFeedback(
+            self.kp, self.kv, self.ka, self.given, self.lagging, self.observer.slowed(part),
+            FeasibleReference(of.period, of.rate, part * of.fastest, part * of.relief, of.limited),
+            FrictionLevel(learning.gain, part * learning.follow, learning.forget, learning.bound),
+            self.standstill, self.guard, part)
 
     def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""
         zero = 0.0 * self.given
         return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
-                      untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero))
+                      untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero),
+                      Oscillation(zero, 0.0, -GRACE))
 
     def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
         """Observe the state from the measured one, with the estimate of the other law."""
@@ -148,16 +189,22 @@ class ObserverFeedback(NamedTuple):
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
         rest = self.standstill.placed_at(memory.rest, q)
         if memory.known != 0.0:
-            at = corrected(memory.rest, rest, memory.observed,
-                           self.observer.correct(memory.observed, memory.mass, q), q)
+            at = corrected(memory.rest, rest, memory.observed, self.slowed_down(
+                memory).observer.correct(memory.observed, memory.mass, q), q)
         else:
             at = Observed(q, dq, held, memory.observed.perturbation, memory.observed.slope)
         return Memory(at, memory.mass, memory.known, memory.learned, memory.deviation,
-                      memory.deviating, memory.ddq, memory.followed, rest), at.q, at.dq
+                      memory.deviating, memory.ddq, memory.followed, rest,
+                      memory.oscillation), at.q, at.dq
 
     def answer(self, memory: Memory, now: State, context: Context, control: ControlMemory,
                points: Array) -> tuple[Terms, Memory]:
         """Return the terms of (OF4), for the state in which the torque arrives."""
+        return self.slowed_down(memory).answered(memory, now, context, control, points)
+
+    def answered(self, memory: Memory, now: State, context: Context, control: ControlMemory,
+                 points: Array) -> tuple[Terms, Memory]:
+        """Return `answer` with the bandwidths of this law."""
         place, delay = Place(memory.observed, now.M, now.bias), int(context.settings.delay)
         for j in range(delay):
             command = context.transit[ROWS * ((int(control.turn) + j) % delay)]
@@ -181,7 +228,8 @@ class ObserverFeedback(NamedTuple):
         z = now_wanted.z
         return Terms(sent + z, now.zero, z, now.zero), Memory(
             memory.observed, memory.mass, memory.known, memory.learned, by, 1.0, point.ddq, 1.0,
-            self.standstill.judged(memory.rest, point, place.at.q, diagonal(place.M)))
+            self.standstill.judged(memory.rest, point, place.at.q, diagonal(place.M)),
+            self.guard.noticed(memory.oscillation, now_wanted.feedback))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
@@ -194,8 +242,9 @@ class ObserverFeedback(NamedTuple):
         back = self.reference.returning(by, diagonal(M), level)
         r = self.reference.shifted(point, by, back)
         z = -nearest(M, at.perturbation + self.reference.feedforward(point, level, 0.0), self.ka)
-        u = dot(self.kv, r.dq - at.dq) + dot(self.kp, r.q - at.q)
-        return WantedTorque(dot(M, r.ddq + u) + place.bias - z, z, back)
+        u = self.part * (dot(self.kv, r.dq - at.dq) + self.part * dot(self.kp, r.q - at.q))
+        feedback = dot(M, u)
+        return WantedTorque(dot(M, r.ddq) + feedback + place.bias - z, z, back, feedback)
 
     def half_way(self, memory: Memory, place: Place, tau: Array) -> Observed:
         """Return the state a period after the arrival, with the drives half way to τ*."""
@@ -211,13 +260,13 @@ class ObserverFeedback(NamedTuple):
 
     def advanced(self, memory: Memory, now: State, applied: Applied, correction: Array) -> Memory:
         """Learn the level of friction, and predict the next sample."""
-        at = memory.observed
-        learned = self.learning.learn(memory.learned, at.dq, at.perturbation)
-        by = waiting(memory.rest, memory.deviation, self.reference.relieved(
+        at, me = memory.observed, self.slowed_down(memory)
+        learned = me.learning.learn(memory.learned, at.dq, at.perturbation)
+        by = waiting(memory.rest, memory.deviation, me.reference.relieved(
             memory.deviation, applied.saturation_error, now.M))
         after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
         return Memory(kept(memory.rest, at, after), now.M, 1.0, learned, by, memory.deviating,
-                      memory.ddq, memory.followed, memory.rest)
+                      memory.ddq, memory.followed, memory.rest, memory.oscillation)
 
     def estimate(self, memory: Memory, now: State) -> Array:
         """Return P̂ with the friction of sliding."""

@@ -78,7 +78,7 @@ class PidKalman(NamedTuple):
     def made(cls, config: ControllerConfig, period: float) -> PidKalman:
         """Return the law of a configuration."""
         n, h, ki = len(config.joint_names), period, np.array(config.ki)
-        drives = drive_model(np.array(config.actuator_lag), np.array(config.torque_rate_limit), h)
+        drives = drive_model(np.array(config.assumed_lag), np.array(config.torque_rate_limit), h)
         k = kalman_gains(config.estimator_bandwidth * h)
         tracking = -np.expm1(-h * ki / np.diag(matrix(config.kp, n)))
         return cls(float(k[0]), float(k[1]) / h, float(k[2]) / h ** 2, h, h * ki,

@@ -223,7 +223,7 @@ def _check(config: ControllerConfig, law: LinearLaw, mass: Array) -> None:
 def _equal(config: ControllerConfig, lags: Array) -> bool:
     """Return whether all joints have the same gains and lags, and no gain couples them."""
     n = len(lags)
-    told = config.actuator_lag if config.takes('actuator_lag') else (0.0,)
+    told = config.assumed_lag if config.takes('actuator_lag') else (0.0,)
     gains = [np.array(matrix(x, n)) for x in (config.kp, config.kv)]
     return (all((x == x[0, 0] * np.eye(n)).all() for x in gains)
             and len({*lags.tolist()}) == len({*told}) == 1
