@@ -17,7 +17,8 @@ Number = tuple[float, str]
 _HEAD = list(Variant._fields)
 #: Columns of the numbers, and what they are of a score.
 _NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torque_step': 'step',
-            'max_torque_rate_per_s': 'rate', 'max_torque': 'peak'}
+            'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
+            'slips_at_rest_per_s': 'slips'}
 
 
 def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
@@ -35,9 +36,10 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
             title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
             [*_HEAD, *joints, 'least', 'peak torque [N·m]', *(['cost'] if scored else [])],
             _rows(group, partial(_errors, base=group[0])), len(_HEAD))
+        slips = ' / stick-slips at rest [1/s]' if _stops(group[0]) else ''
         yield Table(
             title + ': torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
-            + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
+            + slips + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
 
 
 def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
@@ -69,8 +71,14 @@ def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
 def _changes(outcome: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the second table."""
     found = outcome.score
-    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}')]
-            for a, b, c in zip(found.variation, found.step, found.rate)]
+    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}'),
+             *([(d, f'{d:.2g}')] if _stops(outcome) else [])]
+            for a, b, c, d in zip(found.variation, found.step, found.rate, found.slips)]
+
+
+def _stops(outcome: Outcome) -> bool:
+    """Return whether the motion of a condition has stops."""
+    return bool(outcome.task.condition and outcome.task.condition.stops)
 
 
 def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
