@@ -71,9 +71,9 @@ def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
 def _changes(outcome: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the second table."""
     found = outcome.score
-    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}'),
-             *([(d, f'{d:.2g}')] if _stops(outcome) else [])]
-            for a, b, c, d in zip(found.variation, found.step, found.rate, found.slips)]
+    slips = [[(x, f'{x:.2g}')] for x in found.slips] if _stops(outcome) else [[]] * len(found.rate)
+    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}'), *more]
+            for a, b, c, more in zip(found.variation, found.step, found.rate, slips)]
 
 
 def _stops(outcome: Outcome) -> bool:
@@ -110,7 +110,7 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
     for x in outcomes:
         task, budget, found = x.task, x.task.budget, x.score
         for i, joint in enumerate(x.joints):
-            numbers = {name: getattr(found, key)[i] if not found.failure else None
+            numbers = {name: getattr(found, key)[i] if getattr(found, key) else None
                        for name, key in _NUMBERS.items()}
             rows.append({
                 'experiment': x.experiment, 'backend': x.backend,

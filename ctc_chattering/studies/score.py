@@ -48,13 +48,13 @@ class Score(NamedTuple):
     variation: Joints = ()
     step: Joints = ()
     rate: Joints = ()
-    slips: Joints = ()
     peak: Joints = ()
     peak_rate: Joints = ()
     norm1: float | None = None
     reaching_time: float | None = None
     missing: int | None = None
     saturated: float | None = None
+    slips: Joints = ()
     failure: str = ''
     engine: str = ''
 
