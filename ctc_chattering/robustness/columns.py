@@ -12,11 +12,12 @@ WHICH = {'run': INTEGER, 'point': INTEGER, 'repeat': INTEGER, 'seed': INTEGER,
          'variant': TEXT, 'law': TEXT, 'switching': TEXT}
 #: What came of it, and the numbers that sum it up; without a number where it failed.
 RESULT = {'engine': TEXT, 'failure': TEXT, 'reason': TEXT,
-          'error': NUMBER, 'variation': NUMBER, 'saturated': NUMBER}
+          'error': NUMBER, 'variation': NUMBER, 'saturated': NUMBER,
+          'slips': NUMBER}
 #: Numbers of all joints together, besides; as `analysis.metrics` has them.
 _OVERALL = {'max_error_norm1_rad': NUMBER, 'reaching_time_s': NUMBER, 'missing_samples': INTEGER}
 #: Units of columns, and of those of each joint.
-_UNITS = {'error': 'rad', 'variation': 'N*m/s', 'max_error_norm1_rad': 'rad',
+_UNITS = {'error': 'rad', 'variation': 'N*m/s', 'slips': '1/s', 'max_error_norm1_rad': 'rad',
           'reaching_time_s': 's'}
 _OF_JOINTS = dict(zip(PER_JOINT.values(), ('rad', 'N*m', 'N*m/s', 'N*m', 'N*m/s')))
 

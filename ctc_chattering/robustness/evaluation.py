@@ -43,7 +43,7 @@ def evaluate(setup: Setup, window: tuple[float, float], failure: Failure) -> dic
                 for i, x in enumerate(getattr(found, name), 1)})
     row.update({key: _finite(getattr(found, name)) for name, key in OVERALL.items()})
     row.update(engine=found.engine, error=found.error, variation=_finite(found.most_variation),
-               saturated=found.saturated)
+               saturated=found.saturated, slips=found.most_slips)
     row['failure'], row['reason'] = _judged(found, setup, failure)
     return row
 
@@ -74,6 +74,8 @@ def _judged(found: Score, setup: Setup, failure: Failure) -> tuple[str, str]:
     if (found.saturated or 0.0) > failure.saturated_above:
         return 'saturated', (f'a torque at its limit in {found.saturated:.3g} > '
                              f'{failure.saturated_above:g} of the samples')
+    if found.most_slips > failure.slips_above:
+        return 'slips', f'{found.most_slips:.3g} > {failure.slips_above:g} stick-slips a second'
     if failure.not_reached and found.reaching_time is None:
         return 'not reached', 'v never stays within its band'
     return '', ''

@@ -61,6 +61,9 @@ class Failure(Config):
     saturated_above: float = parameter(
         'saturated_above', 'float', 1.0,
         'Part of the samples in the window with a torque at its limit.', minimum=0.0, maximum=1.0)
+    slips_above: float = parameter(
+        'slips_above', 'float', inf, 'Stick-slips of any joint in a second of rest.', unit='1/s',
+        minimum=0.0, infinite=True)
     steps_above: int = parameter(
         'steps_above', 'int', 1_000_000,
         'Steps of the integrator of a run, which then is not run.', minimum=1, maximum=10 ** 12)

@@ -19,7 +19,8 @@ Number = tuple[float, str]
 _HEAD = list(Variant._fields)
 #: Columns of the numbers, and what they are of a score.
 _NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torque_step': 'step',
-            'max_torque_rate_per_s': 'rate', 'max_torque': 'peak'}
+            'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
+            'slips_at_rest_per_s': 'slips'}
 
 
 def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
@@ -40,9 +41,10 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
             title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
             [*_HEAD, *joints, 'least', 'peak torque [N·m]'],
             _rows(group, partial(_errors, base=group[0])), len(_HEAD))
+        slips = ' / stick-slips at rest [1/s]' if _stops(group[0]) else ''
         yield Table(
             title + ': torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
-            + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
+            + slips + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
 
 
 def _robustness(group: Sequence[Outcome]) -> Table:
@@ -95,8 +97,14 @@ def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
 def _changes(outcome: Outcome) -> list[list[Number]]:
     """Return the numbers of each cell of the second table."""
     found = outcome.score
-    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}')]
-            for a, b, c in zip(found.variation, found.step, found.rate)]
+    slips = [[(x, f'{x:.2g}')] for x in found.slips] if _stops(outcome) else [[]] * len(found.rate)
+    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}'), *more]
+            for a, b, c, more in zip(found.variation, found.step, found.rate, slips)]
+
+
+def _stops(outcome: Outcome) -> bool:
+    """Return whether the motion of a condition has stops."""
+    return bool(outcome.task.condition and outcome.task.condition.stops)
 
 
 def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
@@ -128,7 +136,7 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
     for x in outcomes:
         task, budget, found = x.task, x.task.budget, x.score
         for i, joint in enumerate(x.joints):
-            numbers = {name: getattr(found, key)[i] if not found.failure else None
+            numbers = {name: getattr(found, key)[i] if getattr(found, key) else None
                        for name, key in _NUMBERS.items()}
             rows.append({
                 'experiment': x.experiment, 'backend': x.backend,

@@ -3,8 +3,9 @@ Conditions of a comparison: drives, sensors and errors of the model, on any robo
 
 A condition replaces what the parameter file has of drives, sensors, network and model error, so
 that a condition means the same on every robot; friction, disturbance, elasticity and limits of the
-torque stay those of the file. What a lab can know, delay, lag and rate limit of the drives and the
-level of the Coulomb friction, the controller is given; a law takes of it what it can use.
+torque stay those of the file, but for a condition with stops: its motion stops, and friction at
+rest is higher. What a lab can know, delay, lag and rate limit of the drives and the level of the
+Coulomb friction, the controller is given; a law takes of it what it can use.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ ALL = 'all'
 _RISE = 0.05
 #: Rate limit of the drives of the paper's arm, of which no effort limits are known [N·m/s].
 _TWO_LINK_RATES = (5_000.0, 1_000.0)
+#: With stops: rise of friction at rest over that of sliding, and its velocity [rad/s].
+_RISE_AT_REST, _TRANSITION = 0.5, 0.01
 #: Shortest smooth start [s], and error that counts as divergence [rad or m].
 _START, _DIVERGED = 2.0, 3.0
 
@@ -57,6 +60,9 @@ class Condition:
     friction_error : float
         Part by which the friction is told wrong: up on every other joint, down on the others, and
         the other way round in every other run.
+    stops : bool
+        Whether the motion is that of `profile` trapezoid, and friction at rest, up to about
+        0.01 rad/s, half as large again as the Coulomb friction.
 
     """
 
@@ -71,10 +77,12 @@ class Condition:
     payload: float = 0.0
     factors: tuple[float, ...] = (1.0,)
     friction_error: float = 0.0
+    stops: bool = False
 
     def fits(self, setup: Setup) -> bool:
         """Return whether the robot of a parameter file can have it."""
-        return not self.payload or setup.plant.described
+        return (setup.plant.described or not self.payload) and not (
+            self.stops and setup.route is not None)
 
     def overrides(self, setup: Setup) -> tuple[Overrides, ...]:
         """
@@ -92,7 +100,8 @@ class Condition:
 
         """
         if not self.fits(setup):
-            raise UsageError(f'condition {self.name} needs a robot in a URDF')
+            raise UsageError(f'condition {self.name} needs ' + (
+                'a motion without waypoints' if self.stops else 'a robot in a URDF'))
         n = len(setup.plant.joint_names)
         rates = torque_rates(setup) if self.rate_limited else (inf,) * n
         drives: dict[str, Any] = {
@@ -103,12 +112,16 @@ class Condition:
             'velocity_noise': [self.noise] * n, 'encoder_resolution': [self.resolution] * n,
             'velocity_sensor': self._sensor(), **(
                 {'velocity_cutoff': self.cutoff} if self.cutoff else {}),
-            'sample_loss': 0.0, 'late_samples': 0.0, 'payload': self.payload}
+            'sample_loss': 0.0, 'late_samples': 0.0, 'payload': self.payload, **(
+                {'stribeck_friction': [_RISE_AT_REST * x for x in setup.plant.coulomb_friction],
+                 'stribeck_velocity': [_TRANSITION] * n} if self.stops else {})}
         common = {**drives, 'error_limit': [
             min(x, _DIVERGED) for x in setup.controller.error_limit]}
-        start = max(setup.reference.start_duration, _START)
+        reference: dict[str, Any] = {
+            'start_duration': max(setup.reference.start_duration, _START),
+            **({'profile': 'trapezoid'} if self.stops else {})}
         return tuple({
-            'plant': plant, 'reference': {'start_duration': start}, 'bringup': {'events': ['']},
+            'plant': plant, 'reference': reference, 'bringup': {'events': ['']},
             'controller': {
                 **common, 'inertia_scale': factor, 'gravity_scale': factor, 'friction_level': [
                     x * (1.0 + self.friction_error * (1.0 - 2.0 * ((i + k) % 2)))
@@ -135,7 +148,10 @@ CONDITIONS = {condition.name: condition for condition in (
     Condition('model_error', 'model × 0.9 and × 1.1', factors=(0.9, 1.1)),
     _REAL_ARM,
     dataclasses.replace(_REAL_ARM, name='real_arm_filtered', cutoff=500.0,
-                        title=f'{_REAL_ARM.title}; velocity behind a low-pass of 500 rad/s'))}
+                        title=f'{_REAL_ARM.title}; velocity behind a low-pass of 500 rad/s'),
+    dataclasses.replace(_REAL_ARM, name='stops', stops=True,
+                        title=f'{_REAL_ARM.title}; moves of trapezoidal velocity with stops, '
+                        'friction at rest 1.5 times that of sliding'))}
 
 
 def condition(name: str) -> Condition:

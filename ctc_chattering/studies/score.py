@@ -12,7 +12,7 @@ from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError, MachineError, refused_as
-from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 
 #: Metrics of each joint, and of all, by their names in `Score`.
@@ -21,6 +21,8 @@ PER_JOINT = {'rms': 'rms_error_rad', 'rms_torque': 'rms_torque_nm',
              'rate': 'max_torque_rate_nm_per_s'}
 OVERALL = {'norm1': 'max_error_norm1_rad', 'reaching_time': 'reaching_time_s',
            'missing': 'missing_samples'}
+#: Rest of the reference after which slips count [s], and velocity of one [rad/s].
+_SETTLED, _SLIP = 0.3, 1e-3
 #: Part of a limit from which a torque is at it.
 _AT_LIMIT = 1.0 - 1e-9
 #: Runs a setup; returns what happened.
@@ -35,7 +37,8 @@ class Score(NamedTuple):
 
     In the window: RMS of the error [rad] and the torque [N·m], torque variation [N·m/s], largest
     step [N·m] and rate [N·m/s] of the torque sent, largest Σ |e_i| [rad], number of missing
-    samples, and the part of the samples with a torque at its limit. In the whole run: largest
+    samples, the part of the samples with a torque at its limit, and stick-slips a second where the
+    reference rests. In the whole run: largest
     torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
     none of these, and `engine` how it was simulated, `COMPILED` or `PLAIN`; empty for neither.
     """
@@ -51,6 +54,7 @@ class Score(NamedTuple):
     reaching_time: float | None = None
     missing: int | None = None
     saturated: float | None = None
+    slips: Joints = ()
     failure: str = ''
     engine: str = ''
 
@@ -58,6 +62,11 @@ class Score(NamedTuple):
     def error(self) -> float:
         """Return the largest RMS error of any joint [rad]; inf if it failed."""
         return max(self.rms, default=inf)
+
+    @property
+    def most_slips(self) -> float:
+        """Return the most stick-slips a second of any joint at rest; inf if it failed."""
+        return max(self.slips, default=inf)
 
     @property
     def most_variation(self) -> float:
@@ -121,8 +130,27 @@ def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float 
     step, dt = np.abs(np.diff(run.tau, axis=0)), np.diff(run.t)[:, np.newaxis]
     near = dt < 1.5 * setup.controller.control_period
     return made._replace(
+        slips=tuple(slips_at_rest(run, window).tolist()),
         peak=tuple(tau.max(axis=0).tolist()), saturated=float(at_limit.any(axis=1).mean()),
         peak_rate=tuple(np.where(near, step / dt, 0.0).max(axis=0).tolist()))
+
+
+def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
+    """
+    Return how often a second each joint begins to move where its reference rests, shape (n,).
+
+    That is how often its velocity exceeds 1e-3 rad/s anew, of the samples in the window for which
+    the reference has rested for 0.3 s or more; 0 without such samples.
+    """
+    t = run.t[:, np.newaxis]
+    moves = (run.dq_d != 0.0) | (run.ddq_d != 0.0)
+    last = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
+    rests = (t - last >= _SETTLED) & within(t, window)
+    fast = np.abs(run.dq) > _SLIP
+    slips = (fast[1:] & ~fast[:-1] & rests[1:]).sum(axis=0)
+    time = np.where(rests[1:], np.diff(t, axis=0), 0.0).sum(axis=0)
+    rate: Array = slips / np.where(time > 0.0, time, np.inf)
+    return rate
 
 
 def limits(setup: Setup) -> list[float]:
@@ -140,5 +168,5 @@ def worst(scores: Iterable[Score]) -> Score:
             return each
         found.append(each)
     largest: dict[str, Any] = {name: tuple(map(max, zip(*(getattr(x, name) for x in found))))
-                               for name in (*PER_JOINT, 'peak', 'peak_rate')}
+                               for name in (*PER_JOINT, 'slips', 'peak', 'peak_rate')}
     return found[0]._replace(**largest)

@@ -1,7 +1,10 @@
 """
-The desired motion: a sinusoid on every joint, or waypoints, with a smooth start or without.
+The desired motion: a periodic one of every joint, or waypoints, with a smooth start or without.
 
-The sinusoid is the paper's, q_d = center + amplitude sin(2π f t + phase).
+The sinusoid is the paper's, q_d = center + amplitude sin(2π f t + phase). The trapezoid moves from
+center - amplitude to center + amplitude and back with half the largest velocity of the sinusoid
+and a quarter of its acceleration: constant acceleration for 1 / (π f), constant velocity and
+deceleration for as long each, then rest until 2 / f is over.
 """
 
 from __future__ import annotations
@@ -19,6 +22,9 @@ from ctc_chattering.trajectory.buffer import Point
 from ctc_chattering.trajectory.joint_limits import check_limits, DescribedLimits
 from ctc_chattering.trajectory.smooth_start import smooth_start, TimedMotion, Transition
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
+
+#: Values of the parameter ``profile``.
+PROFILES = ('sinusoid', 'trapezoid')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +44,11 @@ class ReferenceConfig(Config):
         'description', 'str', '',
         "Model urdf: the robot's file, a path or package://NAME/PATH; empty for the topic "
         'robot_description.', read_only=True)
+    profile: str = parameter(
+        'profile', 'str', 'sinusoid',
+        'Motion between center - amplitude and center + amplitude: a sinusoid, or moves of '
+        'trapezoidal velocity, half as fast, with a rest after each.', choices=PROFILES,
+        read_only=True)
     center: tuple[float, ...] = parameter(
         'center', 'float[]', (pi, 0.5 * pi), 'Centre of the sinusoid.', unit='rad', shape='n')
     amplitude: tuple[float, ...] = parameter(
@@ -105,6 +116,41 @@ class Sinusoid:
         return q_d, dq_d, ddq_d
 
 
+class Trapezoid(Sinusoid):
+    """
+    Moves of trapezoidal velocity with a rest after each, as a function of time.
+
+    Parameters
+    ----------
+    config : ReferenceConfig
+
+    """
+
+    def at(self, t: int) -> Point:
+        """Return q_d [rad], dq_d [rad/s] and ddq_d [rad/s²], each of shape (n,), at `t` [ns]."""
+        t = t if type(t) is int else whole('t', t)
+        q_d, dq_d, ddq_d = [], [], []
+        for center, amplitude, omega, phase in self._joints:
+            slow = 0.5 * omega
+            moves, angle = divmod(slow * seconds(t) + phase, 2.0 * pi)
+            size = -amplitude if moves % 2.0 else amplitude
+            x, v, a = _move(angle)
+            q_d.append(center + size * x)
+            dq_d.append(slow * size * v)
+            ddq_d.append(slow * slow * size * a)
+        return q_d, dq_d, ddq_d
+
+
+def _move(angle: float) -> tuple[float, float, float]:
+    """Return a move from -1 to 1 in an angle of 3, and its two derivatives by the angle."""
+    if angle < 1.0:
+        return 0.5 * angle * angle - 1.0, angle, 1.0
+    if angle < 2.0:
+        return angle - 1.5, 1.0, 0.0
+    rest = max(3.0 - angle, 0.0)
+    return 1.0 - 0.5 * rest * rest, rest, -1.0 if rest else 0.0
+
+
 def make_motion(config: ReferenceConfig, route: Route | None = None,
                 start: Mapping[str, tuple[float, float]] | None = None, t0: int = 0,
                 limits: DescribedLimits | None = None) -> TimedMotion:
@@ -146,7 +192,7 @@ def make_motion(config: ReferenceConfig, route: Route | None = None,
     elif config.trajectory_file:
         raise CtcError(f'trajectory_file: {config.trajectory_file} has not been read')
     else:
-        motion = Sinusoid(config)
+        motion = (Trapezoid if config.profile == 'trapezoid' else Sinusoid)(config)
     if config.start_duration and start is None:
         raise ParameterError('start_duration', config.start_duration,
                              '0 where it is not known where the robot is')

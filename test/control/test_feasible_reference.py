@@ -105,6 +105,14 @@ def test_the_way_back_is_smooth_from_anywhere(distance: float) -> None:
     assert (jerk < 2.0 * RATE / INERTIA).all()
 
 
+def test_friction_does_not_keep_a_deviation_where_the_reference_stands() -> None:
+    made, none = reference(), np.zeros(2)
+    by = Deviation(np.full(2, 1e-3), none)
+    for _ in range(300):
+        by = following(made, Desired(none, none, none), by, LEVEL)
+    assert np.abs(by.x).max() < 1e-6
+
+
 def test_what_the_drives_miss_by_far_moves_the_reference() -> None:
     """Check dx -= M⁻¹ rest / (Kv + T_a Kp) for what exceeds 10 ms R, and nothing below."""
     made, by = reference(), Deviation(np.zeros(2), np.zeros(2))

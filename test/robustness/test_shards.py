@@ -215,7 +215,7 @@ def test_metadata_say_what_it_is(tmp_path: Path) -> None:
     assert said['spec'] == {x: y for x, y in about['spec'].items() if x != 'uncertain'}
     units = {field.name: field.metadata[b'unit'].decode() for field in found if field.metadata}
     assert units == {
-        'friction': 'N*m', 'rate': 's', 'error': 'rad', 'variation': 'N*m/s',
+        'friction': 'N*m', 'rate': 's', 'error': 'rad', 'variation': 'N*m/s', 'slips': '1/s',
         'max_error_norm1_rad': 'rad', 'reaching_time_s': 's', **{
             f'{name}_{i}': unit for i in (1, 2) for name, unit in (
                 ('rms_error_rad', 'rad'), ('rms_torque_nm', 'N*m'),

@@ -62,7 +62,7 @@ def test_every_key(tmp_path: Path) -> None:
         'sampling': 'latin_hypercube', 'repeats': 16, 'seed': 3}
     assert found.failure.as_mapping() == {
         'error_above': 0.01, 'saturated_above': 0.05, 'steps_above': 5000,
-        'not_reached': True}
+        'not_reached': True, 'slips_above': inf}
     assert [(x.name, x.law, x.switching, x.recommended) for x in found.variants] == [
         ('compensation', 'compensation', '', False),
         ('chattering sign', 'chattering', 'sign', False),

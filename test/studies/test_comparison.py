@@ -362,7 +362,7 @@ def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
     assert [x.score.failure for x in outcomes] == ['', 'the motion diverged', '']
     assert '| integral |  | file | diverged |' in comparison_tables.to_markdown(outcomes)
     csv = comparison_tables.to_csv(outcomes).splitlines()
-    assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,,,the motion')
+    assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,,,,the motion')
 
 
 def test_without_a_limit_of_the_variation_nothing_is_tuned(arm: Path) -> None:

@@ -22,7 +22,8 @@ FRICTION = CONFIG / 'friction.yaml'
 #: What a condition may set, and what it is when nothing is set.
 OF_THE_PLANT = ('actuator_lag', 'torque_rate_limit', 'torque_resolution', 'input_delay',
                 'encoder_resolution', 'position_noise', 'velocity_noise', 'velocity_sensor',
-                'sample_loss', 'late_samples', 'payload')
+                'sample_loss', 'late_samples', 'payload', 'stribeck_friction',
+                'stribeck_velocity')
 OF_THE_CONTROLLER = ('actuator_lag', 'torque_rate_limit', 'input_delay', 'inertia_scale',
                      'gravity_scale')
 #: What differs from that, of the plant and, in each run, of the controller.
@@ -40,6 +41,8 @@ SET: dict[str, tuple[dict[str, Any], list[dict[str, Any]]]] = {
           'inertia_scale': x, 'gravity_scale': x} for x in (0.9, 1.1)])}
 SET['real_arm_filtered'] = ({**SET['real_arm'][0], 'velocity_sensor': 'filtered'},
                             SET['real_arm'][1])
+SET['stops'] = ({**SET['real_arm'][0], 'stribeck_friction': (4.95,) * 2,
+                 'stribeck_velocity': (0.01,) * 2}, SET['real_arm'][1])
 
 
 @pytest.fixture
@@ -84,6 +87,7 @@ def test_a_condition_replaces_what_the_file_has_and_nothing_else(name: str, spoi
             assert {key: known[key] for key in OF_THE_CONTROLLER} == {
                 key: default[key] for key in OF_THE_CONTROLLER} | controller
             assert setup.reference.start_duration == 2.0
+            assert (setup.reference.profile == 'trapezoid') == (name == 'stops')
             assert setup.controller.error_limit == (3.0, 3.0)
     assert found[0].plant.viscous_friction == (0.7, 0.7)
     assert found[0].plant.torque_saturation == (5100.0, 850.0)
@@ -119,6 +123,13 @@ def test_rate_limits_are_the_file_s_the_paper_s_or_those_of_the_description() ->
     assert torque_rates(parameter_file.load(FRICTION, own)) == (300.0, inf)
     panda = parameter_file.load(CONFIG / 'panda.yaml')
     assert torque_rates(panda) == pytest.approx((87.0 / 0.05,) * 4 + (12.0 / 0.05,) * 3)
+
+
+def test_stops_are_for_motions_without_waypoints() -> None:
+    waypoints = parameter_file.load(FRICTION, {'reference': {
+        'trajectory_file': str(CONFIG / 'trajectories' / 'waypoints.yaml')}})
+    with pytest.raises(UsageError, match='condition stops needs a motion without waypoints'):
+        condition('stops').overrides(waypoints)
 
 
 def test_a_payload_is_for_robots_of_a_urdf() -> None:

@@ -10,7 +10,8 @@ from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, MachineError
-from ctc_chattering.studies.score import over_simulation, Score, score, worst
+from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.studies.score import over_simulation, Score, score, slips_at_rest, worst
 from map_specs import ON_TRACK
 import numpy as np
 import pytest
@@ -70,6 +71,20 @@ def test_the_worst_of_runs_is_the_first_that_fails_and_no_further_one_is_made() 
     made = iter([Score((1.0,)), Score(failure='diverged'), Score((2.0,))])
     assert worst(made).failure == 'diverged'
     assert next(made).rms == (2.0,)
+
+
+def test_slips_are_those_at_rest() -> None:
+    """Check one slip in the window, and those before it, of a short rest and too slow."""
+    t, one = np.linspace(0.0, 2.0, 2001), np.zeros((2001, 2))
+    dq_d, dq = one.copy(), one.copy()
+    dq_d[:300, 0] = 1.0
+    dq_d[:1500, 1] = 1.0
+    for k in (550, 700, 1550):
+        dq[k:k + 20] = (-0.01, 0.01)
+    dq[800:820, 0] = 9e-4
+    run = Run(t, one, dq, one, dq_d, one, one, one)
+    np.testing.assert_allclose(slips_at_rest(run, (0.0, 1.6)), [2.0 / 1.001, 0.0], rtol=5e-3)
+    np.testing.assert_allclose(slips_at_rest(run, (0.8, 1.6)), [1.0 / 0.801, 0.0], rtol=5e-3)
 
 
 def test_states_are_the_true_ones() -> None:

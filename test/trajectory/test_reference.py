@@ -3,7 +3,7 @@
 import math
 
 from ctc_chattering.errors import CtcError, ParameterError
-from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Sinusoid
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig, Sinusoid, Trapezoid
 from ctc_chattering.trajectory.waypoints import Route, Waypoints
 import numpy as np
 import pytest
@@ -54,6 +54,25 @@ def test_frequency_zero_rests_at_the_phase() -> None:
         assert q_d[0] == pytest.approx(math.pi + 0.5)
         assert dq_d[0] == pytest.approx(0.0, abs=1e-15)
         assert ddq_d[0] == 0.0
+
+
+def test_the_trapezoid_accelerates_moves_brakes_and_rests() -> None:
+    """Check a cycle of each joint: integrals, parts of the time, and its largest values."""
+    config = FULL.changed({'profile': 'trapezoid', 'phase': [0.0, 0.0, 0.0]})
+    motion = make_motion(config)
+    assert isinstance(motion, Trapezoid)
+    for i, (c, a, f) in enumerate(zip(config.center, config.amplitude, config.frequency)):
+        slow = math.pi * f
+        t = np.linspace(0.0, 4.0 / f, 8_001)
+        q, dq, ddq = np.array([motion.at(round(x * S)) for x in t])[:, :, i].T
+        assert (q[0], q[4_000]) == pytest.approx((c - a, c + a))
+        rate = np.gradient(q, t)
+        assert np.abs(rate - dq).max() < 2e-3 * np.abs(dq).max()
+        assert np.abs(np.diff(dq) - np.diff(t) * ddq[:-1]).max() < 2e-3 * np.abs(dq).max()
+        assert np.abs(dq).max() == pytest.approx(slow * abs(a))
+        assert set(np.round(np.abs(ddq) / (slow * slow * abs(a)), 9)) == {0.0, 1.0}
+        still = (dq == 0.0) & (ddq == 0.0)
+        assert still.mean() == pytest.approx(1.0 - 1.5 / math.pi, abs=1e-3)
 
 
 @pytest.mark.parametrize('values', [

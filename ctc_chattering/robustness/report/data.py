@@ -19,7 +19,7 @@ Counts = npt.NDArray[np.int64]
 #: Law whose error is the measure of the others'.
 BASE = 'compensation'
 #: Kinds of failure, the worst first.
-KINDS = ('diverged', 'error', 'saturated', 'not reached', 'too long', 'refused')
+KINDS = ('diverged', 'error', 'saturated', 'slips', 'not reached', 'too long', 'refused')
 #: Columns of the results that are read, besides axes and uncertain parameters.
 COLUMNS = ('run', 'repeat', 'seed', 'variant', 'law', 'engine', 'failure', 'error')
 #: Of the error.

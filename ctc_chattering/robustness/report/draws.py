@@ -12,7 +12,7 @@ from matplotlib.ticker import PercentFormatter
 import numpy as np
 
 #: Colours of `KINDS`.
-KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#56B4E9', '#7B5EA7', '#b5b5b5')
+KIND_COLOURS = ('#1b1b1b', '#D55E00', '#E69F00', '#009E73', '#56B4E9', '#7B5EA7', '#b5b5b5')
 #: Most steps of a distribution that are drawn.
 _STEPS = 1000
 
