@@ -10,8 +10,8 @@ part f_s, below 30 rad/s, which is there where Ka is too small or the motion smo
     d(ln s)/dt = -80/s max(max |f - f_s| / (Ka + |f_s|) - 1/2, 0) - ln(s) / 2s             (OG1)
 
 with 0.1 <= s <= 1. The largest ratio of all joints counts, and s is one number, since joints are
-coupled. The loop takes s times its bandwidths. Where it does not help, f exceeds 3 Ka with s < 0.2;
-a start far from the reference does so, too, and has 2 s.
+coupled. The loop takes s times its bandwidths. Where it does not help, f exceeds 3 Ka with
+s < 0.2; a start far from the reference does so, too, and has 2 s.
 """
 
 from __future__ import annotations
