@@ -5,18 +5,19 @@ Drives that are slower than their model (rate limit, lag) make a fast loop oscil
 amplitude: what the drives lack goes into the estimate, which asks for more. The same loop with a
 part of its bandwidth is stable. The torque f of the feedback shows it: where the model of the
 drives is right, f is far below Ka but for some 10 ms at a reversal of friction. With its slow
-part f_s, below 30 rad/s, which is there where Ka is too small or the motion smooth::
+part f_s, below 30 s rad/s, which is there where Ka is too small or the motion smooth::
 
-    d(ln s)/dt = -80/s max(max |f - f_s| / (Ka + |f_s|) - 1/2, 0) - ln(s) / 2s             (OG1)
+    r = max |f - f_s| / (√s Ka + |f_s|),     d(ln s)/dt = -w max(r - 1/2, 0) - ln(s) / t    (OG1)
 
-with 0.1 <= s <= 1. The largest ratio of all joints counts, and s is one number, since joints are
-coupled. The loop takes s times its bandwidths. Where it does not help, f exceeds 3 Ka with
-s < 0.2; a start far from the reference does so, too, and has 2 s.
+with w = 80 rad/s, t = 2 seconds, 0.1 <= s <= 1. The largest ratio of all joints counts, and s is
+one number, since joints are coupled. A slow loop oscillates slowly, hence 30 s. Where less
+bandwidth does not help, f exceeds 3 Ka with s < 0.2; a start far from the reference does so, too,
+and has 2 seconds.
 """
 
 from __future__ import annotations
 
-from math import exp, log
+from math import exp, log, sqrt
 from typing import NamedTuple
 
 from ctc_chattering.numerics.compilable import record
@@ -25,8 +26,7 @@ import numpy as np
 
 #: Least s.
 LEAST = 0.1
-#: Below which the feedback is slow [rad/s]; part of Ka that is normal; retreat beyond it [1/s];
-#: time of the return [s].
+#: Below which the feedback is slow, at s = 1 [rad/s]; part of Ka that is normal; w [rad/s]; t [s].
 _SLOW, _NORMAL, _RETREAT, _RETURN = 30.0, 0.5, 80.0, 2.0
 #: Feedback in Ka, and s, beyond and below which the loop may be out of control.
 _STRONG, _LOW = 3.0, 0.2
@@ -65,8 +65,9 @@ class OscillationGuard(NamedTuple):
 
     def noticed(self, last: Oscillation, feedback: Array) -> Oscillation:
         """Return what follows a sample with the feedback f, shape (n,) [N·m], by (OG1)."""
-        slow = last.slow_feedback + self.renewed * (feedback - last.slow_feedback)
-        ratio = (np.abs(feedback - slow) / (self.tolerated + np.abs(slow))).max()
+        part = exp(last.retreat)
+        slow = last.slow_feedback + part * self.renewed * (feedback - last.slow_feedback)
+        ratio = (np.abs(feedback - slow) / (sqrt(part) * self.tolerated + np.abs(slow))).max()
         retreat = self.kept * last.retreat - self.retreating * max(ratio - _NORMAL, 0.0)
         strain = (np.abs(feedback) / self.tolerated).max()
         strained = last.strained + self.period

@@ -21,11 +21,12 @@ would be 3 w / ω. P̂ is within ±Ka in the metric of M⁻¹; at a bound, Ṗ̂
 
 from __future__ import annotations
 
+from math import exp
 from typing import NamedTuple
 
 from ctc_chattering.control.drive_model import DriveModel
 from ctc_chattering.numerics.box_qp import nearest, nearest_and_rest
-from ctc_chattering.numerics.compilable import dot, function, record, solve, some
+from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -58,18 +59,16 @@ class StateObserver(NamedTuple):
     velocity: Array
     force: Array
     jerk: Array
-    #: -ω h, shape (n,).
-    exponent: Array
     #: h, h / 2 and h / 6 [s], shape (n,).
     period: Array
     half: Array
     sixth: Array
 
     def slowed(self, part: float) -> StateObserver:
-        """Return the observer with a part of its bandwidth."""
-        position, velocity, force, jerk = gains(np.exp(part * self.exponent), self.period)
-        return StateObserver(self.drives, self.bound, position, velocity, force, jerk,
-                             self.exponent, self.period, self.half, self.sixth)
+        """Return the observer with a part of the bandwidth of P̂, and of its bound."""
+        return StateObserver(
+            self.drives, part * self.bound, self.position, self.velocity, part * self.force,
+            part * part * self.jerk, self.period, self.half, self.sixth)
 
     def predict(self, at: Observed, mass: Array, bias: Array, level: Array, command: Array
                 ) -> Observed:
@@ -125,17 +124,8 @@ def state_observer(drives: DriveModel, bandwidth: float, bound: Array) -> StateO
         Ka [N·m].
 
     """
-    exponent, period = (np.full(len(bound), x) for x in (
-        -bandwidth * drives.period, drives.period))
-    position, velocity, force, jerk = gains(np.exp(exponent), period)
-    return StateObserver(drives, bound, position, velocity, force, jerk, exponent, period,
-                         period / 2.0, period / 6.0)
-
-
-@function
-def gains(pole: Array, h: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the gains of (SO2) for θ and h [s], each (n,), those of P̂ and Ṗ̂ without M."""
-    rest, square = 1.0 - pole, pole * pole
-    squared = rest * rest
-    return (1.0 - square * square, squared * (11.0 + 14.0 * pole + 11.0 * square) / (6.0 * h),
-            2.0 * squared * rest * (1.0 + pole) / (h * h), squared * squared / (h * h * h))
+    h, pole = drives.period, exp(-bandwidth * drives.period)
+    rest = 1.0 - pole
+    return StateObserver(drives, bound, *(np.full(len(bound), x) for x in (
+        1.0 - pole ** 4, rest ** 2 * (11.0 + 14.0 * pole + 11.0 * pole ** 2) / (6.0 * h),
+        2.0 * rest ** 3 * (1.0 + pole) / h ** 2, rest ** 4 / h ** 3, h, h / 2.0, h / 6.0)))

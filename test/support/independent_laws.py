@@ -171,12 +171,13 @@ class ObserverFeedback:
         if self.seen is None:
             return Seen(q, dq, np.zeros(2), np.zeros(2), np.zeros(2))
         h, at = self.known.period, self.seen
-        w = np.exp(-self.part * self.gains.estimator_bandwidth * h)
+        w, s = np.exp(-self.gains.estimator_bandwidth * h), self.part
         e = q - at.q
         force = self.before @ e
-        P = nearest(self.before, at.P - 2.0 * (1 - w) ** 3 * (1 + w) / h ** 2 * force, self.Ka)
-        slope = at.slope - (1 - w) ** 4 / h ** 3 * force
-        slope[(np.abs(P) >= self.Ka) & (slope * P > 0.0)] = 0.0
+        P = nearest(self.before, at.P - 2.0 * s * (1 - w) ** 3 * (1 + w) / h ** 2 * force,
+                    s * self.Ka)
+        slope = at.slope - s * s * (1 - w) ** 4 / h ** 3 * force
+        slope[(np.abs(P) >= s * self.Ka) & (slope * P > 0.0)] = 0.0
         to = self.kept(at, Seen(
             at.q + (1 - w ** 4) * e,
             at.dq + (1 - w) ** 2 * (11 + 14 * w + 11 * w * w) / (6.0 * h) * e, at.torque, P,
@@ -211,9 +212,9 @@ class ObserverFeedback:
     def wanted(self, at: Seen, M: Array, bias: Array, point: Point, x: tuple[Array, Array]
                ) -> Array:
         """Return τ* of (OF2) and (OF3)."""
-        s = self.part
-        u = s * self.gains.kv * (point.dq + x[1] - at.dq) + (
-            s * s * self.gains.kp * (point.q + x[0] - at.q))
+        k = min(max(self.part, 10.0 / np.sqrt(self.gains.kp)), 1.0)
+        u = k * self.gains.kv * (point.dq + x[1] - at.dq) + (
+            k * k * self.gains.kp * (point.q + x[0] - at.q))
         self.f = M @ u
         z = -nearest(M, at.P + self.friction(point, 0.0), self.Ka)
         torque: Array = M @ (point.ddq + self.back(M, x) + u) + bias - z
@@ -231,7 +232,7 @@ class ObserverFeedback:
 
     def relief(self) -> Array:
         """Return the divisor of (FR5)."""
-        return self.part * (self.gains.kv + self.T * self.gains.kp)
+        return self.gains.kv + self.T * self.gains.kp
 
     def step(self, q: Array, dq: Array, points: list[Point]) -> Array:
         """Return the command for a measured state; `points` are the reference from now on."""
@@ -271,8 +272,10 @@ class ObserverFeedback:
     def noticed(self, feedback: Array) -> None:
         """Go on with s of (OG1)."""
         h = self.known.period
-        self.slow_f = self.slow_f + (1.0 - np.exp(-30.0 * h)) * (feedback - self.slow_f)
-        ratio = np.max(np.abs(feedback - self.slow_f) / (self.Ka + np.abs(self.slow_f)))
+        s = np.exp(self.retreat)
+        self.slow_f = self.slow_f + s * (1.0 - np.exp(-30.0 * h)) * (feedback - self.slow_f)
+        ratio = np.max(np.abs(feedback - self.slow_f) / (
+            np.sqrt(s) * self.Ka + np.abs(self.slow_f)))
         if self.gains.guarded:
             self.retreat = max(np.exp(-0.5 * h) * self.retreat - 80.0 * h * max(ratio - 0.5, 0.0),
                                np.log(0.1))

@@ -14,9 +14,11 @@ q_r is the reference with the deviation that the drives need, F the friction it 
 R (T + h) of the torque of the drives, in the metric of M⁻¹: beyond it they are no faster. The
 measured velocity is not used after the first sample. A joint that comes to rest gets a constant
 torque (`standstill`). Drives that are not as known make the feedback oscillate; `oscillation` then
-gives all bandwidths, those of feedback, observer, deviation and learning, a factor s::
+gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound s Ka::
 
-    f = M (s Kv (dq_r - dq̂) + s² Kp (q_r - q̂)),     ω = s estimator_bandwidth              (OF5)
+    f = M (k Kv (dq_r - dq̂) + k² Kp (q_r - q̂)),     k = max(s, 10 / √Kp_ii), at most 1     (OF5)
+
+so that the feedback keeps 10 rad/s of its bandwidth.
 
 With M̂ = c M, drives without lag and limits, and no friction, (OF1) to (OF3) are linear. Their
 poles are within the unit circle, for Kp = p², Kv = 2 p, p = ω = 100 rad/s, h = 1 ms, if::
@@ -68,8 +70,8 @@ from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import matrix
 import numpy as np
 
-#: ln s from which on the law is as configured.
-_NO_RETREAT = -1e-3
+#: ln s from which on the law is as configured; what the feedback keeps of bandwidth [rad/s].
+_NO_RETREAT, _STIFF = -1e-3, 10.0
 
 
 @record
@@ -133,8 +135,9 @@ class ObserverFeedback(NamedTuple):
     learning: FrictionLevel
     standstill: Standstill
     guard: OscillationGuard
-    #: Of the bandwidths, those of Kp and Kv: s for the law of a sample (`slowed_down`).
+    #: k of (OF5), for the law of a sample (`slowed_down`), and the least of it.
     part: float
+    least: float
 
     @classmethod
     def made(cls, config: ControllerConfig, period: float) -> ObserverFeedback:
@@ -148,7 +151,8 @@ class ObserverFeedback(NamedTuple):
             feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
             friction_level(config.friction_learning, bandwidth, period, ka),
             standstill(bandwidth, ka, kp.diagonal(), rate, period),
-            oscillation_guard(ka, period), 1.0)
+            oscillation_guard(ka, period), 1.0,
+            float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
 
     def bandwidth_in_use(self, memory: Memory) -> float:
         """Return s of `oscillation`."""
@@ -165,9 +169,9 @@ class ObserverFeedback(NamedTuple):
         part, of, learning = self.bandwidth_in_use(memory), self.reference, self.learning
         return ObserverFeedback(
             self.kp, self.kv, self.ka, self.given, self.lagging, self.observer.slowed(part),
-            FeasibleReference(of.period, of.rate, part * of.fastest, part * of.relief, of.limited),
+            FeasibleReference(of.period, of.rate, part * of.fastest, of.relief, of.limited),
             FrictionLevel(learning.gain, part * learning.follow, learning.forget, learning.bound),
-            self.standstill, self.guard, part)
+            self.standstill, self.guard, max(part, self.least), self.least)
 
     def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""

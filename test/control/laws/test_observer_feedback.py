@@ -74,8 +74,9 @@ class ByHand:
 
     def retreat(self, f: Array) -> None:
         """Take the torque of the feedback of a sample."""
-        self.slow = self.slow + (1.0 - math.exp(-30.0 * H)) * (f - self.slow)
-        ratio = max(abs(f - self.slow) / (KA + abs(self.slow)))
+        before = math.exp(self.ln_s)
+        self.slow = self.slow + before * (1.0 - math.exp(-30.0 * H)) * (f - self.slow)
+        ratio = max(abs(f - self.slow) / (math.sqrt(before) * KA + abs(self.slow)))
         self.ln_s = max(self.ln_s * math.exp(-H / 2.0) - H * 80.0 * max(ratio - 0.5, 0.0),
                         math.log(0.1))
 
@@ -121,15 +122,15 @@ class ByHand:
         """Return τ* and the feedback in it."""
         assert self.x is not None
         M = paper_m(q.tolist())
-        u = (self.s * KV @ (point[1] + self.x[1] - dq)
-             + self.s ** 2 * KP @ (point[0] + self.x[0] - q))
+        k = min(max(self.s, 10.0 / math.sqrt(max(np.diag(KP)))), 1.0)
+        u = k * KV @ (point[1] + self.x[1] - dq) + k ** 2 * KP @ (point[0] + self.x[0] - q)
         bounded = nearest(M, P + self.friction(point[1], point[2], 0.0), KA)
         torque: Array = M @ (point[2] + self.back(M) + u) + bias(q, dq) + bounded
         return torque, M @ u
 
     def step(self, measured: Array, dq0: Array, point: list[Array]) -> Array:
         """Return τ for a measured position and the reference at arrival."""
-        theta, s = math.exp(-self.s * W * H), self.s
+        theta, s = math.exp(-W * H), self.s
         if self.state is None:
             q, dq, P, slope = measured, dq0, np.zeros(2), np.zeros(2)
         else:
@@ -137,9 +138,9 @@ class ByHand:
             e = measured - q
             q = q + (1 - theta ** 4) * e
             dq = dq + (1 - theta) ** 2 * (11 + 14 * theta + 11 * theta ** 2) / 6 / H * e
-            P = nearest(M, P - M @ e * 2 * (1 - theta) ** 3 * (1 + theta) / H ** 2, KA)
-            slope = slope - M @ e * (1 - theta) ** 4 / H ** 3
-            slope = np.where((np.abs(P) >= KA) & (slope * P > 0), 0.0, slope)
+            P = nearest(M, P - s * M @ e * 2 * (1 - theta) ** 3 * (1 + theta) / H ** 2, s * KA)
+            slope = slope - s ** 2 * M @ e * (1 - theta) ** 4 / H ** 3
+            slope = np.where((np.abs(P) >= s * KA) & (slope * P > 0), 0.0, slope)
         M0, b0 = paper_m(q.tolist()), bias(q, dq)
         arrive = self.ahead(q, dq, self.torque, P, slope, M0, b0, self.transit[0])
         qa, dqa, held, Pa, _ = arrive
@@ -166,8 +167,7 @@ class ByHand:
         tau = held + nearest(M, asked - held, RATE * (LAG + H))
         missing = asked - tau
         rest = missing - np.clip(missing, -10e-3 * RATE, 10e-3 * RATE)
-        self.x = self.x[0], self.x[1] - np.linalg.solve(
-            M, rest) / (s * np.diag(KV + LAG * KP))
+        self.x = self.x[0], self.x[1] - np.linalg.solve(M, rest) / np.diag(KV + LAG * KP)
         self.retreat(f0)
         self.learn(dq, P)
         state = self.ahead(q, dq, self.torque, P, slope, M0, b0, self.transit[0])
