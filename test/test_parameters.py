@@ -242,6 +242,9 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
                     'observer_bandwidth', 'torque_rate_limit', 'joint_stiffness'):
             assert all(x > 0.0 for x in numbers)
             continue
+        if name == 'actuator_lag':
+            assert all(x >= 0.0 for x in numbers)
+            continue
         assert all(math.isfinite(x) for x in numbers)
         if name in ('kp', 'kv') and len(numbers) == 4:
             full = np.array(numbers).reshape(2, 2)
@@ -253,7 +256,7 @@ def test_any_mapping_is_allowed_or_a_parameter_error(config: type[Config], data:
         elif name in ('ka', 'coulomb_friction', 'gravity', 'duration', 'frequency',
                       'viscous_friction', 'stribeck_friction', 'gravity_scale',
                       'position_noise', 'velocity_noise', 'encoder_resolution', 'fault_damping',
-                      'actuator_lag', 'torque_resolution', 'motor_inertia', 'joint_damping'):
+                      'torque_resolution', 'motor_inertia', 'joint_damping'):
             assert min(numbers) >= 0.0
         elif name in ('load_friction', 'sample_loss', 'late_samples'):
             assert min(numbers) >= 0.0 and max(numbers) <= 1.0

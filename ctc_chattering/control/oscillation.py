@@ -7,7 +7,7 @@ part of its bandwidth is stable. The torque f of the feedback shows it: where th
 drives is right, f is far below Ka but for some 10 ms at a reversal of friction. With its slow
 part f_s, below 30 s rad/s, which is there where Ka is too small or the motion smooth::
 
-    r = max |f - f_s| / (√s Ka + |f_s|),     d(ln s)/dt = -w max(r - 1/2, 0) - ln(s) / t    (OG1)
+    r = max |f - f_s| / (Ka + |f_s|),     d(ln s)/dt = -w max(r - 1/2, 0) - ln(s) / t    (OG1)
 
 with w = 80 rad/s, t = 2 seconds, 0.1 <= s <= 1. The largest ratio of all joints counts, and s is
 one number, since joints are coupled. A slow loop oscillates slowly, hence 30 s. Where less
@@ -17,7 +17,7 @@ and has 2 seconds.
 
 from __future__ import annotations
 
-from math import exp, log, sqrt
+from math import exp, log
 from typing import NamedTuple
 
 from ctc_chattering.numerics.compilable import record
@@ -65,9 +65,9 @@ class OscillationGuard(NamedTuple):
 
     def noticed(self, last: Oscillation, feedback: Array) -> Oscillation:
         """Return what follows a sample with the feedback f, shape (n,) [N·m], by (OG1)."""
-        part = exp(last.retreat)
-        slow = last.slow_feedback + part * self.renewed * (feedback - last.slow_feedback)
-        ratio = (np.abs(feedback - slow) / (sqrt(part) * self.tolerated + np.abs(slow))).max()
+        renewed = exp(last.retreat) * self.renewed
+        slow = last.slow_feedback + renewed * (feedback - last.slow_feedback)
+        ratio = (np.abs(feedback - slow) / (self.tolerated + np.abs(slow))).max()
         retreat = self.kept * last.retreat - self.retreating * max(ratio - _NORMAL, 0.0)
         strain = (np.abs(feedback) / self.tolerated).max()
         strained = last.strained + self.period

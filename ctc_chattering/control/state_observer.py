@@ -67,8 +67,8 @@ class StateObserver(NamedTuple):
     def slowed(self, part: float) -> StateObserver:
         """Return the observer with a part of the bandwidth of P̂, and of its bound."""
         return StateObserver(
-            self.drives, part * self.bound, self.position, self.velocity, part * self.force,
-            part * part * self.jerk, self.period, self.half, self.sixth)
+            self.drives, np.sqrt(part) * self.bound, self.position, self.velocity,
+            part * self.force, part * part * self.jerk, self.period, self.half, self.sixth)
 
     def predict(self, at: Observed, mass: Array, bias: Array, level: Array, command: Array
                 ) -> Observed:

@@ -85,7 +85,8 @@ def test_a_condition_replaces_what_the_file_has_and_nothing_else(name: str, spoi
                 key: plain[key] for key in OF_THE_PLANT} | plant
             known, default = setup.controller.as_mapping(), ControllerConfig().as_mapping()
             assert {key: known[key] for key in OF_THE_CONTROLLER} == {
-                key: default[key] for key in OF_THE_CONTROLLER} | controller
+                key: default[key] for key in OF_THE_CONTROLLER} | {
+                    'actuator_lag': (0.0, 0.0)} | controller
             assert setup.reference.start_duration == 2.0
             assert (setup.reference.profile == 'trapezoid') == (name == 'stops')
             assert setup.controller.error_limit == (3.0, 3.0)

@@ -175,9 +175,9 @@ class ObserverFeedback:
         e = q - at.q
         force = self.before @ e
         P = nearest(self.before, at.P - 2.0 * s * (1 - w) ** 3 * (1 + w) / h ** 2 * force,
-                    s * self.Ka)
+                    np.sqrt(s) * self.Ka)
         slope = at.slope - s * s * (1 - w) ** 4 / h ** 3 * force
-        slope[(np.abs(P) >= s * self.Ka) & (slope * P > 0.0)] = 0.0
+        slope[(np.abs(P) >= np.sqrt(s) * self.Ka) & (slope * P > 0.0)] = 0.0
         to = self.kept(at, Seen(
             at.q + (1 - w ** 4) * e,
             at.dq + (1 - w) ** 2 * (11 + 14 * w + 11 * w * w) / (6.0 * h) * e, at.torque, P,
@@ -274,8 +274,7 @@ class ObserverFeedback:
         h = self.known.period
         s = np.exp(self.retreat)
         self.slow_f = self.slow_f + s * (1.0 - np.exp(-30.0 * h)) * (feedback - self.slow_f)
-        ratio = np.max(np.abs(feedback - self.slow_f) / (
-            np.sqrt(s) * self.Ka + np.abs(self.slow_f)))
+        ratio = np.max(np.abs(feedback - self.slow_f) / (self.Ka + np.abs(self.slow_f)))
         if self.gains.guarded:
             self.retreat = max(np.exp(-0.5 * h) * self.retreat - 80.0 * h * max(ratio - 0.5, 0.0),
                                np.log(0.1))

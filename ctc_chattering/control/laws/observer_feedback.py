@@ -14,7 +14,7 @@ q_r is the reference with the deviation that the drives need, F the friction it 
 R (T + h) of the torque of the drives, in the metric of M⁻¹: beyond it they are no faster. The
 measured velocity is not used after the first sample. A joint that comes to rest gets a constant
 torque (`standstill`). Drives that are not as known make the feedback oscillate; `oscillation` then
-gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound s Ka::
+gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound √s Ka::
 
     f = M (k Kv (dq_r - dq̂) + k² Kp (q_r - q̂)),     k = max(s, 10 / √Kp_ii), at most 1     (OF5)
 

@@ -16,7 +16,7 @@ def test_table_and_files(tmp_path: Path) -> None:
     result = ctc(*LAW, '--lag', 0.002, '--out', tmp_path)
     assert result.returncode == 0, result.stderr
     lines = result.stdout.splitlines()
-    assert lines[1:3] == ['law: lag 0 ms, delay 0', 'robot: lag 2 ms, delay 0']
+    assert lines[1:3] == ['law: lag 3 ms, delay 0', 'robot: lag 2 ms, delay 0']
     found = json.loads((tmp_path / 'stability.json').read_text(encoding='utf-8'))
     (shown,) = (line for line in lines if ', constant' in line)
     low, high = (float(shown.split()[k]) for k in (-3, -1))

@@ -20,6 +20,8 @@ BASE: dict[str, Any] = {
 #: Of the laws that observe, at states from which others would saturate at every sample.
 SLOW: dict[str, Any] = {
     'pid_kalman': {'estimator_bandwidth': 1.0},
+    'observer_feedback': {'estimator_bandwidth': 10.0, 'kp': 1.0, 'kv': 1.0, 'ka': 300.0,
+                          'torque_rate_limit': [1e4, 4e3], 'friction_learning': 200.0},
     'extended_state_observer': {'estimator_bandwidth': 10.0, 'kp': 1.0, 'kv': 1.0,
                                 'torque_rate_limit': [1e4, 4e3], 'friction_velocity': 5.0}}
 #: Another value where the default times 1.3 is none, or would not matter.

@@ -22,8 +22,7 @@ from scipy.linalg import expm  # type: ignore[import-untyped]
 
 #: A model of two joints that are coupled [kg·m²], the period and the lag of the drives [s].
 MASS, H, LAG = np.array([[3.0, 0.8], [0.8, 0.5]]), 1e-3, 2e-3
-#: A reference at rest.
-REST = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+#: The law, told all but the model.
 REAL_ARM = {'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2, 'ka': [1e6] * 2,
             'estimator_bandwidth': 200.0, 'actuator_lag': [2e-3] * 2, 'input_delay': 1}
 
@@ -43,15 +42,16 @@ def period(inverse: Array, lag: float) -> Array:
 
 
 def errors(config: ControllerConfig, periods: Iterable[Array]) -> Array:
-    """Return |e| of each sample of a robot whose periods are given, from e = 1e-9 rad."""
+    """Return |e| of each sample of a robot whose periods are given, in a motion of 1 rad/s."""
     controller, found = Controller(config, Frozen(MASS)), []
-    x, transit = np.array([1e-9, 0.0, 0.0, 0.0, 0.0, 0.0]), [np.zeros(2)] * config.input_delay
-    for each in periods:
+    x, transit = np.array([1e-9, 0.0, 1.0, 1.0, 0.0, 0.0]), [np.zeros(2)] * config.input_delay
+    for k, each in enumerate(periods):
         q, dq, *_ = x.reshape(3, 2).tolist()
-        sample = controller.step(q, dq, *REST, ahead=[REST] * len(transit))
+        points = [([H * (k + j)] * 2, [1.0, 1.0], [0.0, 0.0]) for j in range(len(transit) + 1)]
+        sample = controller.step(q, dq, *points[0], ahead=points[1:])
         transit.append(np.array(sample.tau))
         x = each @ np.concatenate([x, transit.pop(0)])
-        found.append(float(np.abs(x[:2]).max()))
+        found.append(float(np.abs(x[:2] - H * (k + 1)).max()))
     return np.array(found)
 
 
