@@ -80,15 +80,20 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
 
 
 def test_every_law_one_after_another(tmp_path: Path) -> None:
-    """The law changes every 50 ms; the graph equals the simulation to the last bit."""
+    """
+    The law changes every 50 ms; the graph equals the simulation to the last bit.
+
+    Both are plain: what other tests compile meanwhile, a node would take law by law.
+    """
     file = tmp_path / 'params.yaml'
     events = [f'{0.05 * k:.2f} controller law {law}' for k, law in enumerate(LAWS[1:], 1)]
     file.write_text(f"""
 plant:
-  ros__parameters: {{pacing: lockstep, duration: 0.5, actuator_lag: [0.002, 0.002],
-    encoder_resolution: [1.0e-5, 1.0e-5], initial_position: [3.14159, 1.5708]}}
+  ros__parameters: {{pacing: lockstep, duration: 0.52, compiled: false,
+    actuator_lag: [0.002, 0.002], encoder_resolution: [1.0e-5, 1.0e-5],
+    initial_position: [3.14159, 1.5708]}}
 controller:
-  ros__parameters: {{law: {LAWS[0]}, switching: implicit_observer, ka: [60.0, 30.0],
+  ros__parameters: {{law: {LAWS[0]}, compiled: false, switching: implicit_observer, ka: [60.0, 30.0],
     actuator_lag: [0.002, 0.002], friction_level: [9.0, 9.0]}}
 bringup:
   ros__parameters:
