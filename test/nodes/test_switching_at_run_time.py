@@ -93,8 +93,8 @@ plant:
     actuator_lag: [0.002, 0.002], encoder_resolution: [1.0e-5, 1.0e-5],
     initial_position: [3.14159, 1.5708]}}
 controller:
-  ros__parameters: {{law: {LAWS[0]}, compiled: false, switching: implicit_observer, ka: [60.0, 30.0],
-    actuator_lag: [0.002, 0.002], friction_level: [9.0, 9.0]}}
+  ros__parameters: {{law: {LAWS[0]}, compiled: false, switching: implicit_observer,
+    ka: [60.0, 30.0], actuator_lag: [0.002, 0.002], friction_level: [9.0, 9.0]}}
 bringup:
   ros__parameters:
     events: {events}
