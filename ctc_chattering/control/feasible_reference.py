@@ -79,6 +79,11 @@ class FeasibleReference(NamedTuple):
     #: Whether any drive has a limit of the rate, 1.0 or 0.0.
     limited: float
 
+    def slowed(self, part: float) -> FeasibleReference:
+        """Return what a deviation returns with a part of the fastest w by."""
+        return FeasibleReference(self.period, self.rate, part * self.fastest, self.relief,
+                                 self.limited)
+
     def feedforward(self, at: Desired, level: Array, ahead: float = 0.0) -> Array:
         """Return F of (FR1), shape (n,) [N·m], at `ahead` [s] after the point `at`."""
         T = np.maximum(level / self.rate, _LEAST)
@@ -155,6 +160,13 @@ def feasible_reference(kp: Array, kv: Array, rate: Array, lag: Array, period: fl
     fastest = np.minimum(_RETURN * np.sqrt(kp), _STEP / period)
     return FeasibleReference(period, rate, fastest, kv + lag * kp,
                              float(np.isfinite(rate).any()))
+
+
+@function
+def next_point(at: Desired, step: Array, h: float) -> Desired:
+    """Return the point a period h [s] after `at`, ddq_d changing by `step` [rad/s²] until then."""
+    return Desired(at.q + h * (at.dq + h * (0.5 * at.ddq + step / 6.0)),
+                   at.dq + h * (at.ddq + 0.5 * step), at.ddq + step)
 
 
 @function

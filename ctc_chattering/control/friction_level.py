@@ -52,6 +52,10 @@ class FrictionLevel(NamedTuple):
     #: Ka [N·m]; all of shape (n,).
     bound: Array
 
+    def slowed(self, part: float) -> FrictionLevel:
+        """Return what learns from an estimate that follows with a part of ω."""
+        return FrictionLevel(self.gain, part * self.follow, self.forget, self.bound)
+
     def learn(self, last: Learned, dq: Array, perturbation: Array) -> Learned:
         """Return K̂ improved by dq̂ [rad/s] and P̂ [N·m], shape (n,), of one sample."""
         if not some(self.gain):

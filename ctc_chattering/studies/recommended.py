@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import dataclasses
 from typing import Any
 
@@ -38,16 +39,24 @@ def integral_pole(setup: Setup) -> float:
         max(config.known_lag), config.control_period, config.input_delay))
 
 
+def desired_points(setup: Setup, duration: float, count: int
+                   ) -> Iterator[tuple[list[float], list[float], list[float]]]:
+    """Yield q_d, dq_d and ddq_d of the controller's joints at instants of a duration [s]."""
+    plant, reference = setup.plant, setup.reference
+    motion = make_motion(reference, setup.route, dict(zip(
+        plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
+    order = [reference.joint_names.index(name) for name in setup.controller.joint_names]
+    for t in np.linspace(0.0, 1e9 * duration, count).astype(int).tolist():
+        q, dq, ddq = ([row[i] for i in order] for row in motion.at(t))
+        yield q, dq, ddq
+
+
 def recommended_ka(setup: Setup) -> list[float]:
     """Return the file's ka and 20 % of the largest torque that the model takes, shape (n,)."""
-    config, plant = setup.controller, setup.plant
+    config = setup.controller
     model = model_of(config, setup.descriptions.get('controller', ''))
-    motion = make_motion(setup.reference, setup.route, dict(zip(
-        plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
-    order = [setup.reference.joint_names.index(name) for name in config.joint_names]
     largest = np.zeros(model.n)
-    for t in np.linspace(0.0, 1e9 * plant.duration, _INSTANTS).astype(int).tolist():
-        q, dq, ddq = ([row[i] for i in order] for row in motion.at(t))
+    for q, dq, ddq in desired_points(setup, setup.plant.duration, _INSTANTS):
         largest = np.maximum(largest, np.abs(model.inverse_dynamics(q, dq, ddq)))
     return [float(f'{a + _MODEL_ERROR * b:.3g}') for a, b in zip(config.ka, largest)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 
 from ctc_chattering.analysis.number_format import number_text
@@ -42,9 +43,10 @@ def run(options: argparse.Namespace) -> int:
         name: value for name, value in (('actuator_lag', options.lag),
                                         ('input_delay', options.delay)) if value is not None}
     with given_by_user(drives):
-        setup.plant.changed({name: [x] * len(config.joint_names) if name == 'actuator_lag' else x
-                             for name, x in drives.items()})
-    loops = loops_of(setup, options.lag, options.delay)
+        plant = setup.plant.changed({
+            name: [x] * len(config.joint_names) if name == 'actuator_lag' else x
+            for name, x in drives.items()})
+    loops = loops_of(dataclasses.replace(setup, plant=plant))
     robot = loops.robots[0]
     if options.out is not None:
         prepare(options.out, (_JSON, _FIGURES), options.overwrite)

@@ -23,7 +23,7 @@ from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
 from ctc_chattering.control.drive_model import drive_model
 from ctc_chattering.control.evaluation import Context, ControlMemory, State
-from ctc_chattering.control.feasible_reference import Desired
+from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.laws.observer_feedback import Place, placed
 from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
@@ -107,7 +107,8 @@ class ExtendedStateObserver(NamedTuple):
         dq, ddq = points[3 * delay + 1], points[3 * delay + 2]
         place = placed(context.models.after,
                        self.moved(place, control.held, self.fed_forward(dq, ddq)))
-        r = self.next_point(memory, Desired(points[3 * delay], dq, ddq))
+        r = next_point(Desired(points[3 * delay], dq, ddq), memory.followed * (ddq - memory.ddq),
+                       drives.period)
         z = -(place.at.perturbation + self.fed_forward(r.dq, r.ddq))
         u = dot(self.kv, r.dq - place.at.dq) + dot(self.kp, r.q - place.at.q)
         wanted = dot(place.M, r.ddq + u) + place.bias - z
@@ -123,12 +124,6 @@ class ExtendedStateObserver(NamedTuple):
     def fed_forward(self, dq_d: Array, ddq_d: Array) -> Array:
         """Return F of (ES3), shape (n,) [N·m]."""
         return self.friction * np.tanh((dq_d + self.ahead * ddq_d) / self.width)
-
-    def next_point(self, memory: ExtendedState, point: Desired) -> Desired:
-        """Return the point of the reference a period after `point`, with the last jerk."""
-        h, step = self.observer.drives.period, memory.followed * (point.ddq - memory.ddq)
-        return Desired(point.q + h * (point.dq + h * (0.5 * point.ddq + step / 6.0)),
-                       point.dq + h * (point.ddq + 0.5 * step), point.ddq + step)
 
     def advanced(self, memory: ExtendedState, now: State, applied: Applied, correction: Array
                  ) -> ExtendedState:

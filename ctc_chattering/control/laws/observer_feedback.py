@@ -40,6 +40,7 @@ from ctc_chattering.control.feasible_reference import (
     Deviation,
     feasible_reference,
     FeasibleReference,
+    next_point,
 )
 from ctc_chattering.control.friction_level import (
     friction_level,
@@ -166,12 +167,11 @@ class ObserverFeedback(NamedTuple):
         """Return the law with the part of its bandwidths that it may use."""
         if memory.oscillation.retreat > _NO_RETREAT:
             return self
-        part, of, learning = self.bandwidth_in_use(memory), self.reference, self.learning
+        part = self.bandwidth_in_use(memory)
         return ObserverFeedback(
             self.kp, self.kv, self.ka, self.given, self.lagging, self.observer.slowed(part),
-            FeasibleReference(of.period, of.rate, part * of.fastest, of.relief, of.limited),
-            FrictionLevel(learning.gain, part * learning.follow, learning.forget, learning.bound),
-            self.standstill, self.guard, max(part, self.least), self.least)
+            self.reference.slowed(part), self.learning.slowed(part), self.standstill, self.guard,
+            max(part, self.least), self.least)
 
     def initial(self) -> Memory:
         """Return the memory with nothing observed or learned."""
@@ -225,7 +225,8 @@ class ObserverFeedback(NamedTuple):
             point, by, now_wanted.back, diagonal(place.M), memory.learned.level))
         if self.lagging != 0.0:
             after = placed(context.models.after, self.half_way(memory, place, tau))
-            then = self.wanted(memory, after, self.next_point(memory, point), by)
+            step = memory.followed * (point.ddq - memory.ddq)
+            then = self.wanted(memory, after, next_point(point, step, self.reference.period), by)
             tau = self.observer.drives.command(tau, then.tau)
         sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
         by = waiting(memory.rest, start, self.reference.relieved(by, tau - sent, place.M))
@@ -256,17 +257,12 @@ class ObserverFeedback(NamedTuple):
         return self.predicted(memory, Place(
             Observed(at.q, at.dq, half, at.perturbation, at.slope), place.M, place.bias), half)
 
-    def next_point(self, memory: Memory, point: Desired) -> Desired:
-        """Return the point of the reference a period after `point`, with the last jerk."""
-        h, step = self.reference.period, memory.followed * (point.ddq - memory.ddq)
-        return Desired(point.q + h * (point.dq + h * (0.5 * point.ddq + step / 6.0)),
-                       point.dq + h * (point.ddq + 0.5 * step), point.ddq + step)
-
     def advanced(self, memory: Memory, now: State, applied: Applied, correction: Array) -> Memory:
         """Learn the level of friction, and predict the next sample."""
-        at, me = memory.observed, self.slowed_down(memory)
-        learned = me.learning.learn(memory.learned, at.dq, at.perturbation)
-        by = waiting(memory.rest, memory.deviation, me.reference.relieved(
+        at = memory.observed
+        learned = self.slowed_down(memory).learning.learn(
+            memory.learned, at.dq, at.perturbation)
+        by = waiting(memory.rest, memory.deviation, self.reference.relieved(
             memory.deviation, applied.saturation_error, now.M))
         after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
         return Memory(kept(memory.rest, at, after), now.M, 1.0, learned, by, memory.deviating,

@@ -109,7 +109,7 @@ def _residual(run: MeasuredPerturbation, verdicts: Sequence[Verdict]) -> _Named:
     """Return what is not explained over time."""
     figure, panels = _panels(verdicts, 'What is not explained', 'torque [N·m]')
     for i, axes in enumerate(panels):
-        axes.plot(run.t, run.measured[:, i] - run.predicted[:, i], color=_MEASURED, linewidth=0.8)
+        axes.plot(run.t, run.rest[:, i], color=_MEASURED, linewidth=0.8)
     return 'residual', figure, ('Measured P less friction and errors of the model as identified, '
                                 'where the joint slides.')
 
@@ -138,7 +138,7 @@ def _spectrum(run: MeasuredPerturbation, verdicts: Sequence[Verdict]) -> _Named:
     """Return the spectrum of what is not explained."""
     figure, panels = _panels(verdicts, 'Spectrum of what is not explained', 'N·m / √Hz')
     for i, axes in enumerate(panels):
-        rest = run.measured[:, i] - run.predicted[:, i]
+        rest = run.rest[:, i]
         step = float(np.median(np.diff(run.t)))
         rest = np.where(np.isfinite(rest), rest, 0.0)
         spectrum = np.abs(np.fft.rfft(rest)) * np.sqrt(2.0 * step / len(rest))

@@ -68,6 +68,12 @@ class MeasuredPerturbation:
     impact: Array
 
     @property
+    def rest(self) -> Array:
+        """Return what is not predicted of P, shape (J, n) [N·m]; NaN where nothing is."""
+        rest: Array = self.measured - self.predicted
+        return rest
+
+    @property
     def peak(self) -> Array:
         """
         Largest |P| of each joint, shape (n,) [N·m].
@@ -89,7 +95,7 @@ class MeasuredPerturbation:
 
     def outliers(self) -> Iterator[Finding]:
         """Yield for each joint which windows were left out of the peak."""
-        rest = np.abs(self.measured - self.predicted)
+        rest = np.abs(self.rest)
         far = np.where(np.isfinite(rest), rest, 0.0) > _FAR * self.tail
         far &= ~self.trusted[:, None]
         for i in range(self.measured.shape[1]):
@@ -106,7 +112,7 @@ class MeasuredPerturbation:
         """Return the RMS of P and of what is not predicted of it, each of shape (n,) [N·m]."""
         known = np.isfinite(self.predicted)
         count = np.maximum(known.sum(axis=0), 1)
-        rest = np.where(known, self.measured - np.where(known, self.predicted, 0.0), 0.0)
+        rest = np.where(known, self.rest, 0.0)
         whole = np.where(known, self.measured, 0.0)
         return (np.sqrt(np.square(whole).sum(axis=0) / count),
                 np.sqrt(np.square(rest).sum(axis=0) / count))

@@ -36,7 +36,7 @@ from ctc_chattering.robustness.stability.sampled_loop import (
     sampled_loop,
     SampledLoop,
 )
-from ctc_chattering.trajectory.reference import make_motion
+from ctc_chattering.studies.recommended import desired_points
 import numpy as np
 
 #: Eigenvalues of M̂ M⁻¹ that are looked at, and centres c of (MG1).
@@ -173,7 +173,7 @@ def stable(radius: Callable[[float], float], at: float, grid: Array) -> StableRa
     return StableRange(*ends)
 
 
-def loops_of(setup: Setup, lag: float | None = None, delay: int | None = None) -> Loops:
+def loops_of(setup: Setup) -> Loops:
     """
     Return the loops of a parameter file.
 
@@ -181,8 +181,6 @@ def loops_of(setup: Setup, lag: float | None = None, delay: int | None = None) -
     ----------
     setup : Setup
         The law and what it knows; lag, delay and sensor of its robot.
-    lag, delay : float, int, optional
-        Of the robot's drives, in place of the file's [s], samples.
 
     Raises
     ------
@@ -192,8 +190,6 @@ def loops_of(setup: Setup, lag: float | None = None, delay: int | None = None) -
     """
     config, plant = setup.controller, setup.plant
     n, lags = len(config.joint_names), np.array(plant.actuator_lag)
-    if lag is not None:
-        lags = np.full(n, lag)
     eye = np.eye(n)
     law = linear_law(config, eye)
     equal = _equal(config, lags)
@@ -203,7 +199,7 @@ def loops_of(setup: Setup, lag: float | None = None, delay: int | None = None) -
                        'uses the velocity; allowed: exact, difference')
     robot = LinearRobot(
         seconds(period_ns(config.control_period)), eye, lags,
-        plant.input_delay if delay is None else delay, plant.velocity_sensor == 'difference')
+        plant.input_delay, plant.velocity_sensor == 'difference')
     if equal:
         return Loops([one_joint(law)], [robot._replace(mass=eye[:1, :1], lag=lags[:1])])
     masses = _masses(setup)
@@ -232,10 +228,6 @@ def _equal(config: ControllerConfig, lags: Array) -> bool:
 
 def _masses(setup: Setup) -> list[Array]:
     """Return M̂ at instants of the motion."""
-    config, plant = setup.controller, setup.plant
-    model = model_of(config, setup.descriptions.get('controller', ''))
-    motion = make_motion(setup.reference, setup.route, dict(zip(
-        plant.joint_names, zip(plant.initial_position, plant.initial_velocity))))
-    order = [setup.reference.joint_names.index(name) for name in config.joint_names]
-    times = np.linspace(0.0, 1e9 * (plant.duration or 1.0), _INSTANTS).astype(int).tolist()
-    return [np.array(model.mass_matrix([motion.at(t)[0][i] for i in order])) for t in times]
+    model = model_of(setup.controller, setup.descriptions.get('controller', ''))
+    return [np.array(model.mass_matrix(q)) for q, _, _ in desired_points(
+        setup, setup.plant.duration or 1.0, _INSTANTS)]

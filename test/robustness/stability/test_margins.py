@@ -29,7 +29,8 @@ REAL_ARM = {'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2, 'ka'
 
 def loops(controller: dict[str, Any], lag: float = 0.0, delay: int = 0, **plant: Any) -> Loops:
     return loops_of(parameter_file.load(find_config('friction'), {
-        'controller': controller, 'plant': plant}), lag, delay)
+        'controller': controller,
+        'plant': {'actuator_lag': [lag] * 2, 'input_delay': delay, **plant}}))
 
 
 def period(inverse: Array, lag: float) -> Array:
