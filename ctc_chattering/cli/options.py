@@ -56,7 +56,7 @@ def add_params_file(parser: argparse.ArgumentParser) -> None:
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the argument that names a bag."""
-    parser.add_argument('bag', type=Path, metavar='BAG')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
 
 
 def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> None:

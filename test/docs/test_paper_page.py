@@ -45,7 +45,7 @@ def test_its_tables_have_every_row_and_column(study: Any) -> None:
     assert len(body) == sum(len(kas) for _, kas in study.LAWS.values())
     head, *body = rows('horizon')
     assert head[2:] == list(study.TOLD) and len(body) == len(study.HORIZONS)
-    assert len(TEXT.splitlines()) <= 120
+    assert len(TEXT.splitlines()) <= 125
 
 
 @pytest.mark.slow

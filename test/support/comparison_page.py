@@ -29,8 +29,8 @@ PAGE, README = DOCS / 'comparison.md', DOCS.parent / 'README.md'
 _BLOCK = re.compile(r'(<!-- tables: (\S+) -->\n).*?(<!-- end of tables -->)', re.DOTALL)
 #: Rows of README: law, switching, settings.
 _ROWS = (('observer_feedback', '', 'recommended'), ('extended_state_observer', '', 'tuned'),
-         ('pid_kalman', '', 'tuned'), ('friction_feedforward', '', 'tuned'),
-         ('chattering', 'implicit_observer', 'tuned'), ('compensation', '', 'file'))
+         ('pid_kalman', '', 'tuned'), ('chattering', 'implicit_observer', 'tuned'),
+         ('compensation', '', 'file'))
 _HEADS = ('law', 'held-out conditions survived', 'their median error [rad]',
           'RMS e₁, e₂ where tuned [rad]', 'torque variation there [N·m/s]')
 
