@@ -36,7 +36,7 @@ _HEADS = ('law', 'held-out conditions survived', 'their median error [rad]',
 
 
 def filled(page: str) -> str:
-    """Return docs/comparison.md with all blocks as the directories have them now."""
+    """Return docs/comparison.md with the first table and the figures of each directory."""
     return _BLOCK.sub(lambda block: f'{block[1]}{_content(block[2])}{block[3]}', page)
 
 
@@ -47,8 +47,9 @@ def filled_readme(page: str) -> str:
 
 def _content(directory: str) -> str:
     tables = (DOCS / directory / 'compare.md').read_text(encoding='utf-8')
+    judged = '\n\n'.join(tables.split('\n\n')[:2])
     figures = sorted((DOCS / directory / 'figures').iterdir())
-    return f'\n{tables}\n' + ''.join(
+    return f'\n{judged}\n\n' + ''.join(
         f'![{x.stem.replace("_", " ")}]({x.relative_to(DOCS).as_posix()})\n\n' for x in figures)
 
 
