@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
 import json
+from typing import Any
 
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.numerics.linear_algebra import Array
@@ -46,7 +47,7 @@ def component() -> Markup:
                   'return { mount: (...given) => new Plots(...given) };\n})();\n</script>')
 
 
-def packed(t: Array, signals: Mapping[str, Array]) -> bytes:
+def packed(t: Array, signals: Mapping[str, Array], **head: Any) -> bytes:
     """
     Return samples as the script reads them.
 
@@ -59,6 +60,8 @@ def packed(t: Array, signals: Mapping[str, Array]) -> bytes:
         Times [s].
     signals : mapping of str to ndarray, shape (N,) or (N, n)
         By the names that plots.js lists.
+    **head : Any
+        More for the head: ``run``, number of the run, and ``fresh``; see `append` in plots.js.
 
     """
     columns, parts = [], []
@@ -69,8 +72,8 @@ def packed(t: Array, signals: Mapping[str, Array]) -> bytes:
         for joint, column in enumerate(values):
             columns.append((name, joint, column.itemsize))
             parts.append(_filled(column.tobytes()))
-    head = json.dumps({'count': len(t), 'columns': columns}, separators=(',', ':')).encode()
-    return b''.join((_filled(len(head).to_bytes(4, 'little') + head), *parts))
+    text = json.dumps({'count': len(t), 'columns': columns, **head}).encode()
+    return b''.join((_filled(len(text).to_bytes(4, 'little') + text), *parts))
 
 
 def coded(t: Array, signals: Mapping[str, Array]) -> str:

@@ -27,8 +27,11 @@ _ALL = ('', '0.0.0.0', '::')
 #: For every answer: no page of others frames this one, and its address is told to nobody.
 HEADERS = {
     'Cache-Control': 'no-store', 'Referrer-Policy': 'no-referrer',
-    'Content-Security-Policy': "frame-ancestors 'none'; frame-src 'none'; object-src 'none'; "
+    'Content-Security-Policy': "frame-ancestors 'none'; frame-src 'self'; object-src 'none'; "
                                "base-uri 'none'; form-action 'none'"}
+#: For viser's view: our page alone frames it, and it frames nothing.
+VIEW_HEADERS = {**HEADERS, 'Content-Security-Policy': HEADERS['Content-Security-Policy'].replace(
+    "frame-ancestors 'none'; frame-src 'self'", "frame-ancestors 'self'; frame-src 'none'")}
 
 
 class Access:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Samples of the last seconds, and what of them fits into a plot."""
+"""Samples of the last seconds."""
 
 from __future__ import annotations
 
@@ -37,19 +37,28 @@ class History:
     capacity : int
         Most rows.
 
+    Attributes
+    ----------
+    added : int
+        Rows that were ever added.
+    cleared : int
+        How many of them were added before it was cleared the last time.
+
     """
 
-    def __init__(self, width: int, window: float = 10.0, capacity: int = 4096) -> None:
+    def __init__(self, width: int, window: float = 10.0, capacity: int = 20_000) -> None:
         self.window = window
         self._t = np.zeros(2 * capacity)
         self._rows = np.zeros((2 * capacity, width))
         self._capacity = capacity
         self._begin = self._end = 0
+        self.added = self.cleared = 0
 
     def add(self, t: float, row: Sequence[float] | Array) -> None:
         """Append a row, shape (width,), at time `t` [s]."""
         if self._end > self._begin and t < self._t[self._end - 1]:
             self._begin = self._end = 0
+            self.cleared = self.added
         if self._end == len(self._t):
             kept = slice(self._end - self._capacity, self._end)
             self._t[:self._capacity] = self._t[kept]
@@ -57,6 +66,7 @@ class History:
             self._begin, self._end = max(0, self._begin - kept.start), self._capacity
         self._t[self._end], self._rows[self._end] = t, row
         self._end += 1
+        self.added += 1
         self._begin = max(self._begin, self._end - self._capacity)
 
     def read(self) -> tuple[Array, Array]:
@@ -74,34 +84,3 @@ class History:
         if self._end == self._begin:
             return None
         return float(self._t[self._end - 1]), self._rows[self._end - 1]
-
-
-def envelope(t: Array, rows: Array, buckets: int) -> tuple[Array, Array]:
-    """
-    Return least and greatest values over stretches of equal numbers of samples.
-
-    Parameters
-    ----------
-    t : ndarray, shape (N,)
-        Times [s].
-    rows : ndarray, shape (N, k)
-        A row for each.
-    buckets : int
-        Number of stretches.
-
-    Returns
-    -------
-    (ndarray, ndarray), shapes (M,) and (M, k)
-        The samples themselves if there are at most two for each stretch; otherwise two rows of
-        each, so that no peak is lost.
-
-    """
-    n = len(t)
-    if n <= 2 * buckets:
-        return t, rows
-    size = -(-n // buckets)
-    starts = np.arange(0, n, size)
-    low, high = np.minimum.reduceat(rows, starts), np.maximum.reduceat(rows, starts)
-    middle = np.minimum(starts + size // 2, n - 1)
-    times = np.stack((t[starts], t[middle]), axis=1).ravel()
-    return times, np.stack((low, high), axis=1).reshape(-1, rows.shape[1])

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page: scene, light, numbers, plots, and the server behind it."""
+"""The page: plots, and a view with scene, light and numbers; and the server behind it."""
 
 from __future__ import annotations
 
@@ -22,17 +22,19 @@ import logging
 import socket
 from typing import Any
 
-from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.interactive_plots import component
+from ctc_chattering.analysis.markup import fragment, Markup, page as page_of
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.live.access import is_local
 from ctc_chattering.live.health import COLOURS, Light, SIGNS
+from ctc_chattering.live.samples_socket import SamplesSocket
 from ctc_chattering.live.server import serve, stop
 from ctc_chattering.live.skeleton import places, Skeleton, stage
 
 #: Where the page is by default, and how many ports after it are tried.
 HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
-#: Widths of the panels [px].
-_PLOTS_WIDTH, _MAIN_WIDTH = 420, 430
+#: Width of the panel [px].
+_MAIN_WIDTH = 430
 _LIGHT = """<div class="ctc-light" data-level="{{ level }}" style="padding:8px 12px">
 <b style="color:{{ colour }};font-size:1.25em">{{ sign }}</b><div style="font-size:0.8em">
 {%- for line in lines %}<div>{{ line }}</div>{% endfor %}{{ more }}</div></div>"""
@@ -59,8 +61,10 @@ class Page:
     server : ViserServer
     url : str
         What to open, with the token without which nothing is shown.
-    main, plots : container of GUI elements
-        The first tab, and the panel on the left.
+    main : container of GUI elements
+        The first tab.
+    samples : SamplesSocket
+        The WebSocket of the plots.
     numbers, reports : handle
         Of HTML above the tabs, and in the second tab.
 
@@ -73,13 +77,13 @@ class Page:
 
     def __init__(self, title: str, host: str = HOST, port: int | None = None,
                  dark: bool = False, main: str = 'run', reports: str = '') -> None:
-        self.server, self.url = serve(require_viser(), host, free_port(host, port), title)
+        self.samples = SamplesSocket()
+        around = page_of('ctc_chattering.live', 'live.html', title=title, dark=dark,
+                         component=component())
+        self.server, self.url = serve(
+            require_viser(), host, free_port(host, port), title, around, self.samples)
         gui = self.server.gui
         gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
-        panel = gui.add_panel()
-        self.plots = panel.add_tab('plots')
-        panel.dock_left()
-        panel.set_width(_PLOTS_WIDTH)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_MAIN_WIDTH)
         self.server.scene.set_up_direction('+z')

@@ -12,15 +12,19 @@ const KINDS = {
   dq: { title: 'velocity dq', unit: 'p/s', lines: ['dq'] },
   v: { title: 'filtered error v', unit: 'p/s', lines: ['v'] },
   V: { title: 'log₁₀ of V', unit: 'J', lines: ['logV'], common: true, whole: true },
-  torque: { title: 'torque', unit: 't', lines: ['torque', 'nominal', 'compensation', 'robust'] },
+  torque: { title: 'torque', unit: 't', lines: ['torque', 'nominal', 'compensation',
+    'robust', 'effort'] },
   rate: { title: 'torque rate', unit: 't/s', lines: ['rate'] },
   spectrum_e: { title: 'log₁₀ of spectrum of error', unit: 'p', lines: ['e'], spectrum: true },
-  spectrum_torque: { title: 'log₁₀ of spectrum of torque', unit: 't', lines: ['torque'],
+  spectrum_torque: { title: 'log₁₀ of spectrum of torque', unit: 't', lines: ['applied'],
     spectrum: true } };
 const FONT = '12px system-ui, sans-serif';
 const LEFT = 54;
 const dark = matchMedia('(prefers-color-scheme: dark)');
-const colour = i => COLOURS[dark.matches ? 'dark' : 'light'][i % 7];
+// A page may choose: <html data-theme="dark">.
+const isDark = () => (document.documentElement.dataset.theme || (dark.matches ? 'dark' : ''))
+  === 'dark';
+const colour = i => COLOURS[isDark() ? 'dark' : 'light'][i % 7];
 
 function made(tag, parent, name, text) {
   const element = document.createElement(tag);
@@ -53,7 +57,7 @@ class Panel {
       return made('span', key, line.long ? 'ctc-value ctc-long' : 'ctc-value');
     });
     const ink = getComputedStyle(plots.element).color;
-    const grid = { stroke: dark.matches ? '#ffffff22' : '#0000001c', width: 1 };
+    const grid = { stroke: isDark() ? '#ffffff22' : '#0000001c', width: 1 };
     const axis = { stroke: ink, grid, ticks: { ...grid, size: 4 }, font: FONT, gap: 3 };
     const unit = KINDS[kind].spectrum ? ' Hz' : ' s';
     const digits = (u, splits, _a, _s, step) => splits.map(
@@ -97,8 +101,7 @@ class Panel {
   update() {
     const [from, to] = this.plots.range();
     for (const line of this.lines) {
-      const at = line.run.values(line.signal, line.joint), t = line.run.t;
-      if (!at) { line.t = []; continue; }
+      const { t, at } = line.run.values(line.signal, line.joint);
       if (KINDS[this.kind].spectrum) {
         const [i, j] = [first(t, from), first(t, to)];
         const values = Float64Array.from({ length: j - i }, (_, k) => at(i + k));

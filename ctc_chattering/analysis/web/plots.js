@@ -6,8 +6,8 @@
 // are drawn, too, each in its colour); units are those of the positions, by default rad.
 // run = {name: 'chattering', t: [...], signals: {e: [[...], ...], V: [[...]], ...}}: times [s],
 // and for each signal one column for each joint, V one in all. Arrays may be plain or typed.
-// Instead of t and signals a run may have packed: '...', which `coded` writes (analysis/web).
-// Signals: q, q_d, dq, e, v, V, torque, nominal, compensation, robust; each may be missing, and
+// Instead of t and signals a run may have packed: '...', which `coded` of Python writes.
+// Signals: q, q_d, dq, e, v, V, torque, nominal, compensation, robust, effort; each may miss, and
 // what is not there cannot be chosen. q, q_d or e follows from the other two. Torque rate, log10
 // of V and spectra are computed here. Every sample is drawn: where there are more samples than
 // pixels, least and greatest value of each column of pixels; where there are few, each with a dot.
@@ -20,10 +20,12 @@
 //   window: 10.0,              // a running graph: the last seconds are followed [s]
 //   onSeek: t => {},           // a click at a time
 // }
-// plots.append(r, buffer, fresh)  adds packed samples (ArrayBuffer) to run r; fresh: a new one
-// plots.mark(t)                   draws a line at a time; null for none
-// plots.show(from, to)            zooms; without arguments all is shown, or the last seconds
-// plots.remove()                  takes all away
+// plots.append(buffer)   adds packed samples (ArrayBuffer), to the run that their head says; in
+//                        place of those there if it says fresh. Signals of other times than those
+//                        there are samples of their own, as slower ones of a graph
+// plots.mark(t)          draws a line at a time; null for none
+// plots.show(from, to)   zooms; without arguments all is shown, or the last seconds
+// plots.remove()         takes all away
 
 const HELP = 'Drag or WHEEL to zoom, Shift and drag to move, double click for all; SEEK'
   + 'keys: ← → + − Home';
@@ -139,9 +141,9 @@ class Plots {
     this.redraw();
   }
   get ends() {
-    const times = this.runs.filter(run => run.t.length).map(run => run.t);
-    if (!times.length) return [0, 1];
-    return [Math.min(...times.map(t => t[0])), Math.max(...times.map(t => t[t.length - 1]))];
+    const ends = this.runs.map(run => run.ends).filter(([begin]) => Number.isFinite(begin));
+    if (!ends.length) return [0, 1];
+    return [Math.min(...ends.map(x => x[0])), Math.max(...ends.map(x => x[1]))];
   }
   range() {
     const [begin, end] = this.ends;
@@ -169,10 +171,9 @@ class Plots {
     for (const panel of this.panels) panel.place();
   }
   mark(t) { this.marked = t; this.point(this.cursor); }
-  append(r, buffer, fresh) {
-    const begins = !this.runs[r].t.length || fresh;
-    this.runs[r].append(buffer, fresh);
-    if (begins) this.build(); else this.redraw();
+  append(buffer) {
+    const more = unpacked(buffer);
+    if (this.runs[more.head.run].take(more)) this.build(); else this.redraw();
   }
   // Draw at the next frame; with slow drawing, seldom enough to leave the browser time.
   redraw() {
@@ -204,19 +205,22 @@ function download(name, blob) {
 }
 function save(plots, format) {
   if (format === 'png') picture(plots).toBlob(blob => download('plots.png', blob));
-  else plots.runs.filter(run => run.shown).forEach(run => download(
-    `${run.name.replace(/[^\w.-]+/g, '_') || 'plots'}.csv`,
-    new Blob([table(plots, run)], { type: 'text/csv' })));
+  else for (const run of plots.runs.filter(x => x.shown)) {
+    const lines = plots.panels.filter(panel => !KINDS[panel.kind].spectrum).flatMap(
+      panel => panel.lines.filter(line => line.run === run).map(line => ({ ...line, panel })));
+    // A file for signals of the same times.
+    [...new Set(lines.map(line => line.t))].forEach((t, k) => download(
+      `${run.name.replace(/[^\w.-]+/g, '_') || 'plots'}${k ? '_' + (k + 1) : ''}.csv`,
+      new Blob([table(plots, t, lines.filter(line => line.t === t))], { type: 'text/csv' })));
+  }
 }
 // The samples shown, as columns of what is chosen.
-function table(plots, run) {
-  const [from, to] = plots.range(), begin = first(run.t, from), end = first(run.t, to + 1e-9);
-  const lines = plots.panels.filter(panel => !KINDS[panel.kind].spectrum).flatMap(
-    panel => panel.lines.filter(line => line.run === run).map(line => ({ ...line, panel })));
+function table(plots, t, lines) {
+  const [from, to] = plots.range(), begin = first(t, from), end = first(t, to + 1e-9);
   const quoted = text => `"${text.replaceAll('"', '""')}"`;
   const rows = [['t [s]', ...lines.map(({ signal, joint, panel }) => quoted(
     `${signal} ${KINDS[panel.kind].common ? '' : plots.data.joints[joint]} [${panel.unit}]`))]];
-  for (let i = begin; i < end; i++) rows.push([run.t[i], ...lines.map(line => line.at(i))]);
+  for (let i = begin; i < end; i++) rows.push([t[i], ...lines.map(line => line.at(i))]);
   return rows.map(row => row.join(',')).join('\n') + '\n';
 }
 function picture(plots) {

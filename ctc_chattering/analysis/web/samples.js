@@ -78,7 +78,9 @@ function transform(re, im) {
 
 // --- samples
 const MOST = 120_000;  // Samples of a running graph that are kept.
-const NEEDS = { logV: 'V', rate: 'torque' };
+// What is computed from other signals, the first that is there; and what follows from two.
+const NEEDS = { logV: ['V'], rate: ['torque', 'effort'], applied: ['torque', 'effort'] };
+const FOLLOWS = { q: ['q_d', 'e'], q_d: ['q', 'e'], e: ['q_d', 'q'] };
 // See `packed` in Python: length of the head, the head in JSON, times and columns.
 function unpacked(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
@@ -93,58 +95,75 @@ function unpacked(buffer) {
   return run;
 }
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
-class Run {
-  constructor(data) {
-    Object.assign(this, { t: [], signals: {} }, data.packed ? unpacked(bytes(data.packed)) : {}, {
-      ...data });
-    this.name = data.name || '';
-    this.shown = true;
-  }
-  append(buffer, fresh) {
-    const more = unpacked(buffer);
-    if (fresh || !this.t.length) return Object.assign(this, { ...more, room: null });
-    // Columns are the middle of larger arrays, so that an addition seldom copies all.
+// Signals that are sampled together: their times, and a column for each joint.
+class Track {
+  constructor({ t, signals }) { Object.assign(this, { t, signals, room: null }); }
+  // Columns are the middle of larger arrays, so that an addition seldom copies all.
+  append(more) {
     const count = this.t.length, added = more.t.length;
     const full = !this.room || this.room.end + added > this.room.size;
     const kept = full ? Math.min(count, MOST) : count;
-    const room = full ? { size: kept + added + Math.max(MOST / 2, added), begin: 0, end: kept }
-      : this.room;
+    if (full) this.room = { size: kept + added + Math.max(MOST / 2, added), end: kept };
+    const { size, end } = this.room;
     const longer = (old, values) => {
       let array = old.room;
       if (full) {
-        array = new values.constructor(room.size);
+        array = new values.constructor(size);
         array.set(old.subarray(count - kept));
       }
-      array.set(values, room.end);
-      const shown = array.subarray(Math.max(0, room.end + added - MOST), room.end + added);
+      array.set(values, end);
+      const shown = array.subarray(Math.max(0, end + added - MOST), end + added);
       return Object.assign(shown, { room: array });
     };
     this.t = longer(this.t, more.t);
     for (const [name, columns] of Object.entries(more.signals))
-      this.signals[name] = columns.map((values, j) => longer(
-        this.signals[name]?.[j] ?? new values.constructor(count).fill(NaN), values));
-    this.room = { ...room, end: room.end + added };
+      this.signals[name] = columns.map((x, j) => longer(this.signals[name][j], x));
+    this.room.end += added;
   }
-  has(signal) {
-    const s = this.signals, name = NEEDS[signal] || signal;
-    const others = { q: ['q_d', 'e'], q_d: ['q', 'e'], e: ['q', 'q_d'] }[name];
-    return name in s || Boolean(others && others.every(x => x in s));
+}
+class Run {
+  constructor({ name, t, signals, packed }) {
+    this.name = name || '';
+    this.shown = true;
+    this.tracks = [];
+    if (packed) this.take(unpacked(bytes(packed)));
+    else if (t) this.take({ t, signals, head: {} });
   }
-  // The function from the number of a sample to the value of a signal.
+  // Add samples; return whether they are of signals that were not there.
+  take(more) {
+    const [name] = Object.keys(more.signals);
+    const k = this.tracks.findIndex(track => name in track.signals);
+    if (k < 0) this.tracks.push(new Track(more));
+    else if (more.head.fresh) this.tracks[k] = new Track(more);
+    else this.tracks[k].append(more);
+    return k < 0;
+  }
+  // The track with a signal or with what it follows from.
+  track(signal) {
+    const name = NEEDS[signal] || [signal], others = FOLLOWS[signal];
+    return this.tracks.find(({ signals }) => name.some(x => x in signals))
+      || this.tracks.find(({ signals }) => others?.every(x => x in signals));
+  }
+  has(signal) { return Boolean(this.track(signal)); }
+  // Times of a signal, and the function from the number of a sample to its value.
   values(signal, joint) {
-    const s = this.signals, t = this.t;
-    if (!this.has(signal)) return null;
-    if (signal in s) { const x = s[signal][joint]; return i => x[i]; }
+    const { t, signals: s } = this.track(signal);
+    const line = at => ({ t, at });
+    if (signal in s) { const x = s[signal][joint]; return line(i => x[i]); }
     if (signal === 'logV') {
       const x = s.V[0];
-      return i => (x[i] > 0 ? Math.log10(x[i]) : NaN);
+      return line(i => (x[i] > 0 ? Math.log10(x[i]) : NaN));
     }
-    if (signal === 'rate') {
-      const x = s.torque[joint];
-      return i => (i ? (x[i] - x[i - 1]) / (t[i] - t[i - 1]) : NaN);
+    if (signal in NEEDS) {
+      const x = s[NEEDS[signal].find(name => name in s)][joint];
+      if (signal === 'applied') return line(i => x[i]);
+      return line(i => (i ? (x[i] - x[i - 1]) / (t[i] - t[i - 1]) : NaN));
     }
-    const [a, b, sign] = { q: ['q_d', 'e', -1], q_d: ['q', 'e', 1], e: ['q_d', 'q', -1] }[signal];
-    const x = s[a][joint], y = s[b][joint];
-    return i => x[i] + sign * y[i];
+    const [a, b] = FOLLOWS[signal].map(name => s[name][joint]), sign = signal === 'q_d' ? 1 : -1;
+    return line(i => a[i] + sign * b[i]);
+  }
+  get ends() {
+    const times = this.tracks.map(track => track.t).filter(t => t.length);
+    return [Math.min(...times.map(t => t[0])), Math.max(...times.map(t => t[t.length - 1]))];
   }
 }
