@@ -212,8 +212,8 @@ class GraphPage:
         horizon = reader.parameters['reference'].get('horizon')
         patience = 0.5 * horizon if isinstance(horizon, int | float) else 0.0
         self._page.show_light(
-            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience}),
-            self._summary(reports))
+            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience},
+                  time.time()), self._summary(reports))
         instant = reader.instant()
         if instant is not None:
             self._page.numbers.content = str(table(
