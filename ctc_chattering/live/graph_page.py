@@ -29,11 +29,11 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.requests import Requests
 from ctc_chattering.live.arm_view import ArmView, View
 from ctc_chattering.live.controls import Controls, numbers
+from ctc_chattering.live.graph_plots import GraphPlots
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.health import counted, light, NodeReport, SILENT
 from ctc_chattering.live.page import Page
-from ctc_chattering.live.plot_panel import PlotPanel
-from ctc_chattering.live.samples import since_now, table
+from ctc_chattering.live.samples import table
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.exit_deadline import end_after
@@ -46,7 +46,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 #: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
-_FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.3
+_FRAME, _NUMBERS = 1 / 30, 0.2
 #: Between two questions for the parameters, where they did not come by themselves [s].
 _ASK = 2.0
 #: After which a motion has settled [s].
@@ -89,12 +89,12 @@ class GraphPage:
         self._requests = Requests(reader, self._show_answer, _PATIENCE)
         self._clicks: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
         self._controls: Controls | None = None
-        self._plots: PlotPanel | None = None
+        self._plots = GraphPlots(page.samples, reader)
         self._arm: ArmView | None = None
         #: When the camera is to look anew: where the arm begins it may never be again.
         self._looks: list[float] = []
         self._made_of: Any = None
-        self._due = {'numbers': 0.0, 'plots': 0.0, 'parameters': 0.0}
+        self._due = {'numbers': 0.0, 'parameters': 0.0}
         with page.main:
             self._view = View(page.server.gui, self._fit)
 
@@ -119,14 +119,13 @@ class GraphPage:
                 break
         self._requests.poll()
         self._make(now)
+        self._plots.update()
         if not self._page.watched:
             return
         with self._page.server.atomic():
             self._show_arm(now)
             if self._is_due('numbers', now, _NUMBERS):
                 self._show_numbers()
-            if self._is_due('plots', now, _PLOTS) and self._plots is not None:
-                self._plots.show([since_now(self._reader.samples())])
 
     def _is_due(self, what: str, now: float, period: float) -> bool:
         if now < self._due[what]:
@@ -153,15 +152,11 @@ class GraphPage:
             self._reader.get_logger().warning(f'no picture of the arm: {error}')
         (self._arm,) = self._page.show_arms([skeleton])
         self._looks = [now, now + _SETTLED]
-        for part in (self._plots, self._controls):
-            if part is not None:
-                part.remove()
-        gui = self._page.server.gui
-        with self._page.plots:
-            self._plots = PlotPanel(gui, config.joint_names)
+        if self._controls is not None:
+            self._controls.remove()
         if self._with_controls:
             with self._page.main:
-                self._controls = Controls(gui, config.joint_names,
+                self._controls = Controls(self._page.server.gui, config.joint_names,
                                           lambda *command: self._clicks.put(command))
 
     def _take_parameters(self, values: Mapping[str, Any]) -> None:

@@ -23,7 +23,8 @@ import socket
 from typing import Any
 
 from ctc_chattering.analysis.interactive_plots import component
-from ctc_chattering.analysis.markup import fragment, Markup, page as page_of
+from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.live.access import is_local
 from ctc_chattering.live.health import COLOURS, Light, SIGNS

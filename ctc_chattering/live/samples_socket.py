@@ -86,6 +86,11 @@ class SamplesSocket:
         self._heard: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
         self._receivers: dict[str, Callable[[Any], None]] = {}
 
+    @property
+    def watched(self) -> bool:
+        """Whether a page is open."""
+        return bool(self._clients)
+
     async def serve(self, connection: Any) -> None:
         """Serve one page until it is closed."""
         from websockets.exceptions import ConnectionClosed

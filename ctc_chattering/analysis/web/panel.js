@@ -12,8 +12,8 @@ const KINDS = {
   dq: { title: 'velocity dq', unit: 'p/s', lines: ['dq'] },
   v: { title: 'filtered error v', unit: 'p/s', lines: ['v'] },
   V: { title: 'log₁₀ of V', unit: 'J', lines: ['logV'], common: true, whole: true },
-  torque: { title: 'torque', unit: 't', lines: ['torque', 'nominal', 'compensation',
-    'robust', 'effort'] },
+  torque: { title: 'torque', unit: 't', lines: ['torque', 'effort', 'nominal',
+    'compensation', 'robust'] },
   rate: { title: 'torque rate', unit: 't/s', lines: ['rate'] },
   spectrum_e: { title: 'log₁₀ of spectrum of error', unit: 'p', lines: ['e'], spectrum: true },
   spectrum_torque: { title: 'log₁₀ of spectrum of torque', unit: 't', lines: ['applied'],
@@ -53,6 +53,7 @@ class Panel {
       const key = made('span', this.head, 'ctc-key');
       key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
         + ` stroke="${colour(line.colour)}" stroke-dasharray="${line.dash}"/></svg>`;
+      if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
       key.append(line.label);
       return made('span', key, line.long ? 'ctc-value ctc-long' : 'ctc-value');
     });
@@ -84,13 +85,14 @@ class Panel {
   listed() {
     const { runs, data } = this.plots, kind = KINDS[this.kind], found = [];
     const several = runs.length > 1, overlaid = this.joints.length > 1;
-    runs.forEach((run, r) => run.shown && this.joints.forEach(joint => kind.lines.forEach(
+    const signals = kind.lines.filter(signal => runs.some(run => run.has(signal)));
+    runs.forEach((run, r) => run.shown && this.joints.forEach(joint => signals.forEach(
       (signal, s) => run.has(signal) && found.push({
         run, joint, signal, long: signal === 'q' || signal === 'q_d',
         colour: several ? r : overlaid ? joint : s, dash: DASHES[s],
-        // A run is named at its first line.
-        label: [several && s === 0 ? run.name : '', overlaid ? data.joints[joint] : '',
-          kind.lines.length > 1 ? signal : ''].filter(Boolean).join(': ') }))));
+        name: several && s === 0 ? run.name : '',
+        label: (overlaid ? data.joints[joint] : '') + (kind.lines.length > 1 ? signal : ''),
+      }))));
     return found;
   }
   get unit() {
