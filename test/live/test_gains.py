@@ -27,6 +27,8 @@ import pytest
 NAMES = ('a', 'b', 'c')
 PARAMETERS: dict[str, Any] = {'law': 'chattering', 'switching': 'sign', 'kp': [100.0, 50.0, 20.0],
                               'kv': 50.0, 'lambda': 10, 'ka': [8.0, 4.0, 0.0]}
+#: Of a kind that no gain and no name is.
+WRONG: tuple[Any, ...] = (True, '5', None, [5.0], {})
 OFF = {'state': 'off', 'path': '/bags', 'lasts': 0}
 
 
@@ -65,9 +67,9 @@ def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
 
 
 @pytest.mark.parametrize('message', [
-    *(gain('kp', 0, x) for x in (True, '5', None, [5.0], {})),
-    *(gain('kp', x, 5.0) for x in (-2, 3, 0.0, True, None, '0')),
-    *(gain(x, 0, 5.0) for x in ('ki', 'error_limit', '', None, ['kp'], {})),
+    *[gain('kp', 0, value) for value in WRONG],
+    *[gain('kp', joint, 5.0) for joint in (-2, 3, 0.0, True, None, '0')],
+    *[gain(name, 0, 5.0) for name in ('ki', 'error_limit', '', None, *WRONG)],
     {'gain': {'name': 'kp', 'value': 5.0}}, {'gain': {**gain('kp', 0, 5.0)['gain'], 'node': 'x'}},
     {'gain': None}, {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': True}, {'set': 'x'}, {}, [], None, 'law',

@@ -62,7 +62,7 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(tmp_path: Path, told: 
 
     def ended() -> bool:
         it.poll()
-        return it.shown()['state'] == 'off'
+        return bool(it.shown()['state'] == 'off')
 
     with probe() as graph:
         graph.start('reference')
