@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from ctc_chattering.analysis.result import position_units
-from ctc_chattering.errors import CtcError
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.samples_socket import Message, SamplesSocket, word
 
@@ -73,12 +72,9 @@ class GraphPlots:
 
     def _show(self) -> str:
         names = self._reader.names
-        try:
-            units = position_units(names, self._reader.description)
-        except CtcError:
-            units = position_units(names, '')
         return word(show={
-            'joints': names, 'units': units, 'runs': [''],
+            'joints': names, 'units': position_units(names, self._reader.description),
+            'runs': [''],
             'options': {'window': WINDOW, 'signals': _SIGNALS},
             'note': self._note()})
 

@@ -111,14 +111,12 @@ def test_export_works_without_a_network(bags: list[Path], tmp_path: Path) -> Non
         q, q_d = (np.concatenate([getattr(run, name)[k] for run in runs])
                   for name in ('q', 'q_d'))
         angles = np.array([row[1:3] for row in shown if row], float)
-        assert angles == pytest.approx(np.stack((q, q_d), axis=1), abs=2e-6)  # 32 bits
+        assert angles == pytest.approx(np.stack((q, q_d), axis=1), abs=6e-7)
         assert arm.screenshot() != before
         page.locator('#play').click()
         page.wait_for_function(f'() => Number(document.getElementById("time").value) > {k}e-3')
-        drawn = page.evaluate(
-            '() => [...document.querySelectorAll(".plot")].map(canvas => canvas.getContext("2d")'
-            '.getImageData(0, 0, canvas.width, canvas.height).data.some(x => x > 0))')
-        assert drawn == [True] * 4
+        assert len(inked(page)) == 5
+        assert min(inked(page)) > 300
     assert asked == [file.as_uri()]
 
 
@@ -131,7 +129,7 @@ def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
     assert run.remark == 'no picture of the arm: URDF: a link is not named'
     write_export([run], tmp_path / 'page.html')
     text = (tmp_path / 'page.html').read_text(encoding='utf-8')
-    assert text.count('</script>') == 2
+    assert text.count('</script>') == 3
     assert '<iframe' not in text
     title = evil.replace('\udcff', '?')
     assert text.count(str(escape(title))) == 2

@@ -137,7 +137,7 @@ def numbers(page: Any) -> list[list[str]]:
 
 
 def view(page: Any, url: str) -> Any:
-    """Open a page of `ctc live`; return the frame with viser's view, which is used as pages are."""
+    """Open a page of `ctc live`; return the frame of viser's view, which is used as pages are."""
     page.goto(url)
     return page.frame(url=lambda it: '/view/' in it)
 
