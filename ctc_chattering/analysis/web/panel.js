@@ -51,7 +51,8 @@ class Panel {
     this.lines = this.listed();
     this.keys = this.lines.map(line => {
       const key = made('span', this.head, 'ctc-key');
-      key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
+      const alone = this.lines.length === 1 && !line.name && !line.label;
+      if (!alone) key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
         + ` stroke="${colour(line.colour)}" stroke-dasharray="${line.dash}"/></svg>`;
       if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
       key.append(line.label);
