@@ -136,10 +136,7 @@ class Result:
     @cached_property
     def position_units(self) -> tuple[str, ...]:
         """Return the unit of each joint's position: rad, or m for a prismatic joint."""
-        kinds = {name: joint.kind for name, joint in Tree(self.description).joints.items()
-                 } if self.description else {}
-        return tuple('m' if kinds.get(name) == 'prismatic' else 'rad'
-                     for name in self.joint_names)
+        return position_units(self.joint_names, self.description)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
@@ -262,3 +259,10 @@ def write_json(value: Any, path: Path) -> None:
 def finite(value: Any) -> Any:
     """Return `value`, as JSON has it, with None in place of every number that is not finite."""
     return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)
+
+
+def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
+    """Return the unit of each joint's position: rad, or m for a prismatic joint of a URDF."""
+    kinds = {name: joint.kind for name, joint in Tree(description).joints.items()
+             } if description else {}
+    return tuple('m' if kinds.get(name) == 'prismatic' else 'rad' for name in names)

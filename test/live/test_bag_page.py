@@ -25,7 +25,7 @@ import time
 from typing import Any
 
 from bags import entries, write_bag
-from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
+from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene, view
 from ctc_chattering.analysis.result import Result, simulated
 from ctc_chattering.analysis.terms import RunTerms
 from ctc_chattering.bags.reader import read_bag
@@ -65,8 +65,8 @@ def shows(page: Any, angles: list[list[str]]) -> bool:
 @pytest.mark.browser
 def test_slider_moves_both_arms_to_the_recorded_poses(bags: list[Path]) -> None:
     runs = [read_bag(bag).run for bag in bags]
-    with ctc_live('--port', 0, *bags) as (process, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0, *bags) as (process, url), browser_page() as tab:
+        page = view(tab, url)
         slider = field(page, 'time [s]')
         pictures = []
         for k in (0, 300, 499, 137):
@@ -76,7 +76,7 @@ def test_slider_moves_both_arms_to_the_recorded_poses(bags: list[Path]) -> None:
                       for a, b in zip(run.q[k], run.q_d[k])]
             eventually(partial(shows, page, wanted), f'sample {k}', page)
             pictures.append(scene(page))
-        assert min(inked(page)) > 300
+        assert min(inked(tab)) > 300
         for first, second in zip(*pictures[:2]):
             assert first.any()
             assert second.any()

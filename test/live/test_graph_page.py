@@ -24,7 +24,7 @@ import re
 import signal
 from typing import Any
 
-from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
+from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene, view
 from ctc_chattering.ros.node import qos
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from faults import nodes_of
@@ -99,11 +99,11 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
     graph.node.create_subscription(
         ParameterEvent, 'controller/parameters', note, qos(100, latched=True))
     graph.until(lambda: laws, 'the law at the start')
-    with ctc_live('--port', 0) as (process, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0) as (process, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'a green light', page)
-        eventually(lambda: min(inked(page), default=0) > 300, 'plots', page)
+        eventually(lambda: min(inked(tab), default=0) > 300, 'plots', page)
         for law in ('compensation', 'chattering', 'compensation'):
             _click(graph, laws, page, law)
         eventually(lambda: 'compensation' in said(page), 'the law on the page', page)
@@ -148,8 +148,8 @@ def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
 
     def rests() -> bool:
         return len(errors) > 50 and max(errors[-50:]) < 1e-3
-    with ctc_live('--port', 0) as (_, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0) as (_, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and rms(page) < 2e-3,
                    'a small error', page)
         field(page, 'torque [N·m]').fill('150')
@@ -165,8 +165,8 @@ def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
 
 @pytest.mark.slow
 def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
-    with ctc_live('--port', 0, '--read-only') as (process, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0, '--read-only') as (process, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'a green light', page)
         assert page.get_by_role('button', name='chattering').count() == 0
@@ -180,7 +180,7 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
             argv: Any = child.process.args
             graph.start(name, *argv[argv.index('--ros-args') + 1:])
             eventually(lambda: level(page) == 0, f'{name} again', page)
-        page.reload()
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'the page again', page)
         process.kill()  # The page ends, and the graph goes on.
@@ -194,8 +194,8 @@ def test_bringup_shows_its_graph_and_outlives_the_page() -> None:
                  '--live') as process:
         assert process.stdout is not None
         line = next(line for line in process.stdout if '[live] open http' in line)
-        with browser_page() as page:
-            page.goto(line.split()[2])
+        with browser_page() as tab:
+            page = view(tab, line.split()[2])
             eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                        'a green light', page)
             # Simulated time stands while it is held, and goes on by steps.
@@ -222,8 +222,8 @@ EVIL = '<iframe srcdoc="<script>parent.hacked = 1</script>"></iframe><img src=x 
 
 def test_a_hostile_graph_neither_runs_a_script_nor_ends_the_page() -> None:
     """Check with a controller that never tracks, too: it waits, or is disabled."""
-    with probe() as it, ctc_live('--port', 0) as (process, url), browser_page() as page:
-        page.goto(url)
+    with probe() as it, ctc_live('--port', 0) as (process, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: mentions(page, 'waiting for a graph'), 'the page without one', page)
         said_by = {name: it.node.create_publisher(
             ParameterEvent, f'{name}/parameters', qos(100, latched=True)) for name in LOOP}
