@@ -86,13 +86,14 @@ class BagPage:
             run.index(t - seconds):run.index(t + seconds) + 1])
             for arm, run in zip(self._arms, self._runs) if arm is not None]
         if drawn:
-            self._page.look(
+            self._page.cameras.look(
                 np.concatenate([arm.points([q]) for arm, q, _ in drawn]),
-                np.concatenate([arm.points(q[::len(q) // _SEEN + 1]) for arm, _, q in drawn]))
+                np.concatenate([arm.points(q[::len(q) // _SEEN + 1]) for arm, _, q in drawn]),
+                len(drawn))
 
-    def _fit(self, client: Any) -> None:
+    def _fit(self, event: Any) -> None:
         self._look(_AROUND)
-        self._page.fit(client)
+        self._page.cameras.fit(event.client)
 
     def _on_slider(self, event: Any) -> None:
         if event.client_id is not None:
@@ -116,6 +117,7 @@ class BagPage:
     def update(self, elapsed: float) -> None:
         """Go on by `elapsed` seconds and show what has changed."""
         self._page.samples.poll(self._greeting)
+        self._page.cameras.follow()
         player = self._player
         if self._wanted is not None:
             player.seek(self._wanted)

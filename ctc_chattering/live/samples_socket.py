@@ -24,10 +24,14 @@ To the page (live/page.js):
 - ``show``: {``joints``, ``units``, ``runs``: names}, ``options`` of plots.js, ``note``: what is
   drawn; the plots are made anew
 - ``mark``: time of the arm that is shown [s], or null
+- ``controls``: what `LawPanel.state` returns
+- ``scene``: which arms there are, for the camera that the browser keeps
+- ``ended``: how the graph has ended; empty while it has not
 - ``remember``: {name: value}; kept by the browser
 
 From the page:
 
+- ``ask``: what `LawPanel.receive` takes
 - ``seek``: time that was clicked [s]
 - ``remembered``: {name: value}, once, when it is opened
 """
@@ -85,6 +89,8 @@ class SamplesSocket:
         self._joined: SimpleQueue[_Client] = SimpleQueue()
         self._heard: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
         self._receivers: dict[str, Callable[[Any], None]] = {}
+        #: The last words of each subject.
+        self._told: dict[str, str] = {}
 
     @property
     def watched(self) -> bool:
@@ -130,7 +136,7 @@ class SamplesSocket:
         """Pass on what has come, and send new pages what `greeting` returns."""
         with suppress(Empty):
             while True:
-                self._joined.get_nowait().put(greeting())
+                self._joined.get_nowait().put((*greeting(), *self._told.values()))
         with suppress(Empty):
             while True:
                 for subject, value in self._heard.get_nowait().items():
@@ -138,8 +144,12 @@ class SamplesSocket:
                         self._receivers[subject](value)
 
     def tell(self, **words: Any) -> None:
-        """Send words to all pages, each by its subject."""
-        self.send(word(**words))
+        """Send words to all pages, each by its subject, and to new ones; the same only once."""
+        for subject, value in words.items():
+            message = word(**{subject: value})
+            if self._told.get(subject) != message:
+                self._told[subject] = message
+                self.send(message)
 
     def send(self, message: Message) -> None:
         """Send a message to all pages."""
