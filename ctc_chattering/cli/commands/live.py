@@ -47,6 +47,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='port; by default the first free one from 8080 on')
     parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
                         help='open it in the browser of this machine; by default in a terminal')
+    parser.add_argument('--bags-in', type=Path, default=Path(), metavar='DIR',
+                        help='where the page records bags of the graph, by default here')
     parser.add_argument('--read-only', action='store_true', help='no buttons, nothing is sent')
     parser.add_argument('--dark', action='store_true', help='light letters on dark ground')
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
@@ -63,6 +65,8 @@ def run(options: argparse.Namespace) -> int:
     require_viser()
     if options.bags and (options.read_only or options.ros_args):
         raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
+    if not options.bags_in.is_dir():
+        raise UsageError(f'--bags-in {options.bags_in}: no such directory')
     if warning := warning_of(options.host):
         say(f'ctc live: {warning}')
 
@@ -97,7 +101,7 @@ def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
         return
     from ctc_chattering.live.graph_page import run_graph_page
     run_graph_page(lambda: make_page('controls', 'reports'), stop, options.ros_args,
-                   not options.read_only)
+                   not options.read_only, options.bags_in)
 
 
 def _runs(bags: Sequence[Path]) -> list[Any]:
