@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults clean
+.PHONY: demo live docs test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -18,6 +18,15 @@ demo: $(READY)
 # The paper's arm in real time in the browser, with buttons; Ctrl-C ends.
 live: $(READY)
 	$(BIN)/bringup --live --pacing real_time --duration 0
+
+# The pages and the API as a site that asks nothing of the network: open site/index.html.
+docs: $(VENV)/.docs
+	rm -rf docs/_api site
+	$(BIN)/python -m sphinx -W --keep-going --quiet -c docs -d build/doctrees . site
+
+$(VENV)/.docs: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	touch $@
 
 # Processes that run tests: more than two processors, for many tests mostly wait.
 WORKERS ?= 3
@@ -110,4 +119,4 @@ $(READY): setup.py setup.cfg package.xml
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) results soak build install log *.egg-info
+	rm -rf $(VENV) results soak site docs/_api build install log *.egg-info
