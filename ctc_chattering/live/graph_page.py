@@ -27,7 +27,7 @@ from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.requests import Requests
-from ctc_chattering.live.arm_view import ArmView
+from ctc_chattering.live.arm_view import ArmView, View
 from ctc_chattering.live.controls import Controls, numbers
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.health import counted, light, NodeReport, SILENT
@@ -40,6 +40,8 @@ from ctc_chattering.ros.exit_deadline import end_after
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import Executor
 from ctc_chattering.ros.security import check_security
+from ctc_chattering.trajectory.reference import ReferenceConfig
+import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
@@ -47,6 +49,8 @@ from rclpy.signals import SignalHandlerOptions
 _FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.3
 #: Between two questions for the parameters, where they did not come by themselves [s].
 _ASK = 2.0
+#: After which a motion has settled [s].
+_SETTLED = 3.0
 #: Time for callbacks in each frame [s].
 _SERVE = 0.001
 #: Time to wait for a service and its answer [s].
@@ -87,8 +91,12 @@ class GraphPage:
         self._controls: Controls | None = None
         self._plots: PlotPanel | None = None
         self._arm: ArmView | None = None
+        #: When the camera is to look anew: where the arm begins it may never be again.
+        self._looks: list[float] = []
         self._made_of: Any = None
         self._due = {'numbers': 0.0, 'plots': 0.0, 'parameters': 0.0}
+        with page.main:
+            self._view = View(page.server.gui, self._fit)
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""
@@ -110,11 +118,11 @@ class GraphPage:
             except Empty:
                 break
         self._requests.poll()
-        self._make()
+        self._make(now)
         if not self._page.watched:
             return
         with self._page.server.atomic():
-            self._show_arm()
+            self._show_arm(now)
             if self._is_due('numbers', now, _NUMBERS):
                 self._show_numbers()
             if self._is_due('plots', now, _PLOTS) and self._plots is not None:
@@ -126,11 +134,11 @@ class GraphPage:
         self._due[what] = now + period
         return True
 
-    def _make(self) -> None:
+    def _make(self, now: float) -> None:
         """Make the parts of the page that depend on the robot, when it is known or changes."""
         config, description = self._reader.config, self._reader.description
         if config is None:
-            if self._reader.incomplete and self._is_due('parameters', time.monotonic(), _ASK):
+            if self._reader.incomplete and self._is_due('parameters', now, _ASK):
                 self._requests.get('controller', list(ControllerConfig.parameters()),
                                    self._take_parameters)
             return
@@ -144,6 +152,7 @@ class GraphPage:
             skeleton = None
             self._reader.get_logger().warning(f'no picture of the arm: {error}')
         (self._arm,) = self._page.show_arms([skeleton])
+        self._looks = [now, now + _SETTLED]
         for part in (self._plots, self._controls):
             if part is not None:
                 part.remove()
@@ -159,12 +168,43 @@ class GraphPage:
         with suppress(CtcError):  # Of a controller that is not ours.
             self._reader.take_parameters('controller', values)
 
-    def _show_arm(self) -> None:
+    def _show_arm(self, now: float) -> None:
+        if self._arm is None:
+            return
+        self._arm.magnified = self._view.magnified
         instant = self._reader.instant()
-        if self._arm is not None and instant is not None:
-            self._arm.show(instant.q, instant.q_d)
-        elif self._arm is not None:  # The controller waits, or is disabled.
-            self._arm.show(self._reader.position, None)
+        if instant is not None:
+            q, q_d = instant.q, instant.q_d
+        else:  # The controller waits, or is disabled.
+            q, q_d = self._reader.position, None
+        self._arm.show(q, q_d)
+        if self._looks and q is not None and now >= self._looks[0]:
+            del self._looks[0]
+            self._look()
+
+    def _look(self) -> None:
+        """Have cameras show the arm, and the desired motion if it is on it."""
+        reader = self._reader
+        instant, q = reader.instant(), reader.position
+        if self._arm is not None and q is not None:
+            poses = [q] if instant is None else [q, instant.q_d]
+            self._page.look(self._arm.points(poses), self._arm.points(self._motion()))
+
+    def _fit(self, client: Any) -> None:
+        self._clicks.put(('fit', client))
+
+    def _motion(self) -> list[Any]:
+        """Return the ends of the desired motion, where they are known."""
+        values = self._reader.parameters['reference']
+        if values.get('trajectory_file'):
+            return []
+        with suppress(CtcError, KeyError):
+            known = ReferenceConfig.from_mapping({
+                name: values[name] for name in ('joint_names', 'center', 'amplitude')})
+            if known.joint_names == self._reader.names:
+                center, swing = np.array(known.center), np.array(known.amplitude)
+                return [center - swing, center, center + swing]
+        return []
 
     def _show_numbers(self) -> None:
         reader = self._reader
@@ -172,8 +212,8 @@ class GraphPage:
         horizon = reader.parameters['reference'].get('horizon')
         patience = 0.5 * horizon if isinstance(horizon, int | float) else 0.0
         self._page.show_light(
-            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience}),
-            self._summary(reports))
+            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience},
+                  time.time()), self._summary(reports))
         instant = reader.instant()
         if instant is not None:
             self._page.numbers.content = str(table(
@@ -208,6 +248,9 @@ class GraphPage:
             self._requests.enable(*arguments)
         elif what == 'reset':
             self._requests.reset()
+        elif what == 'fit':
+            self._look()
+            self._page.fit(*arguments)
         elif what == 'push':
             joint, torque, lasts = arguments
             none = [0.0] * len(self._reader.names)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import signal
 import time
 from typing import Any, NamedTuple
 
@@ -39,7 +40,7 @@ try:
 except ImportError:  # An rclpy from before it was there: slower, but the same.
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ['ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'BaseNode', 'Executor', 'Status', 'qos']
+__all__ = ['ENDED', 'ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'BaseNode', 'Executor', 'Status', 'qos']
 
 #: Levels of a `Status`, as `DiagnosticStatus` has them.
 OK, WARN, ERROR = range(3)
@@ -48,6 +49,8 @@ OK, WARN, ERROR = range(3)
 TICK = 0.05
 #: Sleep between two batches [s].
 NAP = 0.02
+#: Key of the value of a node's last report that says why it ends.
+ENDED = 'ended'
 #: Time between two messages on /diagnostics [ns].
 _REPORT = NANOSECONDS
 
@@ -173,11 +176,24 @@ class BaseNode(Node):
             if contention:
                 told = subscription.ownership.owner is not None
                 level, message = max(level, WARN if told else ERROR), f'{message}; {contention}'
+        self._publish(level, message, everything)
+
+    def report_end(self, why: str = '') -> None:
+        """
+        Publish on ``/diagnostics`` that the node ends, and why.
+
+        By default that is its failure, the signal that has come, or what `done` holds.
+        """
+        signals = [signal.Signals(number).name for number in self.stop]
+        result = self.done.result() if self.done.done() else None
+        why = why or self.failure or ', '.join(signals) or str(result or 'done')
+        self._publish(ERROR if self.failure else OK, f'ended: {why}', {ENDED: why})
+
+    def _publish(self, level: int, message: str, values: Mapping[str, object]) -> None:
         name = self.get_fully_qualified_name()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=bytes([level]), name=name, message=message, hardware_id=name,
-            values=[KeyValue(key=key, value=_shown(value))
-                    for key, value in everything.items()])])
+            values=[KeyValue(key=key, value=_shown(value)) for key, value in values.items()])])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
