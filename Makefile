@@ -94,7 +94,7 @@ latency: $(READY)
 live-cost: $(READY)
 	PYTHONPATH=test/support $(BIN)/python test/benchmark/live_cost.py
 
-# Random faults on the whole graph in real time; see docs/soak.md. More arguments: ARGS.
+# Random faults on the whole graph in real time; see docs/safety.md. More arguments: ARGS.
 MINUTES ?= 20
 soak: $(READY)
 	PYTHONPATH=test:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)

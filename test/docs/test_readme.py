@@ -71,7 +71,7 @@ def test_the_page_of_commands_is_what_the_parsers_say() -> None:
 PATHS = {'CONTRIBUTING.md': ('ctc_chattering', ''), 'docs/design.md': (
              'ctc_chattering', '', 'ctc_chattering/control'),
          'README.md': ('',), **{f'docs/{name}.md': ('ctc_chattering', '', 'docs') for name in (
-             'laws', 'theory', 'plant', 'safety', 'soak', 'comparison', 'identification')}}
+             'laws', 'theory', 'plant', 'safety', 'comparison', 'identification')}}
 #: What looks like a path and is none here: topics of ROS, and files of a system.
 NO_PATHS = r'.*\.\.\.|/.*|~/|excite/.*|.*_controller/.*|(controller|plant|reference|~)/\w+'
 

@@ -26,8 +26,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / 'docs'
-#: What `ctc compare` writes is a part of docs/comparison.md.
-PAGES = [page for page in sorted(DOCS.rglob('*.md')) if 'comparison' not in page.parts]
+PAGES = sorted(DOCS.rglob('*.md'))
 #: Beside those in docs/.
 OTHERS = [*ROOT.glob('*.md'), *(ROOT / 'examples').glob('*.md')]
 
