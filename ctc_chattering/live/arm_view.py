@@ -88,7 +88,8 @@ class ArmView:
         for q in positions:
             found += [box @ pose[:3, :3].T + pose[:3, 3]
                       for box, pose in zip(self._boxes, self.skeleton.poses(q))]
-        return np.concatenate(found) + self._place
+        points: Array = np.concatenate(found) + self._place
+        return points
 
     def show(self, q: Array | None, q_d: Array | None) -> None:
         """Draw the arm at `q` and the ghost at `q_d`, each of shape (n,) [rad], where known."""
@@ -129,7 +130,7 @@ class View:
     gui : GuiApi
         In the container to fill.
     fit : callable
-        Called with the client of viser whose camera is to show the arms.
+        Called with viser's event of a click on "fit the view".
 
     """
 
@@ -137,7 +138,7 @@ class View:
         self._chosen = gui.add_dropdown('magnify the error', [f'× {k}' for k in MAGNIFIED], hint=(
             'the ghost is drawn at q + k (q_d - q), where the error of a joint is at most '
             f'{_LARGEST:g} rad'))
-        gui.add_button('fit the view').on_click(lambda event: fit(event.client))
+        gui.add_button('fit the view').on_click(fit)
 
     @property
     def magnified(self) -> int:

@@ -92,9 +92,9 @@ class BagPage:
                 np.concatenate([arm.points([q]) for arm, q, _ in drawn]),
                 np.concatenate([arm.points(q[::len(q) // _SEEN + 1]) for arm, _, q in drawn]))
 
-    def _fit(self, client: Any) -> None:
+    def _fit(self, event: Any) -> None:
         self._look(_AROUND)
-        self._page.fit(client)
+        self._page.fit(event.client)
 
     def _on_slider(self, event: Any) -> None:
         if event.client_id is not None:

@@ -152,6 +152,10 @@ class BaseNode(Node):
             return
         self._report_due = max(self._report_due + _REPORT, now + _REPORT // 2)
         self.statistics.rotate(now)
+        self._publish(*self._report())
+
+    def _report(self) -> Status:
+        """Return all that there is to report."""
         level, message, values = self.status()
         if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
             level = max(level, WARN)
@@ -176,7 +180,7 @@ class BaseNode(Node):
             if contention:
                 told = subscription.ownership.owner is not None
                 level, message = max(level, WARN if told else ERROR), f'{message}; {contention}'
-        self._publish(level, message, everything)
+        return Status(level, message, everything)
 
     def report_end(self, why: str = '') -> None:
         """
@@ -187,7 +191,8 @@ class BaseNode(Node):
         signals = [signal.Signals(number).name for number in self.stop]
         result = self.done.result() if self.done.done() else None
         why = why or self.failure or ', '.join(signals) or str(result or 'done')
-        self._publish(ERROR if self.failure else OK, f'ended: {why}', {ENDED: why})
+        self._publish(ERROR if self.failure else OK, f'ended: {why}',
+                      {**self._report().values, ENDED: why})
 
     def _publish(self, level: int, message: str, values: Mapping[str, object]) -> None:
         name = self.get_fully_qualified_name()

@@ -36,8 +36,9 @@ def seen(camera: Camera, points: Array) -> Array:
     right = np.cross(ahead, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     x = points - camera.position
-    return np.stack((x @ right, x @ np.cross(right, ahead)), axis=1) / (
-        (x @ ahead) * tan(0.5 * FIELD))[:, None]
+    across: Array = np.stack((x @ right, x @ np.cross(right, ahead)), axis=1)
+    across /= ((x @ ahead) * tan(0.5 * FIELD))[:, None]
+    return across
 
 
 @pytest.mark.parametrize('count', [1, 2])
@@ -45,9 +46,8 @@ def seen(camera: Camera, points: Array) -> Array:
     ('two_link', [3.1, 1.6]), ('panda', [0, -0.6, 0, -2.0, 0, 1.5, 0.8]),
     ('ur5', [0, -1.2, 1.5, -1.5, -1.5, 0])])
 def test_the_arms_fill_the_view(name: str, q: list[float], count: int) -> None:
-    skeleton = {'two_link': lambda: skeleton_of(ControllerConfig()),
-                'panda': lambda: urdf_skeleton(panda(), PANDA),
-                'ur5': lambda: urdf_skeleton(ur5(), UR5)}[name]()
+    skeleton = (skeleton_of(ControllerConfig()) if name == 'two_link' else
+                urdf_skeleton(*((panda(), PANDA) if name == 'panda' else (ur5(), UR5))))
     assert skeleton is not None
     arm = np.concatenate([
         vertices @ pose[:3, :3].T + pose[:3, 3] for pose, body in zip(
