@@ -42,7 +42,7 @@ LAW_STUDY = (DOCS / 'study' / 'laws.csv').read_text(encoding='utf-8')
 TOLERANCE = 0.05
 #: Groups of chaotic cases: a start that differs by 1e-13 rad changes some of their rows by up to
 #: 21 %; so do compiled code, and the sine of another processor.
-CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Like a real arm',
+CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Realistic conditions',
                    'Torque rate limit', 'Velocity of encoders'), 0.25
 
 

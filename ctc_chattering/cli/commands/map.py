@@ -23,8 +23,8 @@ from ctc_chattering.cli.options import add_jobs, add_output, number_of_jobs
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import UsageError
 
-DETAILS = ('Write map.parquet, a row a run; map.json, figures and index.html. What is there of '
-           'the same map is not computed again.')
+DETAILS = ('Write map.parquet, one row per run, map.json, figures and index.html. An interrupted '
+           'map is continued.')
 #: Folder of the package's own specs, below `config`.
 _FOLDER = 'maps'
 
@@ -32,13 +32,13 @@ _FOLDER = 'maps'
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc map`."""
     parser.add_argument('spec', metavar='SPEC.yaml',
-                        help='what to run, docs/maps.md; or the name of one of the package')
+                        help='what to run (docs/maps.md), or the name of a map in the package')
     add_jobs(parser)
     parser.add_argument('--scheduler', metavar='ADDRESS',
-                        help='of a dask cluster that is there, tcp://host:port')
+                        help='address of a running dask cluster, tcp://host:port')
     parser.add_argument('--explain', metavar='POINT',
-                        help='write and draw one run, by its number or by name=value,... of axes, '
-                             'law and repeat')
+                        help='write and plot one run, given by its number or by name=value,... of '
+                             'axes, law and repeat')
     add_output(parser, 'map')
 
 

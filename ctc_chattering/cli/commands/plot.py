@@ -31,9 +31,9 @@ DETAILS = 'Write them with metrics.json and index.html. Several bags are compare
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc plot`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
-                        help='bag, or a directory of bags')
+                        help='bag, or directory of bags')
     parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
-                        help='figures in this format as well; the page has them as SVG')
+                        help='also write the figures in this format; the page has SVG')
     add_output(parser, 'plots')
 
 

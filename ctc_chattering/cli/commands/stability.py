@@ -28,22 +28,23 @@ from ctc_chattering.cli.options import add_output, add_params_file, load_setup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user
 
-DETAILS = ('Of the sampled loop with constant M, without limits: the poles for errors that are '
-           'constant, the small-gain theorem for those that vary. Status 1 if it is not stable '
-           'for the exact model. docs/theory.md has the theorem and what it does not cover.')
+DETAILS = ('For the sampled loop with constant M, without limits: by its poles for constant '
+           'errors, by the small-gain theorem for varying ones. Exit status 1 if the loop is '
+           'unstable for the exact model. docs/theory.md states the theorem and what it does '
+           'not cover.')
 _JSON, _FIGURES = 'stability.json', 'figures'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc stability`."""
     add_params_file(parser)
-    parser.add_argument('--law', metavar='X', help=f"in place of the file's: {' | '.join(LAWS)}")
+    parser.add_argument('--law', metavar='X', help=f"instead of the file's: {' | '.join(LAWS)}")
     parser.add_argument('--control-period', type=float, metavar='S',
-                        help="in place of the file's [s]")
+                        help="instead of the file's [s]")
     parser.add_argument('--lag', type=float, metavar='S',
-                        help="true lag of all drives, in place of the plant's actuator_lag [s]")
+                        help="true lag of all drives [s], instead of the plant's actuator_lag")
     parser.add_argument('--delay', type=int, metavar='N',
-                        help="true delay in samples, in place of the plant's input_delay")
+                        help="true delay in samples, instead of the plant's input_delay")
     add_output(parser)
 
 

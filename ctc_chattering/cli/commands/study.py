@@ -36,7 +36,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc study`."""
     add_output(parser, 'study')
     parser.add_argument('--laws', action='store_true',
-                        help='every law with its recommended settings, against compensation')
+                        help='compare the laws, with recommended settings, not the switchings')
     add_jobs(parser)
 
 
