@@ -37,7 +37,7 @@ def check_index(file: Path) -> None:
     with file.open('rb') as stream, mmap.mmap(
             stream.fileno(), 0, access=mmap.ACCESS_READ) as data, memoryview(data) as view:
         if not data[-_END.size:].endswith(_MAGIC):
-            raise ValueError(f'{file.name} is cut off')
+            raise ValueError(f'{file.name} is truncated')
         start, _, written, _ = _END.unpack_from(view, len(view) - _END.size)
         with view[start:-_AFTER] as index:
             if written not in (0, zlib.crc32(index)):

@@ -111,7 +111,7 @@ def _types(connections: Sequence[Connection]) -> dict[str, Any]:
         except CtcError:
             missing.append(f'{connection.topic} ({connection.msgtype})')
     if missing:
-        print('not played, because their types of message are not installed: '
+        print('not replayed, because their message types are not installed: '
               + ', '.join(missing), file=sys.stderr, flush=True)
     return types
 

@@ -66,5 +66,5 @@ def test_a_wrong_byte_anywhere_in_the_index_is_found(file: Path) -> None:
         with pytest.raises(ValueError, match=r'wrong checksum of the index of file\.mcap'):
             check_index(file)
     file.write_bytes(data[:-1])
-    with pytest.raises(ValueError, match=r'file\.mcap is cut off'):
+    with pytest.raises(ValueError, match=r'file\.mcap is truncated'):
         check_index(file)
