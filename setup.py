@@ -50,6 +50,7 @@ setup(
         (f'share/{NAME}/config', files('config')),
         (f'share/{NAME}/config/trajectories', files('config/trajectories')),
         (f'share/{NAME}/config/maps', files('config/maps')),
+        (f'share/{NAME}/launch', files('launch')),
     ],
     python_requires='>=3.10',
     install_requires=[

@@ -105,6 +105,16 @@ def trajectory_bag(every: int = 1, effort: bool = True) -> Messages:
     return sorted([*states, *reports], key=lambda y: y[1])
 
 
+def test_a_decimated_state_of_the_controller_beside_its_commands_changes_nothing(
+        tmp_path: Path) -> None:
+    """Check a bag of our own controller in which another recorder has ``~/controller_state``."""
+    reports = [('/controller/controller_state', *x[1:]) for x in trajectory_bag(every=10)
+               if x[0].endswith('controller_state')]
+    found = read(tmp_path, sorted([*messages(), *reports], key=lambda x: x[1]))
+    assert found.recording.command == pytest.approx(made().recording.command, abs=0.0)
+    assert found.notes == ()
+
+
 def test_output_of_a_trajectory_controller_by_its_stamps(tmp_path: Path) -> None:
     found = read(tmp_path, trajectory_bag())
     assert found.recording.command == pytest.approx(made().recording.command)

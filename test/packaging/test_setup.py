@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_setup_runs_where_colcon_s_symlink_install_runs_it(tmp_path: Path) -> None:
     """Check it in a directory of links without README.md, as colcon makes one."""
-    for name in ('setup.py', 'setup.cfg', 'ctc_chattering', 'config', 'resource'):
+    for name in ('setup.py', 'setup.cfg', 'ctc_chattering', 'config', 'launch', 'resource'):
         (tmp_path / name).symlink_to(ROOT / name)
     result = subprocess.run(
         [sys.executable, 'setup.py', '--name', '--long-description'], cwd=tmp_path, text=True,
