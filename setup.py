@@ -80,7 +80,8 @@ setup(
                  'mujoco', 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow',
                  'pytest', 'pytest-xdist', 'rosbags>=0.11', 'scipy>=1.15', 'viser>=1.1'],
         # The plugins that ament_flake8 of jazzy has.
-        'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',
+        'lint': ['flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
+                 'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',
                  'flake8-import-order', 'flake8-quotes', 'mypy', 'pydocstyle', 'ruff',
                  'types-PyYAML'],
     },
