@@ -105,17 +105,26 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
                    'a green light', page)
         eventually(lambda: min(inked(tab), default=0) > 300, 'plots', page)
         for law in ('compensation', 'chattering', 'compensation'):
-            _click(graph, laws, page, law)
+            _click(graph, laws, tab, law)
         eventually(lambda: 'compensation' in said(page), 'the law on the page', page)
+        assert tab.locator('[aria-pressed=true]', has_text='compensation').is_visible()
         eventually(lambda: rms(page) > 1e-2, 'the error to grow', page)
-        _click(graph, laws, page, 'chattering')
+        _click(graph, laws, tab, 'chattering')
         eventually(partial(is_near, page, 2e-3), 'the error to fall', page)
 
-        field(page, 'ka [N·m]').fill('-5')
-        press(page, 'set what was edited')
-        eventually(lambda: 'refused' in page.locator('.ctc-log').inner_text(), 'a reason', page)
-        assert re.search(r'ka.*allowed.*0', page.locator('.ctc-log').inner_text())
+        ka = tab.get_by_label('ka as a number')
+        ka.fill('-5')
+        ka.press('Enter')
+        eventually(lambda: re.search(r'ka.*allowed.*0', tab.locator('.ctc-answers').inner_text()),
+                   'a reason', page)
+        eventually(lambda: ka.input_value() == '25', 'the value in force again', page)
         assert graph.get('controller', 'ka') == [25.0, 25.0]
+        graph.set('controller', 'ka', [25.0, 30.0])
+        eventually(lambda: ka.input_value() == '30', 'a change made elsewhere', page)
+        tab.get_by_label('gains of', exact=True).select_option(label='joint2')
+        tab.get_by_label('ka', exact=True).press('ArrowRight')
+        graph.until(lambda: graph.get('controller', 'ka')[1] > 30.0, 'the slider')
+        assert graph.get('controller', 'ka')[0] == 25.0
 
         before = scene(page)
         press(page, 'disable')  # The arm falls, and the ghost goes on.
@@ -183,9 +192,16 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
         page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'the page again', page)
-        process.kill()  # The page ends, and the graph goes on.
+        for child in graph.children:
+            child.signal(signal.SIGINT)
+        eventually(lambda: 'plant: ended at' in tab.locator('#ended').inner_text(),
+                   'how the graph has ended', page)
+        assert re.search('controller: ended at .*: SIGINT', tab.locator('#ended').inner_text())
+        assert level(page) == 4
+        process.kill()
         process.wait()
-        assert all(x.status is None for x in graph.children[-2:])
+        eventually(lambda: 'ctc live has ended' in tab.locator('#note').inner_text(),
+                   'the end of the page', tab)
 
 
 @pytest.mark.slow
