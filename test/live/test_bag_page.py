@@ -85,7 +85,8 @@ def test_slider_moves_both_arms_to_the_recorded_poses(bags: list[Path]) -> None:
         before = numbers(page)
         press(page, 'play')
         eventually(lambda: numbers(page)[0][2] != before[0][2], 'the arm to move', page)
-        press(page, 'pause')
+        eventually(lambda: page.get_by_role('button', name='play', exact=True).count(),
+                   'the end of the run', page)
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
 
