@@ -19,7 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 import re
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.cli.bringup import make_parser as bringup_parser
 from ctc_chattering.cli.ctc import make_parser as ctc_parser
 from ctc_chattering.configuration import parameter_file
@@ -51,7 +51,7 @@ def test_every_topic_is_named() -> None:
 def test_every_key_of_the_metrics_is_named() -> None:
     page = (ROOT / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
     setup = parameter_file.load(None, {'plant': {'duration': 0.1}})
-    for key in simulated(setup).metrics():
+    for key in simulate(setup).metrics():
         assert f'`{key}`' in page, key
 
 

@@ -22,8 +22,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from ctc_chattering.analysis.output import prepare, write_text, writing
-from ctc_chattering.analysis.result import write_json
+from ctc_chattering.analysis.output import prepare, write_json, write_text, writing
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
