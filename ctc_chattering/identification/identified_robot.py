@@ -52,7 +52,7 @@ from ctc_chattering.identification.report.validation import validate
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Names in the directory of `write_identification`.
+#: Names in the directory of `write_identified`.
 PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES = (
     'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
 #: Acceleration of gravity where nothing says otherwise [m/s²].
@@ -78,7 +78,7 @@ class RobotModel:
 @dataclasses.dataclass(frozen=True)
 class IdentifiedRobot:
     """
-    What `identify` finds.
+    A robot as `identify` has found it.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class IdentifiedRobot:
 
 
 @checked(motions=Sequence, validation=(RecordedMotion, type(None)), model=str, urdf=str,
-         torque=str, side=str, torque_rate=Sequence)
+         gravity=(Real, type(None)), torque=str, side=str, torque_rate=Sequence)
 def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
              model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
              side: str = '', torque_rate: Sequence[float] = ()) -> IdentifiedRobot:
@@ -144,7 +144,7 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     Returns
     -------
     IdentifiedRobot
-        For `write_identification`.
+        For `write_identified`.
 
     Raises
     ------
@@ -161,8 +161,6 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
                                  ('side', side, ('', 'motor', 'link', 'current'))):
         if value not in allowed:
             raise ParameterError(name, value, ' | '.join(map(repr, allowed)))
-    if gravity is not None:
-        check_type('gravity', gravity, Real)
     recordings = [x.recording for x in motions]
     rate = tuple(vector('torque_rate', torque_rate, len(recordings[0].joints)).tolist()
                  ) if len(torque_rate) else ()
@@ -200,7 +198,7 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
         shared['locked'] = list(locked)
     used = description if name == 'urdf' else ''
     return RobotModel(made, candidates(made, used, positions), {ROBOT: used} if used else {},
-                       positions, shared, (controller.kp, controller.kv) if controller else None)
+                      positions, shared, (controller.kp, controller.kv) if controller else None)
 
 
 def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, side: str
@@ -219,9 +217,9 @@ def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, 
     return (found, robot) if better is None else (better, other)
 
 
-@checked(identified=IdentifiedRobot, out=(str, Path))
-def write_identification(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
-                         seed: int = 1, show: Callable[[str], None] = print) -> IdentifiedRobot:
+@checked(identified=IdentifiedRobot, out=(str, Path), show=Callable)
+def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
+                     seed: int = 1, show: Callable[[str], None] = print) -> IdentifiedRobot:
     """
     Try the gains in simulation, and write parameter file, numbers, figures and page.
 

@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.identification.identified_robot import (
         identify,
         NAMES,
-        write_identification,
+        write_identified,
     )
 
     for name in ('trials', 'seed'):
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
     out = prepare(options.out, NAMES, options.overwrite)
     found = identify(motions, last if options.validate else None, options.model or '', urdf,
                      options.gravity, options.torque or '', side, rate)
-    return _shown(write_identification(found, out, options.trials, options.seed, say), out)
+    return _shown(write_identified(found, out, options.trials, options.seed, say), out)
 
 
 def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:

@@ -22,9 +22,10 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import finite, write_text, writing
+from ctc_chattering.analysis.output import finite, prepare, write_text, writing
 from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.tables import csv_text, Table
+from ctc_chattering.arguments import checked
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.figures import save_tune_figures
@@ -39,8 +40,26 @@ _LEAD = ('Gains with little error and little torque variation for a robot that i
          'the best compromises of a search, and what they do on draws that it has not seen.')
 
 
-def write_tuning(tuning: Tuning, out: Path) -> None:
-    """Write everything into `out`; raise `CtcError` if that cannot be done."""
+@checked(tuning=Tuning, out=(str, Path))
+def write_tuning(tuning: Tuning, out: str | Path) -> None:
+    """
+    Write parameter files, numbers, figures and page of a search for gains.
+
+    Parameters
+    ----------
+    tuning : Tuning
+        What `tune` has found.
+    out : str or Path
+        Directory for ``tuned.yaml``, which `simulate` and all nodes take, ``front``, with those
+        of all points, ``front.csv``, ``tune.json``, ``figures``, ``index.html``.
+
+    Raises
+    ------
+    CtcError
+        If a file exists already, or cannot be written.
+
+    """
+    out = prepare(Path(out), NAMES)
     for point in tuning.points:
         write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
     recommended = report.best(tuning)
