@@ -25,8 +25,9 @@ from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
+from ctc_chattering.analysis.output import finite
 from ctc_chattering.analysis.page import Card, Cards, Folded, Note, Section, SignalPlots
-from ctc_chattering.analysis.result import finite, Result
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colours, gains, names
 from ctc_chattering.analysis.tables import Table
 

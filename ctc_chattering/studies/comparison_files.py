@@ -21,8 +21,10 @@ from pathlib import Path
 
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import file_stem, write_text, writing
+from ctc_chattering.analysis.output import file_stem, prepare, write_text, writing
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.errors import ParameterError
 from ctc_chattering.studies.comparison import Outcome
 from ctc_chattering.studies.comparison_figures import save_comparison_figures
 from ctc_chattering.studies.comparison_tables import held_out_csv, tables, to_csv, to_markdown
@@ -36,13 +38,35 @@ _LEAD = ('Every law with the same motion on the same robot: position error and t
          'joint, by the settings and under the conditions that the tables name.')
 
 
-def write_comparison(outcomes: Sequence[Outcome], out: Path, extra: str = 'svg',
+@checked(outcomes=Sequence, out=(str, Path), command=str)
+def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 'svg',
                      command: str = '') -> None:
     """
-    Write everything into `out`; raise `CtcError` if that cannot be done.
+    Write tables, figures, page, and a parameter file of every run.
 
-    Figures are written as SVG, and as `extra`; `command` is what was run.
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        What `compare` has returned.
+    out : str or Path
+        Directory for ``compare.md``, ``compare.csv``, ``figures``, ``index.html``,
+        ``parameters``.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If there is no outcome, a file exists already, or cannot be written.
+
     """
+    for i, outcome in enumerate(outcomes):
+        check_type(f'outcomes[{i}]', outcome, Outcome)
+    if not len(outcomes):
+        raise ParameterError('outcomes', outcomes, 'one or more')
+    out = prepare(Path(out), NAMES)
     write_text(out / TABLE, to_markdown(outcomes))
     write_text(out / CSV, to_csv(outcomes))
     if any(x.judged for x in outcomes):

@@ -21,8 +21,7 @@ import dataclasses
 import json
 
 from ctc_chattering.analysis.number_format import number_text
-from ctc_chattering.analysis.output import prepare, write_text
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite, prepare, write_text
 from ctc_chattering.analysis.tables import print_columns, Table
 from ctc_chattering.cli.options import add_format, add_output, add_params_file, load_setup
 from ctc_chattering.cli.presentation import print_page
@@ -35,8 +34,8 @@ DETAILS = ('For the sampled loop with constant M, without limits: by its poles f
            'not cover.')
 _JSON, _FIGURES, _PAGE = 'stability.json', 'figures', 'index.html'
 
-_LEAD = ('Which errors of the model, lags and delays the sampled loop tolerates, with constant M and '
-         'without limits of the torque.')
+_LEAD = ('Which errors of the model, lags and delays the sampled loop tolerates, with constant M '
+         'and without limits of the torque.')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

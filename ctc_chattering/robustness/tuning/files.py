@@ -23,9 +23,9 @@ from typing import Any
 
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import write_text, writing
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite, prepare, write_text, writing
 from ctc_chattering.analysis.tables import csv_text, Table
+from ctc_chattering.arguments import checked
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.figures import save_tune_figures
@@ -40,12 +40,30 @@ _LEAD = ('Gains with little error and little torque variation for a robot that i
          'the best compromises of a search, and what they do on draws that it has not seen.')
 
 
-def write_tuning(tuning: Tuning, out: Path, extra: str = 'svg', command: str = '') -> None:
+@checked(tuning=Tuning, out=(str, Path), command=str)
+def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: str = '') -> None:
     """
-    Write everything into `out`; raise `CtcError` if that cannot be done.
+    Write parameter files, numbers, figures and page of a search for gains.
 
-    Figures are written as SVG, and as `extra`; `command` is what was run.
+    Parameters
+    ----------
+    tuning : Tuning
+        What `tune` has found.
+    out : str or Path
+        Directory for ``tuned.yaml``, which `simulate` and all nodes take, ``front``, with those
+        of all points, ``front.csv``, ``tune.json``, ``figures``, ``index.html``.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If a file exists already, or cannot be written.
+
     """
+    out = prepare(Path(out), NAMES)
     for point in tuning.points:
         write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
     recommended = report.best(tuning)
