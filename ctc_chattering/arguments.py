@@ -79,10 +79,12 @@ def check_type(name: str, value: object, kind: type | tuple[type, ...]) -> None:
             _WORDS.get(x, f'of type {x.__name__}') for x in kinds))
 
 
-def whole(name: str, value: Any) -> int:
-    """Return a whole number as an `int`; raise `ParameterError` if it is none."""
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise ParameterError(name, value, 'a whole number')
+def whole(name: str, value: Any, least: int | None = None, most: int = 2 ** 32 - 1) -> int:
+    """Return a whole number as an `int`; raise `ParameterError` if it is none, or out of range."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or (
+            least is not None and not least <= int(value) <= most):
+        raise ParameterError(name, value, 'a whole number' + (
+            '' if least is None else f' >= {least} and <= {most}'))
     return int(value)
 
 

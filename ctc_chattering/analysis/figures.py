@@ -29,8 +29,9 @@ from ctc_chattering.analysis.comparison_figures import (
 from ctc_chattering.analysis.output import file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, name, names
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.laws.registry import law_class
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -125,27 +126,40 @@ def _robust_term(result: Result) -> tuple[str, str]:
     return noun, symbols.pop() if len(symbols) == 1 else f'{noun} z' if symbols else ''
 
 
-def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
+@checked(results=Sequence, directory=(str, Path), extra=str)
+def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 'svg'
                  ) -> list[drawing.FigureFile]:
     """
     Write every figure of `results` as SVG and return them in the order in which to show them.
 
-    Two or more results are also compared. The directory is created if necessary. Nothing is
-    written if a run has no samples; `CtcError` is also raised if a file cannot be written.
+    Two or more results are also compared.
 
     Parameters
     ----------
     results : sequence of Result
         Runs to draw.
-    directory : Path
-        Directory of the files.
-    extra : str
-        A second format for each figure: ``pdf`` or ``png``.
+    directory : str or Path
+        Directory of the files, created if necessary.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+
+    Returns
+    -------
+    list of FigureFile
+        Each with ``path``, ``title`` and ``caption``.
+
+    Raises
+    ------
+    CtcError
+        If a run has no samples, and nothing is written, or a file cannot be written.
 
     """
-    for result in results:
+    if extra not in ('svg', 'pdf', 'png'):
+        raise ParameterError('extra', extra, 'svg | pdf | png')
+    for i, result in enumerate(results):
+        check_type(f'results[{i}]', result, Result)
         _joints(result)
-    return drawing.save(_figures(results), directory, ('svg', extra))
+    return drawing.save(_figures(results), Path(directory), ('svg', extra))
 
 
 def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:

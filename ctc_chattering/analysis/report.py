@@ -24,8 +24,8 @@ from typing import Any
 from ctc_chattering.analysis import markup
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.metrics import BAND
-from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.result import finite, Result
+from ctc_chattering.analysis.output import finite, write_text
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colours, gains, names
 
 #: Columns of the table, per run and per joint: key, heading, unit.

@@ -23,11 +23,11 @@ from typing import Any
 
 from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare, writing
-from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import changed, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.point import find_run
@@ -107,11 +107,11 @@ def _simulated(setup: Setup) -> tuple[Result | None, str]:
 
     with Progress(setup.plant.experiment, setup.plant.duration) as bar:
         try:
-            result = simulated(setup, progress)
+            result = simulate(setup, progress)
             bar(setup.plant.duration)
             return result, ''
         except CtcError as error:
             failure = str(error)
     if not reached:
         return None, failure
-    return simulated(changed(setup, {'plant': {'duration': reached}})), failure
+    return simulate(setup.changed({'plant': {'duration': reached}})), failure

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -90,7 +91,7 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     return result
 
 
-def load_setup(options: argparse.Namespace) -> tuple[Path, Any, parameter_file.Setup]:
+def load_setup(options: argparse.Namespace) -> tuple[Path, Any, Setup]:
     """Return the parameter file, the values that override it, and both, checked."""
     file, over = find_file(options.params_file), overrides(options)
     with given_by_user(name for values in over.values() for name in values):

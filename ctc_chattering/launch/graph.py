@@ -26,8 +26,8 @@ import tempfile
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.node_parameters import LOOP
-from ctc_chattering.configuration.parameter_file import Overrides
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros import signals
@@ -106,7 +106,7 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
             raise CtcError(child.exit_report())
 
 
-def node_values(setup: parameter_file.Setup, record: Path | None, with_bringup: bool = True
+def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
                 ) -> dict[str, dict[str, Any]]:
     """
     Return the parameters of the nodes that are to run, in the order of their start.

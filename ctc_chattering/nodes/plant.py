@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import time
 
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import PlantSettings
-from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.controller.pacing import LockstepExchange, TimerGrid
 from ctc_chattering.controller.watchdog import Watchdog
 from ctc_chattering.errors import CtcError, UsageError

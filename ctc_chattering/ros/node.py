@@ -20,7 +20,8 @@ from collections.abc import Mapping, Sequence
 import time
 from typing import Any, NamedTuple
 
-from ctc_chattering.configuration.parameter_file import OF_ROS, Values
+from ctc_chattering.configuration.loop_setup import Values
+from ctc_chattering.configuration.parameter_file import OF_ROS
 from ctc_chattering.monitoring.loop_statistics import LoopStatistics
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.matching import qos

@@ -32,7 +32,7 @@ from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import near, UsageError
 
 if TYPE_CHECKING:
-    from ctc_chattering.configuration.parameter_file import Overrides, Setup
+    from ctc_chattering.configuration.loop_setup import Overrides, Setup
 
 #: Name of all conditions that a robot can have.
 ALL = 'all'

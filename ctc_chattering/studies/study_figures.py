@@ -24,7 +24,7 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.metrics import within
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.studies import study
@@ -128,7 +128,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     for column, switching in enumerate(switchings):
         setup = setup_of(case, switching)
         plant = setup.plant.changed({'duration': round(SLICE[1] + 0.01, 3)})
-        result = simulated(dataclasses.replace(setup, plant=plant))
+        result = simulate(dataclasses.replace(setup, plant=plant))
         run = result.run
         part = within(run.t, SLICE)
         t, v = run.t[part], run.v[part, 1]

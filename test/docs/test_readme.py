@@ -20,7 +20,7 @@ from pathlib import Path
 import re
 
 import commands_page
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.cli.ctc import COMMANDS
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODE_DESCRIPTIONS, parameter_table
@@ -53,7 +53,7 @@ def test_every_topic_is_named() -> None:
 def test_every_key_of_the_metrics_is_named() -> None:
     page = (ROOT / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
     setup = parameter_file.load(None, {'plant': {'duration': 0.1}})
-    for key in simulated(setup).metrics():
+    for key in simulate(setup).metrics():
         assert f'`{key}`' in page, key
 
 

@@ -26,7 +26,7 @@ from typing import Any
 
 from bags import entries, write_bag
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
-from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.analysis.terms import RunTerms
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
@@ -46,7 +46,7 @@ LAWS = ('chattering', 'compensation')
 def result(law: str) -> tuple[Result, Any]:
     setup = parameter_file.load(CONFIG / 'friction.yaml', {
         'controller': {'law': law}, 'plant': {'duration': 0.5}})
-    return simulated(setup), setup.plant
+    return simulate(setup), setup.plant
 
 
 @pytest.fixture(scope='module')

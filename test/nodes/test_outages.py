@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 from controller_process import after_an_outage
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
@@ -117,7 +117,7 @@ def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
             os.kill(pids[victim], signal.SIGCONT)
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output
-    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 2.0}})))
+    assert_equal(read_bag(bag), simulate(parameter_file.load(file, {'plant': {'duration': 2.0}})))
     reports = recorded(bag, 'controller')
     assert reports
     for report in reports:

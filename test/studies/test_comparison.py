@@ -22,9 +22,9 @@ from pathlib import Path
 import re
 
 from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
-from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Overrides, Setup
+from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.controller_config import RIVALS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -207,7 +207,7 @@ def cells(line: str) -> list[str]:
 def test_every_variant_is_run_and_a_backend_left_out_is_the_file_s() -> None:
     seen: list[Setup] = []
     file = CONFIG / 'friction.yaml'
-    result = simulated(parameter_file.load(file))
+    result = simulate(parameter_file.load(file))
 
     def run(setup: Setup) -> Result:
         seen.append(setup)
@@ -287,7 +287,7 @@ def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
 def test_a_condition_is_measured_by_the_true_error(arm: Path) -> None:
     """Check it with encoders so coarse that the measured error would be another one."""
     over = {'plant': {'encoder_resolution': [0.01, 0.01]}}
-    true, seen = simulated_with(arm, over), simulated(parameter_file.load(arm, over))
+    true, seen = simulated_with(arm, over), simulate(parameter_file.load(arm, over))
     assert (true.run.tau == seen.run.tau).all()
     assert np.abs(true.run.q - seen.run.q).max() == pytest.approx(0.005, rel=0.05)
     assert seen.run.q == pytest.approx(0.01 * np.round(seen.run.q / 0.01), abs=1e-9)

@@ -26,7 +26,7 @@ from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import columns, print_columns
 from ctc_chattering.cli.options import add_output, add_params_file, check, find_file
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, given_by_user, ParameterError
 from ctc_chattering.identification.excitation.limits import ExcitationConfig
 from ctc_chattering.identification.excitation.link_shapes import allowed_pairs

@@ -21,8 +21,7 @@ import dataclasses
 import json
 
 from ctc_chattering.analysis.number_format import number_text
-from ctc_chattering.analysis.output import prepare, write_text
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite, prepare, write_text
 from ctc_chattering.analysis.tables import print_columns
 from ctc_chattering.cli.options import add_output, add_params_file, load_setup
 from ctc_chattering.control.controller import LAWS

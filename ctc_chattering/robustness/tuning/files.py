@@ -22,9 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import write_text, writing
+from ctc_chattering.analysis.output import finite, write_text, writing
 from ctc_chattering.analysis.report import write_sections
-from ctc_chattering.analysis.result import finite
 from ctc_chattering.analysis.tables import csv_text, Table
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning import report
