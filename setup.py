@@ -79,6 +79,8 @@ setup(
         'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mcap>=1.6',
                  'mujoco', 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow',
                  'pytest', 'pytest-xdist', 'rosbags>=0.11', 'scipy>=1.15', 'viser>=1.1'],
+        # The site of `make docs`.
+        'docs': ['furo', 'myst-parser', 'sphinx>=7.2'],
         # The plugins that ament_flake8 of jazzy has.
         'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',
                  'flake8-import-order', 'flake8-quotes', 'mypy', 'pydocstyle', 'ruff',

@@ -98,8 +98,8 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
             with graph_monitor(setup.events, lockstep, ros_args) as look:
                 _watch(children, look, caught, setup.plant.duration > 0.0, progress)
         finally:
-            child_process.stop(pages)
             child_process.stop([children[x] for x in LOOP if x in children])
+            child_process.stop(pages)  # Later: they show how the graph has ended.
             child_process.stop(list(children.values()), patience=20.0)
     for child in children.values():
         if child.status:

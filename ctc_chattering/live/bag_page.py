@@ -17,18 +17,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 import time
 from typing import Any
 
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.errors import CtcError
+from ctc_chattering.live.arm_view import View
 from ctc_chattering.live.page import Page
 from ctc_chattering.live.plot_panel import PlotPanel
 from ctc_chattering.live.recorded import check_comparable, Player, RecordedRun
 from ctc_chattering.live.samples import table
+import numpy as np
 
 #: Between two pictures of the arm, and between two of the plots [s].
 _FRAME, _PLOTS = 1 / 30, 0.15
+#: Samples of a run, evenly spaced, that the camera shows.
+_SEEN = 40
+#: What "fit the view" shows before and after now [s].
+_AROUND = 0.5
 _SPEEDS = ('0.1', '0.25', '0.5', '1', '2', '5', '10')
 
 
@@ -55,6 +62,7 @@ class BagPage:
         self._page, self._runs = page, runs
         self._player = Player(max(run.duration for run in runs))
         self._arms = page.show_arms([run.skeleton for run in runs])
+        self._look()
         gui = page.server.gui
         with page.main:
             self._slider = gui.add_slider(
@@ -62,15 +70,31 @@ class BagPage:
             self._play = gui.add_button('play')
             self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
             self._window = gui.add_number('window [s]', 5.0, min=0.1, max=3600.0, step=0.1)
+            self._view = View(gui, self._fit)
         with page.plots:
             self._plots = PlotPanel(gui, runs[0].result.joint_names,
                                     [run.name for run in runs] if len(runs) > 1 else [''])
-        self._shown: tuple[float, float, Any] | None = None
+        self._shown: tuple[Any, ...] | None = None
         self._plotted = 0.0
         self._wanted: float | None = None
         self._slider.on_update(self._on_slider)
         self._play.on_click(self._on_play)
         self._speed.on_update(self._on_speed)
+
+    def _look(self, seconds: float = math.inf) -> None:
+        """Have cameras show the motion of so many seconds before and after now."""
+        t = self._player.t
+        drawn = [(arm, run.at(t).q, run.result.run.q[
+            run.index(t - seconds):run.index(t + seconds) + 1])
+            for arm, run in zip(self._arms, self._runs) if arm is not None]
+        if drawn:
+            self._page.look(
+                np.concatenate([arm.points([q]) for arm, q, _ in drawn]),
+                np.concatenate([arm.points(q[::len(q) // _SEEN + 1]) for arm, _, q in drawn]))
+
+    def _fit(self, event: Any) -> None:
+        self._look(_AROUND)
+        self._page.fit(event.client)
 
     def _on_slider(self, event: Any) -> None:
         if event.client_id is not None:
@@ -96,10 +120,10 @@ class BagPage:
         label = 'pause' if player.playing else 'play'
         if self._play.label != label:
             self._play.label = label
-        shown = player.t, float(self._window.value), self._plots.joint
+        shown = player.t, self._view.magnified, float(self._window.value), self._plots.joint
         if shown == self._shown:
             return
-        moved = self._shown is None or shown[0] != self._shown[0]
+        moved = self._shown is None or shown[:2] != self._shown[:2]
         now = time.monotonic()
         if moved:
             self._show_arms(was_playing)
@@ -113,6 +137,7 @@ class BagPage:
             for arm, run in zip(self._arms, self._runs):
                 if arm is not None:
                     instant = run.at(self._player.t)
+                    arm.magnified = self._view.magnified
                     arm.show(instant.q, instant.q_d)
             if follow:
                 self._slider.value = round(self._player.t, 3)

@@ -236,7 +236,7 @@ class GraphReader(BaseNode):
         with suppress(Exception):  # Of arbitrary bytes.
             for status in deserialize_message(data, DiagnosticArray).status:
                 above, _, name = status.name.rpartition('/')
-                if above == space and name in (*_NODES, 'recorder'):
+                if above == space and name in (*_NODES, 'recorder', 'bringup'):
                     self._reports[name] = (time.monotonic(), status.level[0], status.message,
                                            {x.key: x.value for x in status.values})
 
@@ -245,6 +245,7 @@ class GraphReader(BaseNode):
                   for item in (*event.new_parameters, *event.changed_parameters)}
         if event.new_parameters:
             self.parameters[node] = {}
+            self._reports.pop('bringup', None)  # How an earlier graph has ended.
             if node == 'plant':
                 self.start = event.stamp.sec + event.stamp.nanosec / NANOSECONDS
         self.take_parameters(node, values)

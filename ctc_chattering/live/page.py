@@ -27,7 +27,7 @@ from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.live.access import is_local
 from ctc_chattering.live.health import COLOURS, Light, SIGNS
 from ctc_chattering.live.server import serve, stop
-from ctc_chattering.live.skeleton import places, Skeleton, stage
+from ctc_chattering.live.skeleton import Skeleton, stage
 
 #: Where the page is by default, and how many ports after it are tried.
 HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
@@ -96,6 +96,7 @@ class Page:
                 self.reports = gui.add_html('')
         self._arms: list[Any] = []
         self._grid: Any = None
+        self._camera: Any = None
 
     @property
     def watched(self) -> bool:
@@ -114,19 +115,35 @@ class Page:
         for arm in self._arms:
             arm.remove()
         from ctc_chattering.live.arm_view import ArmView
-        (reach, middle, floor), count = stage(skeletons), len(skeletons)
+        from ctc_chattering.live.framing import roots
+        (reach, _, floor), count = stage(skeletons), len(skeletons)
         views = [None if skeleton is None else ArmView(self.server, skeleton, f'arm{i}', place)
-                 for i, (skeleton, place) in enumerate(zip(skeletons, places(count, reach)))]
+                 for i, (skeleton, place) in enumerate(zip(skeletons, roots(count, reach)))]
         self._arms = [view for view in views if view is not None]
         if self._grid is not None:
             self._grid.remove()
         self._grid = self.server.scene.add_grid(
             '/grid', 4.0 * reach, 4.0 * reach, cell_size=reach / 4, section_size=reach,
             position=(0.0, 0.0, floor))
-        camera = self.server.initial_camera
-        camera.position = (0.3 * reach, -1.6 * reach * (0.4 + 0.7 * count), middle + 0.4 * reach)
-        camera.look_at = (0.0, 0.0, middle)
         return views
+
+    def look(self, now: Any, ever: Any) -> None:
+        """Have cameras that nobody has moved show points, as `camera_of` takes them."""
+        from ctc_chattering.live.framing import camera_of, FIELD, is_at
+        before, camera = self._camera, camera_of(now, ever, len(self._arms))
+        self._camera = camera
+        initial = self.server.initial_camera
+        initial.fov = FIELD
+        initial.position, initial.look_at = camera
+        for client in self.server.get_clients().values():
+            if before is not None and is_at(before, client.camera):
+                self.fit(client)
+
+    def fit(self, client: Any) -> None:
+        """Give a browser the camera of the last `look`."""
+        if self._camera is not None:
+            with client.atomic():
+                client.camera.position, client.camera.look_at = self._camera
 
     def close(self) -> None:
         """Stop serving."""

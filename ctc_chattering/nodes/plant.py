@@ -297,9 +297,9 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         if k != self._last or not k:
             return False
         if not self.done.done():
-            self.get_logger().info(
-                f'the experiment has ended at t = {self._robot.t:g} s after {k + 1} samples')
-            self.done.set_result(None)
+            over = f'the experiment has ended at t = {self._robot.t:g} s after {k + 1} samples'
+            self.get_logger().info(over)
+            self.done.set_result(over)
         return True
 
 

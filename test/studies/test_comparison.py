@@ -185,19 +185,21 @@ def test_the_page_says_what_was_measured(outcomes: list[Outcome]) -> None:
 
 
 def assert_documented(outcomes: list[Outcome]) -> None:
-    """Compare the tables of docs/robots.md with outcomes."""
+    """Compare the tables of docs/robots.md, which are of MuJoCo's plant, with outcomes."""
     page = (CONFIG.parent / 'docs' / 'robots.md').read_text(encoding='utf-8')
     fresh = comparison_tables.to_markdown(outcomes)
-    (title,) = set(re.findall(r'^\*\*\w+, plant \w+\*\*', fresh, re.MULTILINE))
-    old, new = ({tuple(row[:3]): row[3:] for line in text[text.index(title):].split('\n\n')[
-        1].splitlines() for row in [cells(line.replace('**', ''))]} for text in (page, fresh))
+    ((robot, backend),) = set(re.findall(r'^\*\*(\w+), plant (\w+)\*\*', fresh, re.MULTILINE))
+    old, new = ({tuple(row[:3]): row[3:] for line in text[text.index(f'**{robot}, plant '):].split(
+        '\n\n')[1].splitlines() for row in [cells(line.replace('**', ''))]}
+        for text in (page, fresh))
     laws = [law for law in LAWS if law not in RIVALS]
     assert list(old) == [('law', 'switching', 'settings'), ('---',) * 3, *variants(laws)]
     for row, numbers in list(new.items())[2:]:
         if row[0] not in laws:
             continue
         assert [float(x.strip('×') or 0) for x in old[row]] == pytest.approx(
-            [float(x.strip('×') or 0) for x in numbers], rel=0.05)
+            [float(x.strip('×') or 0) for x in numbers],
+            rel=0.05 if backend == 'mujoco' else 0.07)
 
 
 def cells(line: str) -> list[str]:
