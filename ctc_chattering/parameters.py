@@ -84,6 +84,8 @@ class Parameter:
         Whether it is fixed once the node runs.
     laws : tuple of str
         The control laws that take it; empty for all, and for what has no law.
+    usual : (float, float)
+        From where to where a slider goes.
 
     """
 
@@ -101,6 +103,7 @@ class Parameter:
     shape: str = ''
     read_only: bool = False
     laws: tuple[str, ...] = ()
+    usual: tuple[float, float] = (0.0, 0.0)
 
     @property
     def field(self) -> str:

@@ -38,14 +38,15 @@ def make_parser() -> argparse.ArgumentParser:
         description='Start plant, controller and reference with one parameter file; stop all of '
                     'them on Ctrl-C, SIGTERM, the end of the experiment, or when one exits.',
         epilog='Arguments after --ros-args apply to all nodes: --params-file F, -p NAME:=VALUE or '
-               'NODE:NAME:=VALUE (they override the options before, the last one wins), '
+               'NODE:NAME:=VALUE (these override the options above, the last one wins), '
                '-r __ns:=/robot1 and other remaps. The graph is confined to this host unless '
                'ROS_AUTOMATIC_DISCOVERY_RANGE is set.')
     parser.add_argument('--version', action='version', version=__version__)
     add_run_options(parser)
-    parser.add_argument('--pacing', choices=PACINGS, help="in place of the file's pacing")
-    parser.add_argument('--record', type=Path, metavar='BAG', help='directory to create')
-    parser.add_argument('--live', action='store_true', help='show the graph in the browser, too')
+    parser.add_argument('--pacing', choices=PACINGS, help="instead of the file's")
+    parser.add_argument('--record', type=Path, metavar='BAG',
+                        help='record all topics into this new directory')
+    parser.add_argument('--live', action='store_true', help='also show the graph in the browser')
     return parser
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Collection, Sequence
 from importlib import import_module
+import shlex
 import sys
 
 from ctc_chattering import __version__
@@ -26,24 +27,23 @@ from ctc_chattering.cli.command_line import guarded, Parser
 
 #: The subcommands with what `ctc --help` says of them; their modules are in `commands`.
 COMMANDS = {
-    'simulate': 'run an experiment without ROS',
-    'compile': 'make machine code of a law and the plant, for nodes and simulation',
+    'simulate': 'simulate an experiment without ROS',
+    'compile': 'compile a law and the plant, for nodes and simulation',
     'reproduce': "run the paper's experiments over ROS and draw its figures",
-    'study': 'compare the switchings over sample period, gain and imperfections',
+    'study': 'compare the switchings over sample periods, gains and imperfections',
     'compare': 'compare all laws joint by joint, on any robot',
-    'map': 'run laws over grids and draws of parameters, and show which fails where',
-    'tune': 'gains with little error and little torque variation for a robot that is known in '
-            'part',
+    'map': 'run laws over grids and random draws of parameters, and show which law fails where',
+    'tune': 'find gains with low error and low torque variation for a partly known robot',
     'plot': 'draw the figures of bags',
-    'export': 'write the samples of a bag as a table',
+    'export': 'export the samples of a bag to NumPy or CSV',
     'replay': 'publish a bag on its topics again',
-    'repair': 'make a complete bag of one that was cut off or has wrong bytes',
-    'live': 'show the arm and the law in the browser, of a graph or of bags',
-    'identify': 'friction, delays, errors of the model and gains from bags',
+    'repair': 'repair a truncated or corrupted bag',
+    'live': 'show a running graph, or bags, in the browser',
+    'identify': 'identify friction, delays and model errors from bags, and derive gains',
     'check-model': 'test the dynamics of a robot model',
-    'stability': 'which errors of model, lag and delay the loop stands, computed',
+    'stability': 'compute which errors of model, lag and delay the loop tolerates',
     'parameters': 'print all parameters of all nodes',
-    'excite': 'make a motion that shows the friction of every joint'}
+    'excite': 'generate a motion that excites the friction of every joint'}
 
 
 def make_parser(used: Collection[str] = COMMANDS.keys()) -> argparse.ArgumentParser:
@@ -75,7 +75,7 @@ def _run(arguments: list[str]) -> int:
         first = arguments.index('--ros-args')
         arguments, ros = arguments[:first], arguments[first:]
     options = make_parser(arguments).parse_args(arguments)
-    options.ros_args = ros
+    options.ros_args, options.said = ros, shlex.join(['ctc', *arguments])
     return int(options.run(options))
 
 

@@ -33,13 +33,13 @@ def add_effort_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say what the effort in joint states is."""
     parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
                         help='what the effort is: the torque of the motor, that of the link '
-                             '(sensor behind the gear), or a current; by default guessed')
+                             '(sensor behind the gear), or a current; default: guessed')
     parser.add_argument('--gear-ratio', metavar='N',
                         help='turns of the motor per turn of the joint, where the effort is a '
                              'torque or a current at the motor; one number or one for each joint')
     parser.add_argument('--torque-constant', metavar='K',
-                        help='of currents: torque of the motor per ampere, or of the joint '
-                             'without --gear-ratio [N·m/A]')
+                        help='torque of the motor per ampere [N·m/A], or of the joint without '
+                             '--gear-ratio')
 
 
 def declared(options: argparse.Namespace) -> str:

@@ -41,39 +41,45 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     add_params_file(parser)
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
         parser.add_argument(f'--{name}', metavar='X',
-                            help=f"in place of the file's: {' | '.join(values)}")
+                            help=f"instead of the file's: {' | '.join(values)}")
     for name in ('control-period', 'duration'):
         parser.add_argument(
-            f'--{name}', type=float, metavar='S', help="in place of the file's [s]")
+            f'--{name}', type=float, metavar='S', help="instead of the file's [s]")
 
 
 def add_params_file(parser: argparse.ArgumentParser) -> None:
     """Add the option that names the parameter file."""
     parser.add_argument(
         '--params-file', default='friction', metavar='F',
-        help='parameter file, or the name of one of the package, such as panda; friction, the '
-             "paper's first experiment, by default")
+        help='parameter file, or the name of one in the package, such as panda; default: '
+             "friction, the paper's first experiment")
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the argument that names a bag."""
-    parser.add_argument('bag', type=Path, metavar='BAG')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
 
 
 def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> None:
     """Add the options of the directory to write into."""
     parser.add_argument(
         '--out', type=Path, metavar='DIR', default=default and Path(default),
-        help=f'directory to write into, {default} by default' if default
-        else 'directory to write into; without it the numbers are only printed')
+        help=f'output directory, default: {default}' if default
+        else 'output directory; without it, results are only printed')
     parser.add_argument('--overwrite', action='store_true',
-                        help='replace what an earlier run of this command wrote there')
+                        help='replace the output of an earlier run of this command')
+
+
+def add_format(parser: argparse.ArgumentParser, first: str = 'svg') -> None:
+    """Add the option of a second format of all figures; the `first` is that of the page."""
+    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default=first,
+                        help=f'figures in this format as well; the page has them as {first}')
 
 
 def add_jobs(parser: argparse.ArgumentParser, more: str = '') -> None:
     """Add the option of the number of processes; `more` is what its help says besides."""
     parser.add_argument('--jobs', type=int, metavar='N',
-                        help=f'processes, as many as there are processors by default{more}')
+                        help=f'number of processes, default: one per processor{more}')
 
 
 def find_file(text: str) -> Path:

@@ -47,15 +47,15 @@ class RealTimeSettings(Config):
 
     thread_priority: int = parameter(
         'thread_priority', 'int', 0,
-        'Real time: priority of SCHED_FIFO to ask for, given up above half a processor; 0 for '
+        'Real time: SCHED_FIFO priority to request, given up above half a processor; 0 for '
         'none.',
         minimum=0, maximum=99, read_only=True)
     lock_memory: bool = parameter(
         'lock_memory', 'bool', False,
-        'Real time: whether to ask that memory in use is never moved to the disk.',
+        'Real time: whether to lock memory, so that it is never swapped out.',
         read_only=True)
     cpu_affinity: int = parameter(
-        'cpu_affinity', 'int', -1, 'The only processor to run on; -1 for any.',
+        'cpu_affinity', 'int', -1, 'Processor to run on; -1 for any.',
         minimum=-1, maximum=1023, read_only=True)
 
 
@@ -67,7 +67,7 @@ class PlantSettings(Config):
 
     hold_at: float = parameter(
         'hold_at', 'float', 0.0,
-        'Lockstep: simulated time is held before the first state at or after this time, until the '
+        'Lockstep: pause simulated time before the first state at or after this time, until the '
         'value is set again; 0 for never.', unit='s', minimum=0.0)
     clock_period: float = parameter(
         'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
@@ -89,11 +89,11 @@ class ControllerSettings(Config):
     state_timeout: float = parameter(
         'state_timeout', 'float', 0.02,
         'Real time: after this time without a state (at least three control periods), or after a '
-        'gap as long in its stamps, the law restarts.', unit='s', minimum=0.0, exclusive=True,
-        maximum=3600.0, read_only=True)
+        'gap of that length in its stamps, the law restarts.', unit='s', minimum=0.0,
+        exclusive=True, maximum=3600.0, read_only=True)
     reference_timeout: float = parameter(
         'reference_timeout', 'float', 0.1,
-        'A late reference continues at its last velocity for this time; then the position is '
+        'A late reference is continued at its last velocity for this time; then its position is '
         'held.', unit='s', minimum=0.0, maximum=3600.0, read_only=True)
     restart_duration: float = parameter(
         'restart_duration', 'float', 2.0,
@@ -105,7 +105,7 @@ class ControllerSettings(Config):
         read_only=True)
     state_decimation: int = parameter(
         'state_decimation', 'int', 10,
-        'The topics under ~/ carry every Nth sample; all are recomputed from a bag.',
+        'Topics under ~/ carry every Nth sample; plots of a bag recompute all.',
         minimum=1, maximum=1_000_000)
     wait_for: tuple[str, ...] = _wait_for()
 
@@ -117,7 +117,7 @@ class ReferenceSettings(Config):
     title: ClassVar[str] = 'reference'
 
     horizon: float = parameter(
-        'horizon', 'float', 0.5, 'How far ahead of time the motion is published.', unit='s',
+        'horizon', 'float', 0.5, 'Time by which the motion is published in advance.', unit='s',
         minimum=0.01, maximum=60.0, read_only=True)
     wait_for: tuple[str, ...] = _wait_for()
 
@@ -144,8 +144,8 @@ class BringupSettings(Config):
         shape='any', read_only=True)
     one_processor: bool = parameter(
         'one_processor', 'bool', True,
-        'Lockstep: keep plant and controller, which take turns, on one processor; waking each '
-        'other across two costs more than it saves.', read_only=True)
+        'Lockstep: run plant and controller, which take turns, on one processor, which is '
+        'faster than waking each other across two.', read_only=True)
 
 
 #: The configurations that make up the parameters of each executable.
@@ -169,10 +169,10 @@ def parameters_of(node: str) -> dict[str, Parameter]:
 
 #: Description of each node for its --help.
 NODE_DESCRIPTIONS = {
-    'plant': 'The simulated robot: torques in, joint states out.',
-    'controller': 'The controller: a joint state in, the torque that answers it out.',
-    'reference': 'The reference: the desired motion, published ahead of time.',
-    'recorder': 'The recorder: every message of the graph into a bag.'}
+    'plant': 'The simulated robot: receives torques, publishes joint states.',
+    'controller': 'The controller: answers each joint state with torques.',
+    'reference': 'The reference: publishes the desired motion in advance.',
+    'recorder': 'The recorder: records every message of the graph in a bag.'}
 
 
 def parameter_help(node: str) -> str:
@@ -182,24 +182,33 @@ def parameter_help(node: str) -> str:
 
 
 def parameter_table() -> str:
-    """Return all parameters of all executables as Markdown."""
-    lines = ['| node | parameter | type | default | unit | while running | meaning |',
-             '|---|---|---|---|---|---|---|']
+    """Return all parameters of all executables as Markdown, under the nodes that have them."""
+    nodes: dict[str, list[str]] = {}
     for node in NODES:
         for spec in parameters_of(node).values():
-            shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
-            meaning = spec.description
-            if spec.choices:
-                meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
-            elif spec.minimum > -math.inf:
-                meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
-            if spec.laws:
-                meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
-            lines.append(
-                f'| {node} | `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | '
-                f'{spec.unit.replace("*", "·").replace("^2", "²").replace("^3", "³")} | '
-                f'{"" if spec.read_only else "yes"} | {meaning} |')
-    return '\n'.join(lines)
+            nodes.setdefault(_row(spec), []).append(node)
+    sections: dict[str, list[str]] = {}
+    for row, names in nodes.items():
+        sections.setdefault(', '.join(names), []).append(row)
+    return '\n\n'.join(
+        '\n'.join((f'## {title}\n',
+                   '| parameter | type | default | unit | while running | meaning |',
+                   '|---|---|---|---|---|---|', *rows)) for title, rows in sections.items())
+
+
+def _row(spec: Parameter) -> str:
+    """Return the cells of a parameter in the tables."""
+    shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
+    meaning = spec.description
+    if spec.choices:
+        meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
+    elif spec.minimum > -math.inf:
+        meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
+    if spec.laws:
+        meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
+    unit = spec.unit.replace('*', '·').replace('^2', '²').replace('^3', '³')
+    return (f'| `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | {unit} | '
+            f'{"" if spec.read_only else "yes"} | {meaning} |')
 
 
 def _shown(value: object) -> str:

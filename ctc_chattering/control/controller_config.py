@@ -52,62 +52,63 @@ class ControllerConfig(RobotConfig):
         'Control law: docs/laws.md.', choices=LAWS, own=True)
     kp: tuple[float, ...] = parameter(
         'kp', 'float[]', 100.0, 'Position gain Kp.', unit='1/s^2', minimum=0.0, exclusive=True,
-        shape='nn')
+        shape='nn', usual=(1.0, 1e4))
     kv: tuple[float, ...] = parameter(
         'kv', 'float[]', 50.0, 'Velocity gain Kv.', unit='1/s', minimum=0.0, exclusive=True,
-        shape='nn')
+        shape='nn', usual=(1.0, 1e3))
     ka: tuple[float, ...] = parameter(
         'ka', 'float[]', 10.0,
         'Chattering gain Ka; must exceed friction plus disturbance. Under laws that observe '
-        'a state the bound of what is estimated; must exceed the error of the model as well.',
-        unit='N*m', minimum=0.0, shape='n', laws=('chattering', *_OBSERVING))
+        'a state, the bound of the estimate; must also exceed the error of the model.',
+        unit='N*m', minimum=0.0, shape='n', usual=(0.1, 1e3),
+        laws=('chattering', *_OBSERVING))
     lambda_: float = parameter(
         'lambda', 'float', 10.0, 'Pole of the filter (3).', unit='1/s', minimum=0.0,
-        exclusive=True, laws=(*_PAPER, 'super_twisting'))
+        exclusive=True, usual=(0.1, 1e3), laws=(*_PAPER, 'super_twisting'))
     b: float = parameter(
-        'b', 'float', 1.0, 'Gain of the filter (3); the paper has 1.', minimum=1e-3,
+        'b', 'float', 1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3,
         maximum=1e3, laws=(*_PAPER, 'super_twisting'))
     switching: str = parameter(
         'switching', 'str', 'sign', 'How the chattering term is evaluated.', choices=SWITCHINGS,
         own=True, laws=('chattering',))
     boundary_layer: float = parameter(
-        'boundary_layer', 'float', 0.05, 'Switching boundary_layer: half its width.',
+        'boundary_layer', 'float', 0.05, 'Switching boundary_layer: half the width of the layer.',
         unit='rad/s', minimum=0.0, exclusive=True, laws=('chattering',))
     observer_bandwidth: float = parameter(
         'observer_bandwidth', 'float', 200.0,
-        'Switching implicit_observer: how fast the estimate of the perturbation follows; .inf '
-        'for within one sample. At most 0.3 / lag of the drives.',
+        'Switching implicit_observer: bandwidth of the estimate of the perturbation; .inf for '
+        'one sample. At most 0.3 / lag of the drives.',
         unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',))
     estimator_bandwidth: float = parameter(
         'estimator_bandwidth', 'float', 100.0,
-        'How fast the observer of state and perturbation, or of the velocity, follows.',
+        'Bandwidth of the observer of state and perturbation, or of the velocity.',
         unit='rad/s', minimum=0.0, exclusive=True, maximum=1e4, laws=_OF_DRIVES)
     actuator_lag: tuple[float, ...] = parameter(
-        'actuator_lag', 'float[]', float('inf'), 'Time constant of the drives; .inf where it is '
-        'not known: then 3 ms are assumed.', unit='s', minimum=0.0, maximum=1.0, infinite=True,
+        'actuator_lag', 'float[]', float('inf'), 'Time constant of the drives; .inf if '
+        'unknown: 3 ms are then assumed.', unit='s', minimum=0.0, maximum=1.0, infinite=True,
         shape='n', laws=_OF_DRIVES)
     torque_rate_limit: tuple[float, ...] = parameter(
         'torque_rate_limit', 'float[]', float('inf'),
-        'Fastest change of the torque of the drives; .inf where it is not known.', unit='N*m/s',
+        'Rate limit of the torque of the drives; .inf if unknown.', unit='N*m/s',
         minimum=0.0, exclusive=True, infinite=True, shape='n', laws=_OF_DRIVES)
     friction_learning: float = parameter(
         'friction_learning', 'float', 20.0,
-        'How fast the level of friction is learned; 0 for not at all.', unit='1/s', minimum=0.0,
+        'Learning rate of the level of friction; 0 for no learning.', unit='1/s', minimum=0.0,
         maximum=1e3, laws=('observer_feedback',))
     ki: tuple[float, ...] = parameter(
         'ki', 'float[]', 100.0,
-        'Integral gain Ki, less than Kv Kp; a triple pole at -p has kv 3 p, kp 3 p^2, ki p^3.',
+        'Integral gain Ki, less than Kv Kp; a triple pole at -p needs kv 3 p, kp 3 p^2, ki p^3.',
         unit='1/s^3', minimum=0.0, shape='n', laws=('integral', 'pid_kalman'))
     lead_ratio: float = parameter(
         'lead_ratio', 'float', 0.5,
-        'What the lead leaves of the lag of the drives; 1 for no lead.', minimum=0.0,
+        'Fraction of the lag of the drives that the lead leaves; 1 for no lead.', minimum=0.0,
         exclusive=True, maximum=1.0, laws=('pid_kalman',))
     momentum_gain: float = parameter(
         'momentum_gain', 'float', 200.0,
-        'How fast the estimate of the perturbation follows the momentum.', unit='1/s',
+        'Bandwidth of the estimate of the perturbation.', unit='1/s',
         minimum=0.0, exclusive=True, laws=('momentum_observer',))
     super_twisting_k1: tuple[float, ...] = parameter(
-        'super_twisting_k1', 'float[]', 60.0, 'Gain of the root of v.', unit='sqrt(rad/s^3)',
+        'super_twisting_k1', 'float[]', 60.0, 'Gain of sqrt(|v|).', unit='sqrt(rad/s^3)',
         minimum=0.0, exclusive=True, shape='n', laws=('super_twisting',))
     super_twisting_k2: tuple[float, ...] = parameter(
         'super_twisting_k2', 'float[]', 2000.0,
@@ -116,25 +117,25 @@ class ControllerConfig(RobotConfig):
         laws=('super_twisting',))
     adaptation_gain: tuple[float, ...] = parameter(
         'adaptation_gain', 'float[]', 100.0,
-        'How fast the level of friction adapts; less than D Kv / h (docs/laws.md).',
+        'Adaptation rate of the level of friction; less than D Kv / h (docs/laws.md).',
         unit='N*m/rad', minimum=0.0, shape='n', laws=('slotine_li',))
     friction_level: tuple[float, ...] = parameter(
         'friction_level', 'float[]', 0.0,
-        'Coulomb friction as it is known; slotine_li and observer_feedback adapt it from there.',
+        'Known Coulomb friction; slotine_li and observer_feedback start adapting from it.',
         unit='N*m', minimum=0.0, shape='n',
         laws=('slotine_li', 'friction_feedforward', *_OF_DRIVES))
     friction_velocity: float = parameter(
         'friction_velocity', 'float', 0.05,
-        'Velocity over which the friction compensated for changes its sign.', unit='rad/s',
+        'Velocity over which the compensated friction changes sign.', unit='rad/s',
         minimum=0.0, exclusive=True,
         laws=('slotine_li', 'friction_feedforward', 'pid_kalman', 'extended_state_observer'))
     friction_lead: float = parameter(
         'friction_lead', 'float', 0.0,
-        'How long before a reversal the friction fed forward changes its sign.', unit='s',
+        'Time before a reversal at which the feedforward friction changes sign.', unit='s',
         minimum=0.0, maximum=0.1, laws=('pid_kalman', 'extended_state_observer'))
     input_delay: int = parameter(
         'input_delay', 'int', 0,
-        'Known delay of the torque, in samples; the law predicts the state over it.', minimum=0,
+        'Known delay of the torque, in samples, over which the law predicts the state.', minimum=0,
         maximum=100, read_only=True)
     inertia_scale: float = parameter(
         'inertia_scale', 'float', 1.0, 'Factor on M and C, to study model errors.', minimum=0.0,
@@ -144,19 +145,19 @@ class ControllerConfig(RobotConfig):
         read_only=True)
     effort_limit: tuple[float, ...] = parameter(
         'effort_limit', 'float[]', float('inf'),
-        'Largest torque sent; .inf for what the description says, or unlimited.',
+        'Largest torque sent; .inf for the limit in the description, or unlimited.',
         unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
     effort_rate_limit: tuple[float, ...] = parameter(
         'effort_rate_limit', 'float[]', float('inf'),
-        'Fastest change of the torque sent, from 0 at the start; .inf for unlimited.',
+        'Rate limit of the torque sent, from 0 at the start; .inf for unlimited.',
         unit='N*m/s', minimum=0.0, exclusive=True, infinite=True, shape='n')
     anti_windup: bool = parameter(
         'anti_windup', 'bool', True,
-        'Keep what the effort limits cut off the torque out of the filter (3) and of integrals.',
+        'Keep torque clipped by the effort limits out of the filter (3) and of integrals.',
         laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li', 'pid_kalman'))
     error_limit: tuple[float, ...] = parameter(
         'error_limit', 'float[]', float('inf'),
-        'Position error beyond which no torque is sent any more until ~/reset; .inf for never.',
+        'Position error beyond which no torque is sent until ~/reset; .inf for never.',
         unit='rad', minimum=0.0, exclusive=True, infinite=True, shape='n')
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,

@@ -37,12 +37,12 @@ class RobotConfig(Config):
         'the topic robot_description.', read_only=True)
     locked: tuple[str, ...] = parameter(
         'locked', 'str[]', ('',),
-        'Positions of its joints that are not in joint_names, each "name position"; 0 for those '
-        'left out.', shape='any', read_only=True)
+        'Positions of joints of the robot that are not in joint_names, each "name position"; '
+        'default 0.', shape='any', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)
     compiled: bool = parameter(
         'compiled', 'bool', True,
-        'Compute by the machine code that `ctc compile` has made, where there is any.',
+        'Use the machine code of `ctc compile` where it is available.',
         read_only=True)

@@ -217,9 +217,10 @@ def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, 
     return (found, robot) if better is None else (better, other)
 
 
-@checked(identified=IdentifiedRobot, out=(str, Path), show=Callable)
+@checked(identified=IdentifiedRobot, out=(str, Path), show=Callable, command=str)
 def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
-                     seed: int = 1, show: Callable[[str], None] = print) -> IdentifiedRobot:
+                     seed: int = 1, show: Callable[[str], None] = print, extra: str = 'svg',
+                     command: str = '') -> IdentifiedRobot:
     """
     Try the gains in simulation, and write parameter file, numbers, figures and page.
 
@@ -238,6 +239,10 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         Of the trials.
     show : callable
         Takes lines about what is compiled for them.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
 
     Returns
     -------
@@ -258,7 +263,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         write_text(out / name, text)
     if trials and not identified.missing:
         identified = _tried(identified, out, trials, seed, show)
-    _write(identified, out)
+    _write(identified, out, extra, command)
     return identified
 
 
@@ -276,7 +281,7 @@ def _tried(identified: IdentifiedRobot, out: Path, trials: int, seed: int,
         identified, results=dataclasses.replace(results, recommended=tried))
 
 
-def _write(identified: IdentifiedRobot, out: Path) -> None:
+def _write(identified: IdentifiedRobot, out: Path, extra: str, command: str) -> None:
     """Write all files; the parameter file not if a joint is refused."""
     from ctc_chattering.identification.report.identification_figures import (
         save_identification_figures,
@@ -296,5 +301,5 @@ def _write(identified: IdentifiedRobot, out: Path) -> None:
         except CtcError as error:
             raise CtcError(f'{out / VALUES} needs a correction by hand: {error}') from None
     write_json(results.as_mapping(), out / JSON)
-    figures = save_identification_figures(results, out / FIGURES)
-    write_page(results, figures, out / PAGE, files)
+    figures = save_identification_figures(results, out / FIGURES, extra)
+    write_page(results, figures, out / PAGE, files, command)

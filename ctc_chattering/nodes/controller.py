@@ -27,6 +27,7 @@ from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
+from ctc_chattering.nodes.controller_state import ControllerState
 from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
 from ctc_chattering.numerics.time_grid import seconds
 from ctc_chattering.ros.joint_order import select
@@ -63,6 +64,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._commands = self.create_publisher(Float64MultiArray, COMMANDS, qos())
         self._names = config.joint_names
         self._terms = ControlTerms(self, self._names)
+        self._controller_state = ControllerState(self, self._names)
         writer = EffortWriter(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
@@ -82,7 +84,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._loop.law = Controller(self.config, model_of(self.config, description))
         self._tell_if_plain(self._loop.law)
         if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
-            self.get_logger().warning(f'{missing}: set what the drives can give')
+            self.get_logger().warning(f'{missing}: set them to the limits of the drives')
         if description:
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
@@ -128,7 +130,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             self._terms.restart()
             self.parameters.changed = True
             self.get_logger().info(
-                f'time begins again at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
+                f'time restarts at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
 
     def idle(self) -> None:
@@ -142,7 +144,8 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
-        self._matched = self._matched or self.matched(self._commands, *self._terms.publishers)
+        self._matched = self._matched or self.matched(
+            self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
             answer = self._loop.answer(self._matched)
         except RejectedMessage as rejected:
@@ -163,6 +166,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         if self._terms.due(self.settings.state_decimation) and law is not None:
             self._terms.publish(t, answer.point, answer.sample,
                                 law.lyapunov(answer.state.q, answer.sample.v))
+            self._controller_state.publish(answer)
         if self.parameters.changed:
             self.parameters.announce(t)
 

@@ -56,11 +56,12 @@ def map_spec(spec: MapSpec | Mapping[str, Any] | str | Path) -> MapSpec:
 
 
 @checked(spec=(MapSpec, Mapping, str, Path), out=(str, Path), scheduler=(str, type(None)),
-         overwrite=bool, show=Callable, progress=(Callable, type(None)))
+         overwrite=bool, show=Callable, progress=(Callable, type(None)), command=str)
 def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path, jobs: int = 1,
                 scheduler: str | None = None, overwrite: bool = False,
                 show: Callable[[str], None] = print,
-                progress: Callable[[int, int], None] | None = None) -> pyarrow.Table:
+                progress: Callable[[int, int], None] | None = None, extra: str = 'svg',
+                command: str = '') -> pyarrow.Table:
     """
     Run laws over grids and draws of parameters: which fails where.
 
@@ -83,6 +84,10 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
         Takes lines about what is compiled and done.
     progress : callable, optional
         Called with the number of runs that are there, and of all.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
 
     Returns
     -------
@@ -98,7 +103,7 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
     """
     jobs = whole('jobs', jobs, 1)
     return Computation(Runs(map_spec(spec)), Path(out), jobs, scheduler, overwrite, show,
-                       progress or (lambda *_: None)).table()
+                       progress or (lambda *_: None)).table(extra, command)
 
 
 class Computation:
@@ -121,14 +126,17 @@ class Computation:
         self._runs, self._out, self._jobs, self._scheduler = runs, out, jobs, scheduler
         self._overwrite, self._show, self._progress = overwrite, show, progress
 
-    def table(self) -> pyarrow.Table:
+    def table(self, extra: str, command: str) -> pyarrow.Table:
         """Return the rows of all runs, after all files are written."""
         self._try()
         with locked(self._out):
-            return self._map()
+            table = self._map()
+            from ctc_chattering.robustness.report.report import write_report  # Takes time.
+            write_report(self._runs.spec, table, self._out, extra, command)
+            return table
 
     def _map(self) -> pyarrow.Table:
-        """Compute what is missing of a map, and write its results."""
+        """Compute what is missing of a map, and write its rows."""
         runs, out, start = self._runs, self._out, time.monotonic()
         about = chunks.about(runs)
         about['runs'] = len(runs)
@@ -145,8 +153,6 @@ class Computation:
         failed = sum(n for kind, n in counts['failure'].items() if kind)
         self._show(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
                    f'{out / TABLE}; drawing ...')
-        from ctc_chattering.robustness.report.report import write_report  # Matplotlib takes time.
-        write_report(runs.spec, table, out)
         return table
 
     def _parts(self, directory: Directory) -> tuple[list[Part], int]:

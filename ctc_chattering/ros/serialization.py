@@ -27,6 +27,9 @@ their size, counted from the end of the encapsulation. The messages (``n:`` is a
     JointTrajectory    00 01 00 00 | sec nanosec | frame_id | n: joint_names ...
                        | n: (n: positions ... | n: velocities ... | n: accelerations ...
                              | n: effort ... | sec nanosec) ...
+    JointTrajectoryControllerState
+                       00 01 00 00 | sec nanosec | frame_id | n: joint_names ...
+                       | four points as above | what depends on the version
 
 A reader has the template of the last message and parses again when strings or counts differ. A
 writer has the template of a message that ROS serialized. Nothing is checked but that a message is
@@ -48,8 +51,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-#: Fields of a layout: a time (seconds, nanoseconds), a string, a sequence of doubles.
-TIME, STRING, DOUBLES = 'iI', 'string', 'doubles'
+#: Fields of a layout: a time (seconds, nanoseconds), a string, a sequence of doubles, all that
+#: follows.
+TIME, STRING, DOUBLES, REST = 'iI', 'string', 'doubles', 'rest'
 #: Size of the encapsulation [bytes].
 _BEGIN = 4
 #: Position, velocity and acceleration.
@@ -100,8 +104,8 @@ class Template:
     Attributes
     ----------
     layout : tuple
-        The fields of the message: `TIME`, `STRING`, `DOUBLES`, the size of other numbers of four
-        bytes, or a list with the fields of an element of a sequence.
+        The fields of the message: `TIME`, `STRING`, `DOUBLES`, `REST`, the size of other numbers
+        of four bytes, or a list with the fields of an element of a sequence.
     fields : tuple
         The layout with a str for a string, a tuple for a sequence, the slice of the values for
         times and doubles, and nothing for other numbers.
@@ -147,6 +151,8 @@ class Template:
             return tuple(fields) if len(fields) > 1 else fields[0]
         if part == TIME:
             return self._append(TIME, 4, 8, 2)
+        if part == REST:
+            part = len(self._data) - self._at
         if isinstance(part, int):
             self._constant(f'{part}s', 4, part)
             return None
@@ -202,11 +208,14 @@ class EffortReader(Template):
         return Efforts(names, x[values])
 
 
+#: The fields of a `JointTrajectoryPoint`.
+_POINT = DOUBLES, DOUBLES, DOUBLES, DOUBLES, TIME
+
+
 class TrajectoryReader(Template):
     """Deserializes `JointTrajectory` messages; missing velocities and accelerations are empty."""
 
-    layout = TIME, STRING, [STRING], [
-        (DOUBLES, DOUBLES, DOUBLES, DOUBLES, TIME)]
+    layout = TIME, STRING, [STRING], [_POINT]
 
     def read(self, data: bytes) -> TrajectoryChunk:
         """Return the content of a message; raise `CtcError` if it is malformed."""
@@ -220,11 +229,12 @@ class TrajectoryReader(Template):
 
 
 class _Writer(Template):
-    """Serializes messages that differ from `message` in stamp and doubles only."""
+    """Serializes messages that differ from `message`, of ROS or bytes, in stamp and doubles."""
 
     def __init__(self, message: Any) -> None:
         super().__init__()
-        self._values = self.parse(bytes(serialize_message(message)))
+        data = message if isinstance(message, bytes) else bytes(serialize_message(message))
+        self._values = self.parse(data)
 
     def _write(self, rows: Sequence[Sequence[float]], t: int | None = None) -> bytes:
         values = list(self._values)
@@ -281,3 +291,13 @@ class TrajectoryWriter(_Writer):
     def write(self, t: int, points: Sequence[Point]) -> bytes:
         """Return the message whose first point is at `t` [ns]."""
         return self._write([row for point in points for row in point], t)
+
+
+class ControllerStateWriter(_Writer):
+    """Serializes `JointTrajectoryControllerState` messages with the filled fields of `message`."""
+
+    layout = TIME, STRING, [STRING], _POINT, _POINT, _POINT, _POINT, REST
+
+    def write(self, t: int, rows: Sequence[Sequence[float]]) -> bytes:
+        """Return the message with stamp `t` [ns] and `rows`, each of shape (n,)."""
+        return self._write(rows, t)

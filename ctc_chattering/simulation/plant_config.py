@@ -41,35 +41,35 @@ class PlantConfig(RobotConfig):
 
     plant_backend: str = parameter(
         'plant_backend', 'str', 'builtin',
-        'What moves the robot: the equations of `model`, or MuJoCo from `description`.',
+        'Simulator: the equations of `model`, or MuJoCo with `description`.',
         choices=BACKENDS, read_only=True)
     payload: float = parameter(
-        'payload', 'float', 0.0, 'Mass at the end of the arm, which the model lacks; for a robot '
-        'in a URDF.', unit='kg', minimum=0.0, read_only=True)
+        'payload', 'float', 0.0, 'Mass at the end of the arm that the model does not have; for '
+        'robots in a URDF.', unit='kg', minimum=0.0, read_only=True)
     coulomb_friction: tuple[float, ...] = parameter(
         'coulomb_friction', 'float[]', 9.9, 'Coulomb friction Kf.', unit='N*m', minimum=0.0,
         shape='n')
     viscous_friction: tuple[float, ...] = parameter(
-        'viscous_friction', 'float[]', 0.0, 'Viscous friction, times the velocity.',
+        'viscous_friction', 'float[]', 0.0, 'Viscous friction coefficient.',
         unit='N*m*s/rad', minimum=0.0, shape='n')
     stribeck_friction: tuple[float, ...] = parameter(
         'stribeck_friction', 'float[]', 0.0,
-        'How far friction at rest exceeds Kf; it fades as exp(-(dq / stribeck_velocity)^2).',
+        'Friction at rest in excess of Kf; it fades as exp(-(dq / stribeck_velocity)^2).',
         unit='N*m', minimum=0.0, shape='n')
     stribeck_velocity: tuple[float, ...] = parameter(
-        'stribeck_velocity', 'float[]', 0.05, 'Velocity at which it has fallen to 1/e.',
+        'stribeck_velocity', 'float[]', 0.05, 'Velocity at which stribeck_friction is 1/e.',
         unit='rad/s', minimum=0.0, exclusive=True, shape='n')
     load_friction: tuple[float, ...] = parameter(
         'load_friction', 'float[]', 0.0,
-        'Part of the magnitude of the torque, in the mean of a period, that adds to Kf.',
+        'Fraction of the magnitude of the torque, averaged over a period, that adds to Kf.',
         minimum=0.0, maximum=0.9, shape='n')
     friction_asymmetry: tuple[float, ...] = parameter(
         'friction_asymmetry', 'float[]', 0.0,
-        'Coulomb friction forwards is 1 + this, backwards 1 - this times the given one.',
+        'Coulomb friction is Kf (1 + this) forwards and Kf (1 - this) backwards.',
         minimum=-1.0, maximum=1.0, shape='n')
     friction_model: str = parameter(
         'friction_model', 'str', '',
-        'Friction of your own beside these, package.module:Name, backend builtin; empty for none.',
+        'Additional custom friction, package.module:Name, backend builtin; empty for none.',
         read_only=True)
     joint_stiffness: tuple[float, ...] = parameter(
         'joint_stiffness', 'float[]', float('inf'),
@@ -90,10 +90,10 @@ class PlantConfig(RobotConfig):
         unit='rad/s', shape='n')
     disturbance_push: tuple[float, ...] = parameter(
         'disturbance.push', 'float[]', 0.0,
-        'Torque that adds to the disturbance for disturbance.push_duration after it was set.',
+        'Torque added to the disturbance for disturbance.push_duration after it is set.',
         unit='N*m', shape='n')
     disturbance_push_duration: float = parameter(
-        'disturbance.push_duration', 'float', 0.2, 'How long a push acts.', unit='s',
+        'disturbance.push_duration', 'float', 0.2, 'Duration of a push.', unit='s',
         minimum=0.0, maximum=3600.0)
     initial_position: tuple[float, ...] = parameter(
         'initial_position', 'float[]', 0.0, 'Position at t = 0.', unit='rad', shape='n',
@@ -108,7 +108,8 @@ class PlantConfig(RobotConfig):
         'velocity_noise', 'float[]', 0.0, 'Standard deviation of the noise on the velocity.',
         unit='rad/s', minimum=0.0, shape='n', read_only=True)
     encoder_resolution: tuple[float, ...] = parameter(
-        'encoder_resolution', 'float[]', 0.0, 'Step of the measured position; 0 for none.',
+        'encoder_resolution', 'float[]', 0.0,
+        'Quantisation step of the measured position; 0 for none.',
         unit='rad', minimum=0.0, shape='n', read_only=True)
     encoder_side: str = parameter(
         'encoder_side', 'str', 'motor',
@@ -116,11 +117,11 @@ class PlantConfig(RobotConfig):
         choices=('motor', 'link'), read_only=True)
     velocity_sensor: str = parameter(
         'velocity_sensor', 'str', 'exact',
-        'Measured velocity: exact; the difference of two measured positions over one period; or '
-        'that behind a low-pass of first order. velocity_noise comes before the low-pass.',
+        'Measured velocity: exact, the difference of two measured positions over one period, or '
+        'that difference after a first-order low-pass. velocity_noise is added before it.',
         choices=VELOCITY_SENSORS, read_only=True)
     velocity_cutoff: float = parameter(
-        'velocity_cutoff', 'float', 500.0, 'Velocity sensor filtered: cut-off of the low-pass.',
+        'velocity_cutoff', 'float', 500.0, 'Velocity sensor filtered: cut-off frequency.',
         unit='rad/s', minimum=0.0, exclusive=True, read_only=True)
     sample_loss: float = parameter(
         'sample_loss', 'float', 0.0,
@@ -128,45 +129,45 @@ class PlantConfig(RobotConfig):
         'in a row are lost, and never the first or the last.', minimum=0.0, maximum=0.5)
     late_samples: float = parameter(
         'late_samples', 'float', 0.0,
-        'Probability that a torque comes one period late; the drives then hold the one before.',
+        'Probability that a torque arrives one period late; the drives then hold the last one.',
         minimum=0.0, maximum=1.0)
     noise_seed: int = parameter(
         'noise_seed', 'int', 0,
-        'Seed of noise, lost and late samples: the same seed, the same run.', minimum=0,
+        'Seed of noise, lost and late samples.', minimum=0,
         maximum=2 ** 62, read_only=True)
     input_delay: int = parameter(
-        'input_delay', 'int', 0, 'Delay between a torque received and applied, in samples.',
+        'input_delay', 'int', 0, 'Delay from receiving a torque to applying it, in samples.',
         minimum=0, maximum=100, read_only=True)
     torque_saturation: tuple[float, ...] = parameter(
         'torque_saturation', 'float[]', float('inf'),
-        'Largest torque the drives give; .inf for unlimited.', unit='N*m', minimum=0.0,
+        'Largest torque of the drives; .inf for unlimited.', unit='N*m', minimum=0.0,
         exclusive=True, infinite=True, shape='n', read_only=True)
     torque_resolution: tuple[float, ...] = parameter(
-        'torque_resolution', 'float[]', 0.0, 'Step of the torque commanded to the drives; 0 for '
+        'torque_resolution', 'float[]', 0.0, 'Quantisation step of the commanded torque; 0 for '
         'none.', unit='N*m', minimum=0.0, shape='n', read_only=True)
     torque_rate_limit: tuple[float, ...] = parameter(
         'torque_rate_limit', 'float[]', float('inf'),
-        'Fastest change of the torque of the drives; .inf for unlimited.', unit='N*m/s',
+        'Rate limit of the torque of the drives; .inf for unlimited.', unit='N*m/s',
         minimum=0.0, exclusive=True, infinite=True, shape='n', read_only=True)
     actuator_lag: tuple[float, ...] = parameter(
         'actuator_lag', 'float[]', 0.0,
-        'Time constant of the drives, whose torque follows the command; 0 for none.', unit='s',
+        'Time constant with which the torque follows the command; 0 for none.', unit='s',
         minimum=0.0, shape='n', read_only=True)
     fault_damping: tuple[float, ...] = parameter(
         'fault_damping', 'float[]', 20.0,
-        'Viscous friction of the brakes, which hold while no torque comes.', unit='N*m*s/rad',
+        'Viscous friction of the brakes, which engage while no torque arrives.', unit='N*m*s/rad',
         minimum=0.0, shape='n')
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h; the torque is held over it.', unit='s',
         minimum=0.0, exclusive=True, maximum=10.0, read_only=True)
     integration_step: float = parameter(
         'integration_step', 'float', 1e-3,
-        'Largest step of the integrator; at most one control period is taken at once.', unit='s',
+        'Largest step of the integrator, at most one control period.', unit='s',
         minimum=1e-9, read_only=True)
     pacing: str = parameter(
         'pacing', 'str', 'real_time',
-        'Publish on the node clock, or in simulated time after each answer.', choices=PACINGS,
-        read_only=True)
+        'Publish by the clock of the node, or in simulated time after each answer.',
+        choices=PACINGS, read_only=True)
     duration: float = parameter(
         'duration', 'float', 0.0, 'Simulated time after which the run ends; 0 for never.',
         unit='s', minimum=0.0, maximum=1e9, read_only=True)

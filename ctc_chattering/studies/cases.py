@@ -156,7 +156,8 @@ def _sensors() -> Iterator[Case]:
         for sensor, name in (('difference', 'differences'), ('filtered', 'differences, filtered')):
             yield _case('Velocity of encoders', f'{name}, {x:.0e} rad', x, plant={
                 'velocity_sensor': sensor, 'encoder_resolution': _both(x)})
-    yield _case('Like a real arm', 'all at once', controller={'input_delay': 1, **_scaled(0.9)},
+    yield _case('Realistic conditions', 'all at once',
+                controller={'input_delay': 1, **_scaled(0.9)},
                 plant={'actuator_lag': _both(2e-3), 'torque_rate_limit': [5_000.0, 1_000.0],
                        'input_delay': 1, 'velocity_sensor': 'difference',
                        'encoder_resolution': _both(1e-5), **_ON_TRACK})

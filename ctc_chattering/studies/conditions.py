@@ -150,7 +150,7 @@ class Condition:
 
 
 _REAL_ARM = Condition(
-    'real_arm', 'like a real arm: lag of 2 ms, rate limits, delay of 1 sample, velocity '
+    'real_arm', 'realistic conditions: lag of 2 ms, rate limits, delay of 1 sample, velocity '
     'differenced from encoders of 1e-5 rad, model × 0.9 and × 1.1, friction told 10 % wrong',
     lag=2e-3, rate_limited=True, delay=1, resolution=1e-5, factors=(0.9, 1.1), friction_error=0.1)
 #: All conditions by name.

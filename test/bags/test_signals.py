@@ -106,6 +106,16 @@ def trajectory_bag(every: int = 1, effort: bool = True) -> Messages:
     return sorted([*states, *reports], key=lambda y: y[1])
 
 
+def test_a_decimated_state_of_the_controller_beside_its_commands_changes_nothing(
+        tmp_path: Path) -> None:
+    """Check a bag of our own controller in which another recorder has ``~/controller_state``."""
+    reports = [('/controller/controller_state', *x[1:]) for x in trajectory_bag(every=10)
+               if x[0].endswith('controller_state')]
+    found = read(tmp_path, sorted([*messages(), *reports], key=lambda x: x[1]))
+    assert found.recording.command == pytest.approx(made().recording.command, abs=0.0)
+    assert found.notes == ()
+
+
 def test_output_of_a_trajectory_controller_by_its_stamps(tmp_path: Path) -> None:
     found = read(tmp_path, trajectory_bag())
     assert found.recording.command == pytest.approx(made().recording.command)
@@ -210,7 +220,7 @@ def test_an_effort_of_some_joints_is_not_used(tmp_path: Path) -> None:
 
 
 def test_typos_in_joints(tmp_path: Path) -> None:
-    with pytest.raises(CtcError, match='--joints: joint1 stands there more than once'):
+    with pytest.raises(CtcError, match='--joints: joint1 is given more than once'):
         read(tmp_path, messages(), 'joint1', 'joint2', 'joint1')
     many = tuple(f'jiont{k}' for k in range(10 ** 5))
     with pytest.raises(CtcError, match=r'100000 in all.*did you mean joint1\?') as error:

@@ -36,13 +36,13 @@ from ctc_chattering.studies.study_files import to_markdown
 import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'
-README = (DOCS.parent / 'README.md').read_text(encoding='utf-8')
+PAPER = (DOCS / 'paper.md').read_text(encoding='utf-8')
 STUDY = (DOCS / 'study' / 'study.csv').read_text(encoding='utf-8')
 LAW_STUDY = (DOCS / 'study' / 'laws.csv').read_text(encoding='utf-8')
 TOLERANCE = 0.05
 #: Groups of chaotic cases: a start that differs by 1e-13 rad changes some of their rows by up to
 #: 21 %; so do compiled code, and the sine of another processor.
-CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Like a real arm',
+CHAOTIC, CHANGE = ('Drive lag', 'Encoder resolution', 'Input delay', 'Realistic conditions',
                    'Torque rate limit', 'Velocity of encoders'), 0.25
 
 
@@ -133,10 +133,10 @@ def table(text: str, head: str) -> list[list[str]]:
     return [[cell.strip(' `*') for cell in row.strip('|').split('|')] for row in rows]
 
 
-def test_the_experiments_of_the_readme() -> None:
+def test_the_experiments_of_the_paper_page() -> None:
     """RMS errors and torque variation of the runs under one law, in their order."""
     experiments = [x for x in EXPERIMENTS if x.values]
-    rows = table(README, '| experiment | law |')
+    rows = table(PAPER, '| experiment | law |')
     for (name, law, *columns), x in zip(rows, experiments, strict=True):
         assert (name, law.split()[0].strip(',')) == (x.file, x.values['law'])
         found = metrics(simulate(parameter_file.load(x.path, x.overrides)).run)

@@ -68,12 +68,12 @@ def test_folders_import_in_one_direction() -> None:
     assert not upwards
 
 
-def test_folders_import_along_the_arrows_of_the_design() -> None:
-    """Each arrow stands for an import, and no folder imports what its arrows do not reach."""
+def test_folders_import_along_the_table_of_the_design() -> None:
+    """Each name in a row stands for an import; no folder imports what its row does not reach."""
     page = (ROOT.parent / 'docs' / 'design.md').read_text(encoding='utf-8')
-    block = page[page.index('graph RL'):].split('```')[0]
-    arrows = {(a, b) for left, right in re.findall('(.*) --> (.*)', block)
-              for a in left.strip().split(' & ') for b in right.split(' & ')}
+    rows = re.findall(r'^\| `(\w+)/` \|.*\| (.*) \| .* \|$', page, re.MULTILINE)
+    assert [part for part, _ in rows] == list(ORDER[3:])
+    arrows = {(part, name) for part, names in rows for name in re.findall(r'`(\w+)`', names)}
     imports = {(part, name.split('.')[1]) for part, path in modules() for name in imported(path)
                if name.startswith('ctc_chattering.')
                and name.split('.')[1] in set(ORDER[3:]) - {part}}

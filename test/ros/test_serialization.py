@@ -34,6 +34,7 @@ from builtin_interfaces.msg import Time
 from ctc_chattering.errors import CtcError
 from ctc_chattering.ros.messages import message_type, read_stamp, stamp
 from ctc_chattering.ros.serialization import (
+    ControllerStateWriter,
     EffortReader,
     EffortWriter,
     Point,
@@ -45,8 +46,10 @@ from ctc_chattering.ros.serialization import (
 from faults import KINDS, mutated
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from robot_messages import STORE, TRAJECTORY_STATE, trajectory_state
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
@@ -402,3 +405,18 @@ def test_a_written_trajectory_is_what_ros_reads(names: tuple[str, ...], count: i
                 for p in message.points] == [700_000_000 * k for k in range(count)]
         with pytest.raises(RuntimeError):
             deserialize_message(data[:-1], JointTrajectory)
+
+
+@pytest.mark.parametrize('names', NAMES)
+def test_a_written_controller_state_is_what_others_read(names: tuple[str, ...]) -> None:
+    """Check by the definition of control_msgs and rosbags' CDR, as ROS need not have the type."""
+    zeros = np.zeros(len(names))
+    empty = trajectory_state(0, names, zeros, zeros, zeros)
+    writer = ControllerStateWriter(bytes(STORE.serialize_cdr(empty, TRAJECTORY_STATE)))
+    for t in (0, 3_200_000_001):
+        rows = np.arange(7.0 * len(names)).reshape(7, -1) + t % 7
+        expected = trajectory_state(t, names, rows[0], rows[1], rows[6])
+        expected.feedback.positions, expected.feedback.velocities = rows[2:4]
+        expected.error.positions, expected.error.velocities = rows[4:6]
+        data = writer.write(t, rows.tolist())
+        assert data == bytes(STORE.serialize_cdr(expected, TRAJECTORY_STATE))

@@ -29,14 +29,14 @@ PAGE, README = DOCS / 'comparison.md', DOCS.parent / 'README.md'
 _BLOCK = re.compile(r'(<!-- tables: (\S+) -->\n).*?(<!-- end of tables -->)', re.DOTALL)
 #: Rows of README: law, switching, settings.
 _ROWS = (('observer_feedback', '', 'recommended'), ('extended_state_observer', '', 'tuned'),
-         ('pid_kalman', '', 'tuned'), ('friction_feedforward', '', 'tuned'),
-         ('chattering', 'implicit_observer', 'tuned'), ('compensation', '', 'file'))
+         ('pid_kalman', '', 'tuned'), ('chattering', 'implicit_observer', 'tuned'),
+         ('compensation', '', 'file'))
 _HEADS = ('law', 'held-out conditions survived', 'their median error [rad]',
           'RMS e₁, e₂ where tuned [rad]', 'torque variation there [N·m/s]')
 
 
 def filled(page: str) -> str:
-    """Return docs/comparison.md with all blocks as the directories have them now."""
+    """Return docs/comparison.md with the first table and the figures of each directory."""
     return _BLOCK.sub(lambda block: f'{block[1]}{_content(block[2])}{block[3]}', page)
 
 
@@ -47,8 +47,9 @@ def filled_readme(page: str) -> str:
 
 def _content(directory: str) -> str:
     tables = (DOCS / directory / 'compare.md').read_text(encoding='utf-8')
+    judged = '\n\n'.join(tables.split('\n\n')[:2])
     figures = sorted((DOCS / directory / 'figures').iterdir())
-    return f'\n{tables}\n' + ''.join(
+    return f'\n{judged}\n\n' + ''.join(
         f'![{x.stem.replace("_", " ")}]({x.relative_to(DOCS).as_posix()})\n\n' for x in figures)
 
 

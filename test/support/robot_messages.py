@@ -16,7 +16,8 @@
 Messages of real robots that ROS does not bring along, defined as far as tests need them.
 
 The fields have the order and the types that the packages control_msgs (ROS 2 Jazzy) and
-franka_msgs have; what stands behind those that are read is left out, except for one field.
+franka_msgs have; of franka_msgs, what stands behind those that are read is left out, except for
+one field.
 """
 
 from __future__ import annotations
@@ -40,6 +41,10 @@ trajectory_msgs/JointTrajectoryPoint feedback
 trajectory_msgs/JointTrajectoryPoint error
 trajectory_msgs/JointTrajectoryPoint output
 string[] multi_dof_joint_names
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_reference
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_feedback
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_output
 float64 speed_scaling_factor
 """,
     'franka_msgs/msg/CollisionIndicators': """
@@ -66,6 +71,7 @@ uint32 time_stamp_sec
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for _name, _text in _DEFINITIONS.items():
     STORE.register(get_types_from_msg(_text, _name))
+_DURATION = STORE.types['builtin_interfaces/msg/Duration'](sec=0, nanosec=0)
 
 
 def header(t: int) -> Any:
@@ -84,16 +90,19 @@ def _point(q: Array | None = None, dq: Array | None = None, effort: Array | None
     q, dq, effort = (np.zeros(0) if x is None else np.array(x, float) for x in (q, dq, effort))
     return STORE.types['trajectory_msgs/msg/JointTrajectoryPoint'](
         positions=q, velocities=dq, accelerations=np.zeros(0), effort=effort,
-        time_from_start=STORE.types['builtin_interfaces/msg/Duration'](sec=0, nanosec=0))
+        time_from_start=_DURATION)
 
 
 def trajectory_state(t: int, names: Sequence[str], q: Array, dq: Array, effort: Array | None
                      ) -> Any:
     """Return the state of a joint_trajectory_controller, whose output is an effort or nothing."""
+    none = STORE.types['trajectory_msgs/msg/MultiDOFJointTrajectoryPoint'](
+        transforms=[], velocities=[], accelerations=[], time_from_start=_DURATION)
     return STORE.types[TRAJECTORY_STATE](
         header=header(t), joint_names=list(names), reference=_point(q, dq),
         feedback=_point(q, dq), error=_point(q, dq), output=_point(effort=effort),
-        multi_dof_joint_names=[], speed_scaling_factor=1.0)
+        multi_dof_joint_names=[], multi_dof_reference=none, multi_dof_feedback=none,
+        multi_dof_error=none, multi_dof_output=none, speed_scaling_factor=1.0)
 
 
 def franka_state(t: int, names: Sequence[str], q: Array, dq: Array, measured: Array,

@@ -37,20 +37,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc check-model`."""
     parser.add_argument(
         '--model', metavar='NAME',
-        help='two_link, urdf, or package.module:Class; urdf by default if there is --urdf, else '
+        help='two_link, urdf, or package.module:Class; default: urdf if --urdf is given, else '
              'two_link')
     parser.add_argument('--urdf', metavar='FILE',
-                        help='model urdf: the URDF, a path or package://NAME/PATH')
+                        help='URDF of the model urdf: a path or package://NAME/PATH')
     parser.add_argument(
         '--joints', metavar='A,B,C',
-        help='joints in the order of the model; by default all that the URDF has, or joint1, '
-             'joint2')
+        help='joints in the order of the model; default: all of the URDF, or joint1, joint2')
     parser.add_argument('--gravity', type=float, default=9.81, metavar='G',
-                        help='9.81 by default [m/s²]')
+                        help='acceleration of gravity [m/s²], default: 9.81')
     parser.add_argument('--samples', type=int, default=100, metavar='N',
-                        help='number of states, 100 by default')
+                        help='number of states, default: 100')
     parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of the states, 0 by default')
+                        help='seed of the states, default: 0')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -22,6 +22,7 @@ from math import inf
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
+    add_format,
     add_jobs,
     add_output,
     find_file,
@@ -41,27 +42,28 @@ DETAILS = ('Run every parameter file with every law and, under law chattering, e
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc compare`."""
     parser.add_argument('files', nargs='+', metavar='F',
-                        help='parameter file, or the name of one of the package, such as panda')
+                        help='parameter file, or the name of one in the package, such as panda')
     parser.add_argument('--backend', action='append', metavar='X',
-                        help="plant in place of the file's: builtin | mujoco; may be repeated")
+                        help="plant instead of the file's: builtin | mujoco; may be repeated")
     parser.add_argument('--condition', action='append', metavar='X',
-                        help='drives, sensors and model error in place of those of the file: '
+                        help="drives, sensors and model error instead of the file's: "
                              f'{" | ".join((*CONDITIONS, ALL))}; may be repeated')
     parser.add_argument('--laws', metavar='A,B', default=','.join(LAWS),
-                        help='laws to run, all by default')
+                        help='laws to run, default: all')
     parser.add_argument('--trials', type=int, metavar='N',
-                        help="tune every law, with N trials each; without it, the file's gains")
+                        help="tune every law with N trials; without it, the file's gains are used")
     parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of the trials and of the held-out conditions, 0 by default')
+                        help='seed of the trials and of the held-out conditions, default: 0')
     parser.add_argument('--variation', type=float, default=1.5, metavar='X',
-                        help='torque variation allowed to every law that is tuned, over that of '
-                             'observer_feedback as recommended, 1.5 by default')
+                        help='torque variation allowed to every tuned law, relative to that of '
+                             'observer_feedback with recommended settings, default: 1.5')
     parser.add_argument('--held-out', type=int, default=0, metavar='N',
-                        help='judge all laws in N further conditions, drawn by the seed, for '
-                             'which no law was tuned: which survive, with which errors')
+                        help='also evaluate all laws in N random conditions for which no law '
+                             'was tuned')
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
-                        help='run the nodes and evaluate the bags, not the simulation')
+                        help='run the nodes and evaluate their bags instead of simulating')
+    add_format(parser)
     add_output(parser)
 
 
@@ -87,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
             1 if options.ros else number_of_jobs(options.jobs), runner, say, progress)
     print(to_markdown(outcomes))
     if options.out is not None:
-        write_comparison(outcomes, options.out)
+        write_comparison(outcomes, options.out, options.format, options.said)
         print_page(options.out / PAGE)
     return 0
 

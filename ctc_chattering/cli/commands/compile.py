@@ -26,14 +26,14 @@ from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 
-DETAILS = ('Nodes, ctc simulate and all others then compute by it, some 20 times as fast. What is '
-           'compiled is the same for all files with this law and number of joints.')
+DETAILS = ('Nodes, ctc simulate and all other commands then use it and run about 20 times as '
+           'fast. It serves all files with this law and number of joints.')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc compile`."""
     add_run_options(parser)
-    parser.add_argument('--all', action='store_true', help='every law and switching')
+    parser.add_argument('--all', action='store_true', help='compile every law and switching')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -54,6 +54,6 @@ def run(options: argparse.Namespace) -> int:
     setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
               for values in (changes if options.all else [{}])]
     made = compile_setups(setups, say, parts=True)
-    print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were there: '
-          f'{cache_directory()}')
+    print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were '
+          f'already compiled: {cache_directory()}')
     return 0

@@ -40,10 +40,10 @@ from ctc_chattering.parameters import Parameter
 import numpy as np
 
 DETAILS = ('Slow reversals of every joint at a few poses, then Fourier series, within the limits '
-           'of the description, optimised for what `ctc identify` solves. Write motion.yaml, its '
-           'waypoints, and run.yaml, the parameter file with this motion under law compensation. '
-           'Where the description has collision shapes, its links keep their distance from each '
-           'other; nothing else around the robot is known.')
+           'of the description, optimised for `ctc identify`. Write motion.yaml, its waypoints, '
+           'and run.yaml, the parameter file with this motion under law compensation. Where the '
+           'description has collision shapes, links keep their distance from each other; '
+           'obstacles around the robot are not known.')
 #: Options that are parameters of the motion.
 _SCALARS = ('duration', 'poses', 'velocity_scale', 'clearance')
 _LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
@@ -59,30 +59,30 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc excite`."""
     add_params_file(parser)
     parser.add_argument('--duration', type=float, default=60.0, metavar='S',
-                        help='60 by default [s]')
+                        help='duration [s], default: 60')
     parser.add_argument('--poses', type=int, default=3, metavar='N',
-                        help='poses with slow reversals, 3 by default')
+                        help='number of poses with slow reversals, default: 3')
     for name, text in (
-            ('center', "position about which it moves; the reference's center by default [rad]"),
-            ('position-range', 'greatest distance from the centre, 0.8 by default [rad]'),
-            ('velocity-limit', 'in place of the part of the limits of the description [rad/s]'),
+            ('center', "centre of the motion [rad], default: the reference's"),
+            ('position-range', 'largest distance from the centre [rad], default: 0.8'),
+            ('velocity-limit', 'instead of that fraction of the limit of the description [rad/s]'),
             ('acceleration-limit', 'the same for the acceleration [rad/s²]'),
-            ('friction', "Coulomb friction to expect; the plant's by default [N·m]")):
+            ('friction', "expected Coulomb friction [N·m], default: the plant's")):
         parser.add_argument(f'--{name}', metavar='A,B,C',
                             help=f'{text}: a number per joint, or one for all')
     parser.add_argument(
         '--velocity-scale', type=float, default=0.5, metavar='X',
-        help='part of the limits of velocity and acceleration to use, 0.5 by default')
+        help='fraction of the velocity and acceleration limits to use, default: 0.5')
     parser.add_argument('--clearance', type=float, default=0.02, metavar='M',
-                        help='distance that links keep from each other, 0.02 by default [m]')
+                        help='least distance between links [m], default: 0.02')
     parser.add_argument('--srdf', type=Path, metavar='FILE',
-                        help='links that it allows to touch are not checked')
+                        help='do not check links that this SRDF allows to touch')
     parser.add_argument('--floor', type=float, metavar='Z',
                         help='height of a floor in the frame of the root link [m]')
     parser.add_argument('--evaluations', type=int, default=1000, metavar='N',
-                        help='motions to evaluate in the search, 1000 by default')
+                        help='motions to evaluate in the search, default: 1000')
     parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of the random motions from which it begins, 0 by default')
+                        help='seed of the initial random motions, default: 0')
     add_output(parser)
 
 

@@ -22,15 +22,15 @@ from ctc_chattering.analysis.export import export
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.options import add_bag, add_output
 
-DETAILS = ('With names and units of the joints: trajectory.npz, which has the gains as well, or '
-           'trajectory.csv.')
+DETAILS = ('Write trajectory.npz, which also has the gains, or trajectory.csv, with names and '
+           'units of the joints.')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc export`."""
     add_bag(parser)
     parser.add_argument('--csv', action='store_true',
-                        help='comma-separated values in place of a NumPy file')
+                        help='write trajectory.csv instead of trajectory.npz')
     add_output(parser, 'export')
 
 

@@ -25,7 +25,7 @@ from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
-from ctc_chattering.cli.options import add_output, numbers
+from ctc_chattering.cli.options import add_format, add_output, numbers
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.errors import CtcError, UsageError
@@ -34,40 +34,42 @@ if TYPE_CHECKING:
     from ctc_chattering.analysis.recording import RecordedMotion
     from ctc_chattering.identification.identified_robot import IdentifiedRobot
 
-DETAILS = ('From bags of any recorder, with intervals of 95 %. Write identified.yaml, '
-           'identify.json, figures and index.html.')
+DETAILS = ('The bags may come from any recorder; intervals are those of 95 %. Write '
+           'identified.yaml, identify.json, figures and index.html.')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc identify`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='bag of the robot')
     parser.add_argument('--validate', type=Path, metavar='BAG',
-                        help='bag that is not used for the fit, and predicted')
+                        help='bag that is not used for the fit, to validate it')
     parser.add_argument('--urdf', metavar='FILE',
-                        help="the URDF, a path or package://NAME/PATH; by default the bag's")
+                        help="URDF, a path or package://NAME/PATH, default: the bag's")
     parser.add_argument('--model', metavar='NAME',
-                        help="two_link, urdf, or package.module:Class; by default the bag's")
+                        help="two_link, urdf, or package.module:Class, default: the bag's")
     parser.add_argument('--joints', metavar='A,B,C',
-                        help="joints in the order of the commands; by default the bag's")
+                        help="joints in the order of the commands, default: the bag's")
     parser.add_argument('--gravity', type=float, metavar='G',
-                        help="by default the bag's, or 9.81 [m/s²]")
+                        help="acceleration of gravity [m/s²], default: the bag's, or 9.81")
     parser.add_argument('--torque', choices=('command', 'effort'),
-                        help='where torques are taken from; by default what explains more')
+                        help='source of the torques, default: what explains the motion better')
     add_effort_options(parser)
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
-                        help='topic of the joint states, joint_states by default, or the only '
+                        help='topic of the joint states, default: joint_states, or the only '
                              'one that fits')
     parser.add_argument('--commands', default='effort_controller/commands', metavar='TOPIC',
-                        help='topic of the commanded torques, effort_controller/commands by '
-                             'default, or the only one that fits; TOPIC:FIELD for a field of any '
-                             'message')
+                        help='topic of the commanded torques, default: '
+                             'effort_controller/commands, or the only one that fits; TOPIC:FIELD '
+                             'for a field of any message')
     parser.add_argument('--torque-rate', metavar='R',
-                        help='rate that the drives allow, one number or one for each joint '
+                        help='rate limit of the drives, one number or one for each joint '
                              '[N·m/s]')
     parser.add_argument('--trials', type=int, metavar='N',
-                        help='robots within the intervals on which gains are tried in '
-                             'simulation, 24 by default, or 8 without numba; 0 for none')
-    parser.add_argument('--seed', type=int, default=1, help='of the trials, 1 by default')
+                        help='number of simulated robots, drawn within the intervals, on which '
+                             'the gains are tried; default: 24, or 8 without numba; 0 for none')
+    parser.add_argument('--seed', type=int, default=1, metavar='S',
+                        help='seed of the trials, default: 1')
+    add_format(parser)
     add_output(parser, 'identified')
 
 
@@ -91,7 +93,8 @@ def run(options: argparse.Namespace) -> int:
     out = prepare(options.out, NAMES, options.overwrite)
     found = identify(motions, last if options.validate else None, options.model or '', urdf,
                      options.gravity, options.torque or '', side, rate)
-    return _shown(write_identified(found, out, options.trials, options.seed, say), out)
+    return _shown(write_identified(found, out, options.trials, options.seed, say, options.format,
+                                   options.said), out)
 
 
 def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:

@@ -29,26 +29,29 @@ from ctc_chattering.errors import CtcError, UsageError
 if TYPE_CHECKING:
     from ctc_chattering.live.page import Page
 
-DETAILS = ('Without a bag the page shows the running graph, and its buttons change law, gains and '
-           'plant; arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags are '
-           'shown side by side.')
+DETAILS = ('Without a bag the page shows the running graph, and its controls change law, gains '
+           'and plant; arguments after --ros-args are for ROS, such as -r __ns:=/robot1. Two bags '
+           'are shown side by side.')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc live`."""
     parser.add_argument('bags', nargs='*', type=Path, metavar='BAG')
     parser.add_argument('--export', type=Path, metavar='FILE',
-                        help='write the page of the bags into one HTML file, and serve none')
-    parser.add_argument('--overwrite', action='store_true', help='replace that file')
+                        help='write a self-contained HTML file of the bags, serve no page')
+    parser.add_argument('--overwrite', action='store_true', help='replace an existing file')
     parser.add_argument('--host', default='127.0.0.1', metavar='H',
-                        help='address to listen on, by default 127.0.0.1, which other machines '
-                             'do not reach')
+                        help='address to listen on, default: 127.0.0.1, which other machines '
+                             'cannot reach')
     parser.add_argument('--port', type=int, metavar='N',
-                        help='port; by default the first free one from 8080 on')
+                        help='port, default: the first free one from 8080 on')
     parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
-                        help='open it in the browser of this machine; by default in a terminal')
-    parser.add_argument('--read-only', action='store_true', help='no buttons, nothing is sent')
-    parser.add_argument('--dark', action='store_true', help='light letters on dark ground')
+                        help='open the page in a browser here, default: if in a terminal')
+    parser.add_argument('--bags-in', type=Path, default=Path(), metavar='DIR',
+                        help='where the page records bags of the graph, default: here')
+    parser.add_argument('--read-only', action='store_true',
+                        help='no controls; nothing is sent to the graph')
+    parser.add_argument('--dark', action='store_true', help='dark mode')
     parser.add_argument('--parent', type=int, help=argparse.SUPPRESS)
 
 
@@ -63,13 +66,15 @@ def run(options: argparse.Namespace) -> int:
     require_viser()
     if options.bags and (options.read_only or options.ros_args):
         raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
+    if not options.bags_in.is_dir():
+        raise UsageError(f'--bags-in {options.bags_in}: no such directory')
     if warning := warning_of(options.host):
         say(f'ctc live: {warning}')
 
     with ExitStack() as open_pages:
         def make_page(main: str, reports: str = '') -> Page:
             page = Page('ctc live', options.host, options.port, options.dark, main, reports)
-            print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
+            print(f'open {page.url} in a browser; Ctrl-C stops', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
             if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
                 say('ctc live: --open: no browser here')
@@ -97,7 +102,7 @@ def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
         return
     from ctc_chattering.live.graph_page import run_graph_page
     run_graph_page(lambda: make_page('controls', 'reports'), stop, options.ros_args,
-                   not options.read_only)
+                   not options.read_only, options.bags_in)
 
 
 def _runs(bags: Sequence[Path]) -> list[Any]:

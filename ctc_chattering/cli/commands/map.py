@@ -20,24 +20,25 @@ import argparse
 from functools import partial
 from importlib.util import find_spec
 
-from ctc_chattering.cli.options import add_jobs, add_output, number_of_jobs
+from ctc_chattering.cli.options import add_format, add_jobs, add_output, number_of_jobs
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.errors import UsageError
 
-DETAILS = ('Write map.parquet, a row a run; map.json, figures and index.html. What is there of '
-           'the same map is not computed again.')
+DETAILS = ('Write map.parquet, one row per run, map.json, figures and index.html. An interrupted '
+           'map is continued.')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc map`."""
     parser.add_argument('spec', metavar='SPEC.yaml',
-                        help='what to run, docs/maps.md; or the name of one of the package')
+                        help='what to run (docs/maps.md), or the name of a map in the package')
     add_jobs(parser)
     parser.add_argument('--scheduler', metavar='ADDRESS',
-                        help='of a dask cluster that is there, tcp://host:port')
+                        help='address of a running dask cluster, tcp://host:port')
     parser.add_argument('--explain', metavar='POINT',
-                        help='write and draw one run, by its number or by name=value,... of axes, '
-                             'law and repeat')
+                        help='write and plot one run, given by its number or by name=value,... of '
+                             'axes, law and repeat')
+    add_format(parser)
     add_output(parser, 'map')
 
 
@@ -59,6 +60,6 @@ def run(options: argparse.Namespace) -> int:
         return explain(Runs(spec), options)
     with counting_bar(desc='map', unit='run') as progress:
         compute_map(spec, options.out, jobs, options.scheduler, options.overwrite,
-                    partial(print, flush=True), progress)
+                    partial(print, flush=True), progress, options.format, options.said)
     print_page(options.out / PAGE)
     return 0

@@ -22,7 +22,7 @@ from ctc_chattering.cli.options import add_bag as add_options
 
 __all__ = ['DETAILS', 'add_options', 'run']
 
-DETAILS = 'Every tool reads it then; what was there is kept beside it.'
+DETAILS = 'Every tool can read it then; the damaged bag is kept beside it.'
 
 
 def run(options: argparse.Namespace) -> int:

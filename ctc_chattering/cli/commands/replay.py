@@ -21,16 +21,16 @@ from contextlib import closing
 
 from ctc_chattering.cli.options import add_bag, check
 
-DETAILS = 'With its own timing, and /clock.'
+DETAILS = 'With its original timing, and /clock.'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc replay`."""
     add_bag(parser)
     parser.add_argument('--rate', type=float, default=1.0, metavar='R',
-                        help='speed, 1 by default; 2 is twice as fast')
+                        help='speed factor, default: 1')
     parser.add_argument('--delay', type=float, default=1.0, metavar='S',
-                        help='time to wait for subscribers first, 1 by default [s]')
+                        help='time to wait for subscribers first [s], default: 1')
 
 
 def run(options: argparse.Namespace) -> int:

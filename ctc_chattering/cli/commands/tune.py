@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_jobs, add_output, check, number_of_jobs
+from ctc_chattering.cli.options import add_format, add_jobs, add_output, check, number_of_jobs
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -31,9 +31,9 @@ from ctc_chattering.errors import CtcError, given_by_user, ParameterError, Usage
 if TYPE_CHECKING:
     from ctc_chattering.robustness.tuning.spec import TuneSpec
 
-DETAILS = ('Search for them over draws of what is uncertain, within limits of the torque and its '
-           'rate, and validate them on fresh draws. Write tuned.yaml, a parameter file; all other '
-           'best compromises, figures and index.html.')
+DETAILS = ('The search runs on random draws of what is uncertain, within limits of torque and '
+           'torque rate; results are validated on fresh draws. Write tuned.yaml, a parameter '
+           'file, all other Pareto-optimal gains, figures and index.html.')
 #: Options that are keys of the spec, and of its section `tune`.
 _KEYS = {'duration': 'duration', 'draws': 'repeats', 'seed': 'seed'}
 _OF_TUNE = {'law': 'law', 'switching': 'switching', 'torque_limit': 'torque_limit',
@@ -44,33 +44,34 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc tune`."""
     robot = parser.add_mutually_exclusive_group(required=True)
     robot.add_argument('spec', nargs='?', type=Path, metavar='SPEC.yaml',
-                       help='robot, what is uncertain, limits and ranges: docs/tuning.md')
+                       help='robot, uncertainty, limits and ranges: docs/tuning.md')
     robot.add_argument('--params-file', metavar='F',
-                       help='parameter file, or the name of one of the package, such as panda; '
+                       help='parameter file, or the name of one in the package, such as panda; '
                             'with a default uncertainty')
     robot.add_argument('--identified', type=Path, metavar='DIR',
-                       help='what ctc identify has written; uncertain within its intervals')
+                       help='output of ctc identify; its intervals are the uncertainty')
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
         parser.add_argument(f'--{name}', metavar='X', help=(
-            'chattering by default, ' if name == 'law' else 'implicit_observer by default, ')
-            + f"or the spec's: {' | '.join(values)}")
+            "default: the spec's, or " + ('chattering' if name == 'law' else 'implicit_observer')
+            + f"; {' | '.join(values)}"))
     for name, text in (('torque-limit', 'largest torque [N·m]'),
                        ('torque-rate', 'largest change of the torque sent [N·m/s]')):
         parser.add_argument(f'--{name}', metavar='A,B,C',
-                            help=f'{text}: a number per joint, or one for all; by default what '
-                                 'the file and the description say')
+                            help=f'{text}: a number per joint, or one for all; default: those of '
+                                 'the file and the description')
     parser.add_argument('--trials', type=int, default=200, metavar='N',
-                        help='gains to try, 200 by default')
+                        help='gains to try, default: 200')
     parser.add_argument('--percentile', type=float, default=95.0, metavar='P',
-                        help='of the draws, that error and torque variation do not exceed, 95 by '
-                             'default; 100 for the worst case')
+                        help='percentile of error and torque variation over the draws, '
+                             'default: 95; 100 for the worst case')
     parser.add_argument('--draws', type=int, metavar='N',
-                        help="draws of what is uncertain, 32 by default, or the spec's")
+                        help="draws of what is uncertain, default: the spec's, or 32")
     parser.add_argument('--duration', type=float, metavar='S',
-                        help="of a run, in place of the file's [s]")
+                        help="duration of a run [s], instead of the file's")
     parser.add_argument('--seed', type=int, metavar='S',
-                        help="seed of search and draws, 0 by default, or the spec's")
+                        help="seed of search and draws, default: the spec's, or 0")
     add_jobs(parser, '; the result does not depend on it')
+    add_format(parser)
     add_output(parser, 'tuned')
 
 
@@ -95,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
     with counting_bar(desc='tune', unit='run') as progress:
         tuning = tune(spec, options.trials, options.percentile, jobs=jobs,
                       show=partial(print, flush=True), progress=progress)
-    write_tuning(tuning, out)
+    write_tuning(tuning, out, options.format, options.said)
     print(report.text(tuning))
     if tuning.knee is None:
         raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '

@@ -329,7 +329,7 @@ DRIVES = {'panda': ([1e3] * 7, [43.5] * 4 + [6.0] * 3),
 
 
 def robot(name: str, **law: Any) -> Array:
-    """Return the RMS errors of a robot on MuJoCo like a real arm, 2.5 s ≤ t ≤ 4 s."""
+    """Return the RMS errors of a robot on MuJoCo under realistic conditions, 2.5 s ≤ t ≤ 4 s."""
     rate, _ = DRIVES[name]
     n = len(rate)
     known: dict[str, Any] = {'input_delay': DELAY}
