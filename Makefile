@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live docs test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults clean
+.PHONY: demo live docs test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults dist clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -109,6 +109,12 @@ identification: $(READY)
 faults: $(READY)
 	PYTHONPATH=test/support $(BIN)/python test/identification/fault_study.py --seeds $(SEEDS) $(ARGS)
 
+# sdist and wheel of the last commit, in dist/: twice the same bytes.
+dist: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check build
+	rm -rf dist
+	$(BIN)/python test/support/distributions.py
+
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml
 	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (2.2 GB;'
@@ -119,4 +125,4 @@ $(READY): setup.py setup.cfg package.xml
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) results soak site docs/_api build install log *.egg-info
+	rm -rf $(VENV) results soak site docs/_api build dist install log *.egg-info

@@ -41,20 +41,21 @@ class Develop(develop):
 setup(
     name=NAME,
     cmdclass={'develop': Develop},
-    version='0.1.0',
+    version='1.0.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed'], '': ['*.html', 'web/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
-        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}', ['package.xml', 'LICENSE']),
         (f'share/{NAME}/config', files('config')),
         (f'share/{NAME}/config/trajectories', files('config/trajectories')),
         (f'share/{NAME}/config/maps', files('config/maps')),
+        (f'share/{NAME}/launch', files('launch')),
     ],
     python_requires='>=3.10',
     install_requires=[
-        'setuptools', 'jinja2', 'matplotlib', 'mcap>=1.6', 'numpy', 'PyYAML', 'rosbags>=0.11',
-        'scipy', 'tqdm'],
+        'setuptools', 'jinja2', 'lz4', 'matplotlib', 'numpy', 'PyYAML', 'scipy', 'tqdm',
+        'zstandard'],
     extras_require={
         # An apt installation of ROS 2 has these without distributions of these names.
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
@@ -71,23 +72,34 @@ setup(
         'map': ['numba', 'dask[distributed]', 'pandas>=2', 'pyarrow', 'scipy>=1.15'],
         # `ctc tune`, and `ctc compare --trials`.
         'tune': ['optuna>=5', 'scipy>=1.15'],
-        'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mujoco',
-                 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow', 'pytest',
-                 'pytest-xdist', 'scipy>=1.15', 'viser>=1.1'],
+        # Types that are defined in IDL, or neither in the bag nor installed.
+        'rosbags': ['rosbags>=0.11'],
+        # Everything above.
+        'all': ['ctc_chattering[compile,identify,live,map,mujoco,ros,rosbags,tune,urdf]'],
+        'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mcap>=1.6',
+                 'mujoco', 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow',
+                 'pytest', 'pytest-xdist', 'rosbags>=0.11', 'scipy>=1.15', 'viser>=1.1'],
         # The site of `make docs`.
         'docs': ['furo', 'myst-parser', 'sphinx>=7.2'],
         # The plugins that ament_flake8 of jazzy has.
-        'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',
+        'lint': ['flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
+                 'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',
                  'flake8-import-order', 'flake8-quotes', 'mypy', 'pydocstyle', 'ruff',
                  'types-PyYAML'],
     },
     zip_safe=True,
+    author='ctc_chattering maintainers',
     maintainer='ctc_chattering maintainers',
     maintainer_email='maintainers@users.noreply.github.com',
     description='Computed torque plus compensation plus chattering for robot arms with friction',
     long_description=README.read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     license='Apache-2.0',
+    url='https://example.org/ctc_chattering',
+    classifiers=[
+        'Environment :: Console', 'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux', 'Programming Language :: Python :: 3',
+        'Topic :: Scientific/Engineering'],
     entry_points={
         'console_scripts': [
             'plant = ctc_chattering.cli.node:plant',

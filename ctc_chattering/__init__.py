@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
     from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 
 #: The public names by the modules that define them. They are imported when they are first used: a
 #: node handles signals before it imports numpy.

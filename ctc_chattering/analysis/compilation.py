@@ -108,7 +108,7 @@ def compile_setups(setups: Iterable[Setup], show: Callable[[str], None], parts: 
     try:
         from ctc_chattering.numerics.simd import build  # noqa: F401
     except ImportError as error:  # Not there, or numba refuses this version of NumPy.
-        show(f'plain Python computes, 20 times slower: {error}')
+        show(f'running in plain Python, 20 times slower: {error}')
         return 0
     show(f'compiling {counted(len(todo), "function")}, once for this version ...')
     for i, name in enumerate(_build(list(todo.values())), 1):

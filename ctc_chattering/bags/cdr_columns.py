@@ -23,11 +23,12 @@ their numbers, and their names, follow each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from ctc_chattering.bags.definitions import Definitions, Field, NUMBERS
 from ctc_chattering.errors import CtcError
 import numpy as np
 import numpy.typing as npt
@@ -38,13 +39,6 @@ NAMES = ('name', 'names', 'joint_names', 'dof_names', 'label')
 _STACKED = 4096
 #: Size of the encapsulation [bytes].
 _BEGIN = 4
-_CODES = {'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'octet': 'u1', 'uint8': 'u1', 'int8': 'i1',
-          'uint16': 'u2', 'int16': 'i2', 'uint32': 'u4', 'int32': 'i4', 'uint64': 'u8',
-          'int64': 'i8', 'float32': 'f4', 'float64': 'f8'}
-#: Kinds of a field's type in the definitions of rosbags.
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
-
-Definitions = Mapping[str, Any]
 Floats = npt.NDArray[np.float64]
 
 
@@ -90,22 +84,16 @@ class _CdrParser:
 
     def parse(self, kind: str, path: str = '') -> None:
         """Append the fields of a type."""
-        for name, field in self._definitions[kind][1]:
-            self._field(field, f'{path}.{name}' if path else name)
+        for field in self._definitions[kind]:
+            self._field(field, f'{path}.{field.name}' if path else field.name)
 
-    def _field(self, field: Any, path: str) -> None:
-        kind, detail = int(field[0]), field[1]
-        if kind == _NAME:
-            self.parse(detail, path)
-        elif kind == _BASE:
-            self._base(detail[0], path, 1)
+    def _field(self, field: Field, path: str) -> None:
+        count = 1 if field.length is None else field.length or self._count()
+        if field.is_base:
+            self._base(field.kind, path, count)
         else:
-            inner, count = detail[0], detail[1] if kind == _ARRAY else self._count()
-            if int(inner[0]) == _BASE:
-                self._base(inner[1][0], path, count)
-            else:
-                for _ in range(count):
-                    self._field(inner, path)
+            for _ in range(count):
+                self.parse(field.kind, path)
 
     def _base(self, name: str, path: str, count: int) -> None:
         """Append `count` numbers or strings."""
@@ -113,7 +101,7 @@ class _CdrParser:
             for _ in range(count):
                 self._string(path)
         elif count:
-            code = self._order + _CODES[name]
+            code = self._order + NUMBERS[name]
             begin = self._take(np.dtype(code).itemsize, count)
             self.layout.numbers.setdefault(path, []).append((begin, count, code))
 
@@ -160,7 +148,7 @@ def blocks(messages: Iterable[bytes], kind: str, definitions: Definitions,
     kind : str
         Their type.
     definitions : mapping
-        By type, as rosbags parses them.
+        Fields by type.
     fields : sequence of str
         Fields wanted, with dots, as in ``header.stamp.sec``. What stands behind the first one need
         not be decodable.

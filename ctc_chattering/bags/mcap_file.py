@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 import hashlib
-from io import BytesIO
 import mmap
 from pathlib import Path
 import re
@@ -34,22 +33,12 @@ import struct
 from typing import Any, NamedTuple
 import zlib
 
+from ctc_chattering.bags import mcap_records as records
+from ctc_chattering.bags.mcap_records import Channel, record_end, Schema, walk
 from ctc_chattering.bags.qos import named_policies
 from ctc_chattering.bags.writer import LIBRARY, TopicType
-from mcap.records import Channel, Schema
-from mcap.stream_reader import get_chunk_data_stream, StreamReader
+from ctc_chattering.errors import CtcError
 
-MAGIC = b'\x89MCAP0\r\n'
-_HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _DATA_END = 1, 3, 4, 5, 6, 11, 15
-#: Fields of a record, by its opcode: numbers, or bytes behind their number (s: 4 bytes, b: 8).
-_FIELDS = {
-    _HEADER: 'ss', 2: 'QQI', _SCHEMA: 'Hsss', _CHANNEL: 'HHsss', _MESSAGE: 'HIQQ',
-    _CHUNK: 'QQQIsb', 7: 'Hs', 8: 'QQQQsQsQQ', 9: 'QQssbI', 10: 'QQQQQss',
-    _STATISTICS: 'QHIIIIQQs', 12: 'ss', 13: 'QQs', 14: 'BQQ', _DATA_END: 'I'}
-_SIZES = {'B': 1, 'H': 2, 'I': 4, 'Q': 8, 's': 4, 'b': 8}
-_PREFIXES = {'s': struct.Struct('<I'), 'b': struct.Struct('<Q')}
-_START, _MESSAGE_START = struct.Struct('<BQ'), struct.Struct('<HIQQ')
-#: What a record may begin with that is looked for: the upper bytes of its length are 0.
 _IN_CHUNKS = re.compile(rb'[\x03\x04\x06\x0f](?=.{5}\0\0\0)', re.DOTALL)
 #: The same in a file without chunks, with the beginning of a serialized message.
 _OUTSIDE = re.compile(
@@ -68,25 +57,6 @@ class Found(NamedTuple):
     t: int
     data: bytes
     number: int
-
-
-def record_end(data: Any, place: int) -> int:
-    """Return where the record at a place ends; 0 if there is none."""
-    if place + _START.size > len(data):
-        return 0
-    opcode, length = _START.unpack_from(data, place)
-    place += _START.size
-    end: int = place + length
-    if opcode not in _FIELDS or end > len(data):
-        return 0
-    for field in _FIELDS[opcode]:
-        prefix = place
-        place += _SIZES[field]
-        if place > end:
-            return 0
-        if field in _PREFIXES:
-            place += _PREFIXES[field].unpack_from(data, prefix)[0]
-    return end if place == end or (opcode == _MESSAGE and place < end) else 0
 
 
 class McapFile:
@@ -144,17 +114,17 @@ class McapFile:
 
         """
         for begin, end, is_safe in self._spans():
-            if self._data[begin] == _CHUNK:
+            if self._data[begin] == records.CHUNK:
                 yield from self._in_chunk(self._data[begin:end], is_safe, seen)
-            elif self._data[begin] == _MESSAGE:
+            elif self._data[begin] == records.MESSAGE:
                 if self._chunked or not is_safe:  # In chunked files, it is of a damaged chunk.
                     self.lost += end - begin
                 else:
-                    yield from self._message(self._data[begin + _START.size:end])
+                    yield from self._message(self._data[begin + records.START.size:end])
 
     def _spans(self) -> Iterator[tuple[int, int, bool]]:
         """Yield begin and end of chunks, and of records outside; whether no wrong byte follows."""
-        data, place = self._data, len(MAGIC)
+        data, place = self._data, len(records.MAGIC)
         end = record_end(data, place)
         while not self._is_end(place):
             if end:
@@ -167,42 +137,42 @@ class McapFile:
 
     def _is_end(self, place: int) -> bool:
         """Return whether the file ends at a place."""
-        rest: bytes = self._data[place:place + len(MAGIC) + 1]
-        return rest in (b'', MAGIC)
+        rest: bytes = self._data[place:place + len(records.MAGIC) + 1]
+        return rest in (b'', records.MAGIC)
 
     def _resumed(self, place: int) -> int:
         """Return where the first record behind wrong bytes begins; the end if there is none."""
         data = self._data
         for match in (_IN_CHUNKS if self._chunked else _OUTSIDE).finditer(data, place):
             end = record_end(data, match.start())
-            if end and (data[match.start()] != _MESSAGE or record_end(data, end)):
+            if end and (data[match.start()] != records.MESSAGE or record_end(data, end)):
                 return match.start()
         return len(data)
 
     def _survey(self) -> None:
         """Find what says what the messages are, and how many; count the bytes between records."""
-        data, before, index, is_sure = self._data, min(len(MAGIC), len(self._data)), False, False
+        data, index, is_sure = self._data, False, False
+        before = min(len(records.MAGIC), len(data))
         for begin, end, is_safe in self._spans():
             self.lost, before, opcode = self.lost + begin - before, end, data[begin]
-            if opcode == _HEADER:
+            if opcode == records.HEADER:
                 self._numbered = data[begin:end].endswith(LIBRARY.encode())
-            elif opcode == _DATA_END:
+            elif opcode == records.DATA_END:
                 index, is_sure = True, _is_right(data, end)
-            elif opcode in (_SCHEMA, _CHANNEL) and (is_safe or is_sure):
+            elif opcode in (records.SCHEMA, records.CHANNEL) and (is_safe or is_sure):
                 self._note(data[begin:end], is_sure)
-            elif opcode == _STATISTICS and index:
-                found = _parsed(data[begin:end])
-                counts = dict(found.channel_message_counts) if found else {}
-                if found and sum(counts.values()) == found.message_count:
-                    self._counts = counts
+            elif opcode == records.STATISTICS and index:
+                total, *_, found = records.fields(data, begin)
+                if sum(records.counts(found).values()) == total:
+                    self._counts = records.counts(found)
         self.lost += 0 if self._is_end(before) else len(data) - before
 
     def _note(self, data: bytes, is_sure: bool) -> None:
         """Take a schema or channel; of two that contradict each other the sure one, or none."""
-        record = _parsed(data)
+        record = _description(data)
         if record is None:
             return
-        key = type(record), record.id
+        key = type(record), record.number
         known, was_sure = self._records.get(key, (record, False))
         if is_sure or not was_sure:
             self._records[key] = (record if is_sure or known == record else None, is_sure)
@@ -217,7 +187,7 @@ class McapFile:
     def _described(self, channel: int) -> tuple[str, TopicType] | None:
         """Return topic and type of a channel from its record and the schema's."""
         record, _ = self._records.get((Channel, channel), (None, False))
-        schema, _ = self._records.get((Schema, record.schema_id if record else 0), (None, False))
+        schema, _ = self._records.get((Schema, record.schema if record else 0), (None, False))
         if record is None or schema is None:
             return None
         profiles = named_policies(record.metadata.get('offered_qos_profiles', ''))
@@ -226,63 +196,53 @@ class McapFile:
 
     def _in_chunk(self, chunk: bytes, is_safe: bool, seen: set[bytes]) -> Iterator[Found]:
         """Yield the messages of a chunk, all or none."""
-        record = _parsed(chunk)
-        content = _content(record, is_safe)
+        content = _content(chunk, is_safe)
         digest = hashlib.sha256(content or b'').digest()
-        spans = list(_walk(content)) if content else []
+        spans = list(walk(content)) if content else []
         if content is None or not spans or spans[-1][1] != len(content):
-            self.lost += len(record.data if record else chunk)
+            self.lost += len(records.fields(chunk)[-1])
             return
         if digest in seen:
             self.repeated += 1
             return
         seen.add(digest)
         for begin, end in spans:
-            if content[begin] in (_SCHEMA, _CHANNEL):
-                self._note(content[begin:end], record.uncompressed_crc != 0)
-            elif content[begin] == _MESSAGE:
-                yield from self._message(content[begin + _START.size:end])
+            if content[begin] in (records.SCHEMA, records.CHANNEL):
+                self._note(content[begin:end], records.fields(chunk)[3] != 0)
+            elif content[begin] == records.MESSAGE:
+                yield from self._message(content[begin + records.START.size:end])
 
     def _message(self, body: bytes) -> Iterator[Found]:
         """Yield a message, if it has a type and a possible time."""
-        channel, number, t, _ = _MESSAGE_START.unpack_from(body)
-        topic, data = self._topic(channel), body[_MESSAGE_START.size:]
+        channel, number, t, _ = records.MESSAGE_START.unpack_from(body)
+        topic, data = self._topic(channel), body[records.MESSAGE_START.size:]
         if topic is None or t > _LATEST:
             self.lost += len(data)
         else:
             yield Found(*topic, t, data, number if self._numbered else 0)
 
 
-def _walk(data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of the records in a chunk, as far as there are any."""
-    place = 0
-    while end := record_end(data, place):
-        yield place, end
-        place = end
-
-
-def _parsed(data: bytes) -> Any:
-    """Return a record; None if it cannot be read."""
+def _description(data: bytes) -> Schema | Channel | None:
+    """Return a schema or channel; None if it cannot be read."""
     try:
-        return next(iter(StreamReader(
-            BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=None).records))
-    except Exception:  # A damaged record may raise any exception.
+        return (records.read_schema if data[0] == records.SCHEMA else records.read_channel)(data)
+    except (UnicodeDecodeError, struct.error):
         return None
 
 
-def _content(chunk: Any, is_safe: bool) -> bytes | None:
+def _content(chunk: bytes, is_safe: bool) -> bytes | None:
     """Return what a chunk contains; None if it is damaged, or may be and has no checksum."""
     try:
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        content: bytes = stream.read(size)
+        content = records.chunk_content(chunk)
+    except CtcError:
+        raise
     except Exception:  # A damaged chunk may raise any exception.
         return None
-    whole = size == chunk.uncompressed_size and chunk.compression in _COMPRESSIONS
-    return content if whole and (is_safe or chunk.uncompressed_crc) else None
+    return content if is_safe or records.fields(chunk)[3] else None
 
 
 def _is_right(data: Any, start: int) -> bool:
     """Return whether the index from `start` on has the checksum that stands at its end."""
-    end = len(data) - len(MAGIC) - 4
+    end = len(data) - len(records.MAGIC) - 4
     written = int.from_bytes(data[end:end + 4], 'little')
     return written != 0 and start < end and zlib.crc32(data[start:end]) == written

@@ -113,7 +113,7 @@ def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
     """
     if len(set(joints)) < len(joints):
         twice = next(name for name, count in Counter(joints).items() if count > 1)
-        raise CtcError(f'--joints: {twice} stands there more than once')
+        raise CtcError(f'--joints: {twice} is given more than once')
     with closing(open_bag(path)) as reader, refused_as(f'{path}: damaged'):
         return _MotionTopics(reader, path).motion(joints, description, (states, commands))
 

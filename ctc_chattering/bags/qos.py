@@ -16,17 +16,19 @@
 
 from __future__ import annotations
 
-from rosbags.interfaces import (
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-)
+from typing import Any
+
 import yaml
 
-#: Policies that recorders before Jazzy write as numbers.
-_POLICIES = {'history': QosHistory, 'reliability': QosReliability, 'durability': QosDurability,
-             'liveliness': QosLiveliness}
+#: What a policy may be, in the order of its numbers in bags before ROS 2 Jazzy.
+_POLICIES = {
+    'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
+    'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
+    'durability': ('system_default', 'transient_local', 'volatile', 'unknown', 'best_available'),
+    'liveliness': ('system_default', 'automatic', 'manual_by_node', 'manual_by_topic', 'unknown',
+                   'best_available')}
+
+Profiles = tuple[dict[str, Any], ...]
 
 
 def offered_qos(depth: int, latched: bool) -> str:
@@ -39,14 +41,26 @@ def offered_qos(depth: int, latched: bool) -> str:
         'liveliness_lease_duration': unlimited, 'avoid_ros_namespace_conventions': False}])
 
 
-def named_policies(text: str) -> str:
-    """Return profiles with the names of their policies; nothing if they cannot be read."""
+def profiles(offered: Any) -> Profiles:
+    """
+    Return profiles with the names of their policies; none if they cannot be read.
+
+    Parameters
+    ----------
+    offered : str or list
+        As a bag has them, in YAML or not.
+
+    """
     try:
-        profiles = yaml.safe_load(text) or []
-        for profile in profiles:
-            for key, kind in _POLICIES.items():
-                if isinstance(profile[key], int):
-                    profile[key] = kind(profile[key]).name.lower()
+        found = (yaml.safe_load(offered) if isinstance(offered, str) else offered) or []
+        return tuple({**profile, **{
+            key: names[profile[key]] if isinstance(profile[key], int) else profile[key]
+            for key, names in _POLICIES.items()}} for profile in found)
     except (yaml.YAMLError, LookupError, TypeError, ValueError):
-        return ''
-    return yaml.safe_dump(profiles)
+        return ()
+
+
+def named_policies(text: str) -> str:
+    """Return profiles in YAML, with the names of their policies."""
+    found = profiles(text)
+    return yaml.safe_dump(list(found)) if found or not text else ''

@@ -28,7 +28,8 @@ from typing import Any, NamedTuple
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.arguments import checked
-from ctc_chattering.bags.repair import BagReader, open_bag
+from ctc_chattering.bags.bag_reader import BagReader
+from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.topics import BagTopics, nanoseconds
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of

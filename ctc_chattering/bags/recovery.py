@@ -64,7 +64,7 @@ class Recovery:
         return (f'{count} messages over {duration:.3f} s recovered, {missing} of '
                 f'{"" if self.is_counted else "at least "}{count + missing} missing'
                 + (f' ({topics})' if topics else '') + f', {self.lost} bytes unreadable'
-                + (f', {self.repeated} chunks that stood twice left out' if self.repeated else ''))
+                + (f', {self.repeated} duplicate chunks skipped' if self.repeated else ''))
 
 
 def recover(bag: Path, target: Path) -> Recovery:

@@ -16,76 +16,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator
 from contextlib import closing
 from pathlib import Path
 import shutil
 import sys
 import tempfile
-from typing import Any
 import weakref
 
-from ctc_chattering.bags.index_checksum import check_index
+from ctc_chattering.bags.bag_reader import BagReader, damaged
 from ctc_chattering.bags.recovery import recover, Recovery
 from ctc_chattering.errors import CtcError
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import get_typestore, Stores
 
 
 def is_damaged(bag: Path) -> bool:
     """Return whether `bag` is a directory with MCAP files and without metadata."""
     return bag.is_dir() and not (bag / 'metadata.yaml').exists() and any(bag.glob('*.mcap'))
-
-
-class BagReader(Reader):
-    """
-    The reader of rosbags, with errors that name the bag and what to do; close it after use.
-
-    Parameters
-    ----------
-    path : Path
-        What errors say.
-    place : Path
-        Directory or file to read.
-
-    """
-
-    def __init__(self, path: Path, place: Path) -> None:
-        super().__init__(place)
-        self._bag = path
-        self._typestore = get_typestore(Stores.ROS2_JAZZY)
-
-    def messages(self, connections: Collection[Connection] = (), start: int | None = None,
-                 stop: int | None = None) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """
-        Yield connection, log time [ns] and data.
-
-        Raises
-        ------
-        CtcError
-            Where the bag is damaged, and if it has not as many messages as its metadata count.
-
-        """
-        found, counted = 0, sum(x.msgcount for x in connections or self.connections)
-        messages = super().messages(connections, start, stop)
-        while True:
-            try:
-                message = next(messages, None)
-            except Exception as error:  # Damaged chunks may raise any exception.
-                raise _damaged(self._bag, error) from None
-            if message is None:
-                break
-            found += 1
-            yield message
-        if start is None and stop is None and found != counted:
-            topics = ', '.join(x.topic for x in connections) or 'all topics'
-            raise _damaged(self._bag, ValueError(
-                f'{found} messages of {topics}, {counted} according to its metadata'))
-
-    def deserialize(self, data: bytes, kind: str) -> Any:
-        """Return a message of one of the types that ROS 2 Jazzy brings along."""
-        return self._typestore.deserialize_cdr(data, kind)
 
 
 def open_bag(path: Path) -> BagReader:
@@ -107,24 +52,16 @@ def open_bag(path: Path) -> BagReader:
         place = Path(scratch.name) / 'bag'
         print(f'{path}: not closed properly: {recover(path, place)}', file=sys.stderr)
     try:
-        for file in place.glob('*.mcap'):
-            check_index(file)
         reader = BagReader(path, place)
-        reader.open()
+    except CtcError as error:
+        raise CtcError(f'{path}: {error}') from None
     except Exception as error:  # Damaged YAML or MCAP may raise any exception.
         if any(place.glob('*.mcap')):
-            raise _damaged(path, error) from None
+            raise damaged(path, error) from None
         raise CtcError(f'{path}: not a bag: {" ".join(str(error).split())}') from None
     if scratch is not None:
         weakref.finalize(reader, scratch.cleanup)
     return reader
-
-
-def _damaged(path: Path, error: Exception) -> CtcError:
-    """Return an error that names the bag and what to do."""
-    advice = (f'; "ctc repair {path}" recovers the rest' if any(path.glob('*.mcap')) else
-              f'; "ros2 bag reindex {path}" may help')
-    return CtcError(f'{path}: damaged: {" ".join(str(error).split()).rstrip(".")}{advice}')
 
 
 def is_whole(bag: Path) -> bool:

@@ -21,7 +21,8 @@ import sys
 import time
 from typing import Any
 
-from ctc_chattering.bags.repair import BagReader
+from ctc_chattering.bags.bag_reader import BagReader
+from ctc_chattering.bags.storage import Connection
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros import signals
@@ -33,7 +34,6 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
-from rosbags.interfaces import Connection, QosDurability, QosReliability
 from rosgraph_msgs.msg import Clock
 
 #: Period of ``/clock`` where the bag holds none [ns].
@@ -111,7 +111,7 @@ def _types(connections: Sequence[Connection]) -> dict[str, Any]:
         except CtcError:
             missing.append(f'{connection.topic} ({connection.msgtype})')
     if missing:
-        print('not played, because their types of message are not installed: '
+        print('not replayed, because their message types are not installed: '
               + ', '.join(missing), file=sys.stderr, flush=True)
     return types
 
@@ -134,9 +134,8 @@ def _messages(reader: BagReader, with_clock: bool) -> Iterator[tuple[int, str, A
 
 def _qos(connection: Connection) -> QoSProfile:
     """Return durability and reliability that the recorded publishers offered."""
-    offered = getattr(connection.ext, 'offered_qos_profiles', None) or ()
-    latched = any(x.durability == QosDurability.TRANSIENT_LOCAL for x in offered)
-    lossy = any(x.reliability == QosReliability.BEST_EFFORT for x in offered)
+    latched = any(x['durability'] == 'transient_local' for x in connection.qos)
+    lossy = any(x['reliability'] == 'best_effort' for x in connection.qos)
     return QoSProfile(
         depth=1000,
         durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),

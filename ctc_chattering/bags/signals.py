@@ -25,14 +25,13 @@ from collections.abc import Iterator, Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
-from ctc_chattering.bags.cdr_columns import blocks, Definitions, field_names, Floats, NAMES
-from ctc_chattering.bags.repair import BagReader
+from ctc_chattering.bags.bag_reader import BagReader
+from ctc_chattering.bags.cdr_columns import blocks, field_names, Floats, NAMES
+from ctc_chattering.bags.storage import Connection
 from ctc_chattering.errors import CtcError, near, shortened
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 import numpy as np
 import numpy.typing as npt
-from rosbags.interfaces import Connection, MessageDefinitionFormat
-from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 JOINT_STATE, MULTI_ARRAY = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Float64MultiArray'
 _TRAJECTORY_STATE = 'control_msgs/msg/JointTrajectoryControllerState'
@@ -113,8 +112,6 @@ class Signals:
 
     def __init__(self, reader: BagReader, path: object) -> None:
         self._reader, self._path = reader, path
-        self._known = get_typestore(Stores.ROS2_JAZZY).fielddefs
-        self._definitions: dict[str, Definitions] = {}
 
     def topics(self, kinds: dict[str, tuple[str, ...]]) -> list[SignalTopic]:
         """Return the topics of some types that have messages."""
@@ -178,7 +175,7 @@ class Signals:
 
     def names(self, topic: SignalTopic) -> tuple[tuple[str, ...], int]:
         """Return the joint names in the first message, or none, and the number of values."""
-        definitions = self._definition(topic.connections[0])
+        definitions = self._reader.definitions(topic.connections[0])
         field = topic.fields[0]
         for _, _, data in self._reader.messages(topic.connections):
             for block in blocks([data], topic.kind, definitions, topic.fields):
@@ -247,27 +244,8 @@ class Signals:
                 if logged is not None:
                     logged[number] = t
                 yield data
-        return blocks(messages(), topic.kind, self._definition(topic.connections[0]), fields)
-
-    def _definition(self, connection: Connection) -> Definitions:
-        """Return the definition of a type as the bag has it, with those of ROS 2 Jazzy."""
-        kind, definition = connection.msgtype, connection.msgdef
-        if kind not in self._definitions:
-            parse = {MessageDefinitionFormat.MSG: lambda: get_types_from_msg(
-                         definition.data, kind),
-                     MessageDefinitionFormat.IDL: lambda: get_types_from_idl(definition.data)}
-            try:
-                own = parse.get(definition.format, dict)()
-            except Exception:  # Of arbitrary text, parsers raise arbitrary exceptions.
-                own = {}
-            if kind not in own and kind not in self._known:
-                raise CtcError(
-                    f'{self._path}: the bag has no definition of {kind}, which {connection.topic} '
-                    'is of: sqlite3 of ROS 2 Humble and before stores none; record with MCAP '
-                    '(--storage mcap), or convert it where the package is installed '
-                    '(ros2 bag convert)')
-            self._definitions[kind] = {**self._known, **own}
-        return self._definitions[kind]
+        definitions = self._reader.definitions(topic.connections[0])
+        return blocks(messages(), topic.kind, definitions, fields)
 
 
 def _names_of(field: str, names: dict[str, tuple[str, ...]]) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.bags.repair import BagReader
+from ctc_chattering.bags.bag_reader import BagReader
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.topics import PARAMETERS, ROBOT_DESCRIPTION
@@ -58,6 +58,8 @@ class BagTopics:
         if len(topics) > 1 and option:
             raise CtcError(f'{self.path}: several topics: {", ".join(sorted(topics))}; name one: '
                            f'{option}')
+        for connection in connections:
+            self._reader.definitions(connection)
         for connection, t, data in self._reader.messages(connections) if connections else ():
             try:
                 message = self._reader.deserialize(data, connection.msgtype)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writing a rosbag2 bag: MCAP, compressed, with message definitions and QoS in it."""
+"""Writing a rosbag2 bag: MCAP, with message definitions and QoS in it."""
 
 from __future__ import annotations
 
@@ -25,13 +25,11 @@ from pathlib import Path
 import time
 from typing import Any, BinaryIO, NamedTuple
 
+from ctc_chattering.bags.definitions import installed_definition, type_hash
+from ctc_chattering.bags.mcap_writer import McapWriter
 from ctc_chattering.errors import CtcError
-from mcap.writer import CompressionType, Writer
-from rosbags.typesys import get_typestore, Stores
 import yaml
 
-#: Size at which a chunk is written [bytes]: compressing takes some times as much memory.
-_CHUNK = 1 << 18
 #: Age at which a file is ended and a new one begun [s]. The index of a file, about 1 kB for each
 #: chunk, is in memory until the file ends.
 _FILE_AGE = 600.0
@@ -120,7 +118,6 @@ class BagWriter:
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._types: dict[str, TopicType] = {}
         self._custom: dict[str, str] = {}
         self._spans: dict[str, Span] = {}
@@ -159,10 +156,9 @@ class BagWriter:
 
         """
         if topic not in self._types:
-            definition, _ = self._typestore.generate_msgdef(kind, ros_version=2)
-            self.add_topic(topic, TopicType(kind, 'ros2msg', definition.encode(), {
-                'offered_qos_profiles': qos,
-                'topic_type_hash': self._typestore.hash_rihs01(kind)}))
+            self.add_topic(topic, TopicType(
+                kind, 'ros2msg', installed_definition(kind).encode(),
+                {'offered_qos_profiles': qos, 'topic_type_hash': type_hash(kind)}))
         self.add_message(topic, t, data)
 
     def add_topic(self, topic: str, kind: TopicType) -> None:
@@ -180,7 +176,7 @@ class BagWriter:
                 self._begin_file()
             channel = self._channels.get(topic) or self._add_channel(topic)
             number = (self.counts[topic] + 1) & 0xffffffff
-            self._writer.add_message(channel, t, data, t, number)
+            self._writer.add_message(channel, t, data, number)
         except OSError:
             self.abandon()
             raise
@@ -203,7 +199,7 @@ class BagWriter:
         if self._stream.closed:
             return
         try:
-            self._write_out()
+            self._writer.flush()
             self._sync.begin(self._stream.fileno())
             self._flushed = self._clock()
         except OSError:
@@ -238,54 +234,24 @@ class BagWriter:
         self._span = self._spans[self.file.name] = Span()
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self._described = 0
         self._begun = self._flushed = self._clock()
         self._stream: BinaryIO = self.file.open('xb')
-        self._writer: Any = Writer(self._stream, _CHUNK, CompressionType.ZSTD)
-        self._writer.start('ros2', LIBRARY)
+        self._writer: McapWriter = McapWriter(self._stream, LIBRARY)
 
     def _end_file(self) -> None:
         """Write the index of a file."""
-        self._write_out()
-        self._writer.add_metadata(
+        self._writer.finish(
             'rosbag2', {'serialized_metadata': yaml.safe_dump(self._information())})
-        self._writer.finish()
         self._sync.end()
         self._stream.close()
-
-    def _write_out(self) -> None:
-        """
-        End the chunk.
-
-        The first chunk with messages of a topic has their type. A damaged chunk must not take it
-        along: it stands outside as well, on both sides of that chunk.
-        """
-        new = len(self._channels) > self._described
-        if new:
-            self._describe()
-        self._writer.flush()
-        if new:
-            self._describe()
-        self._described = len(self._channels)
-
-    def _describe(self) -> None:
-        """Write the types of all topics in the file outside chunks, with the same numbers."""
-        writer: Any = Writer(self._stream, use_chunking=False)
-        for schema in self._schemas:
-            writer.register_schema(*schema)
-        for topic in self._channels:
-            kind = self._types[topic]
-            writer.register_channel(topic, 'cdr', self._schemas[kind.schema], kind.metadata)
-        writer.flush()
 
     def _add_channel(self, topic: str) -> int:
         """Describe a topic in the file; return its number."""
         kind = self._types[topic]
         schema = self._schemas.get(kind.schema)
         if schema is None:
-            schema = self._schemas[kind.schema] = self._writer.register_schema(*kind.schema)
-        channel: int = self._writer.register_channel(topic, 'cdr', schema, kind.metadata)
-        self._channels[topic] = channel
+            schema = self._schemas[kind.schema] = self._writer.add_schema(*kind.schema)
+        channel = self._channels[topic] = self._writer.add_channel(topic, schema, kind.metadata)
         return channel
 
     def _information(self) -> dict[str, Any]:

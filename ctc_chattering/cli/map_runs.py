@@ -107,7 +107,7 @@ def _announce(parts: Sequence[Part], todo: Sequence[Part]) -> None:
     count, left = len(parts), _count(todo)
     print(f'{_count(parts)} runs in {count} chunk{"s" * (count > 1)}')
     if left < _count(parts):
-        print(f'{_count(parts) - left} runs are there already')
+        print(f'{_count(parts) - left} runs are already computed')
     sys.stdout.flush()
 
 
@@ -135,7 +135,7 @@ def _compute(runs: Runs, client: Client, parts: Sequence[Part], todo: Sequence[P
     with progress_bar(total=total, initial=total - _count(todo), desc='map', unit='run') as bar:
         def ended(error: BaseException) -> str:
             return (f'{str(error) or "stopped"}; {bar.n} of {total} runs are in '
-                    f'{directory.path}, the same command goes on')
+                    f'{directory.path}, run the same command to continue')
         try:
             for key, table in pool.computed(
                     client, chunks.compute, (runs, chunks.version()), todo,

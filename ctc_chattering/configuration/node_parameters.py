@@ -90,8 +90,7 @@ class ControllerSettings(Config):
         'state_timeout', 'float', 0.02,
         'Real time: after this time without a state (at least three control periods), or after a '
         'gap of that length in its stamps, the law restarts.', unit='s', minimum=0.0,
-        exclusive=True,
-        maximum=3600.0, read_only=True)
+        exclusive=True, maximum=3600.0, read_only=True)
     reference_timeout: float = parameter(
         'reference_timeout', 'float', 0.1,
         'A late reference is continued at its last velocity for this time; then its position is '

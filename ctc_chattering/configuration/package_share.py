@@ -68,6 +68,6 @@ def find_config(text: str, beside: Path = Path(), folder: str = '') -> Path:
     if text in own:
         return own[text]
     if Path(text).name == text and not (beside / text).exists():
-        raise UsageError(f'{text}: there is no such file, and the package has none of this name: '
+        raise UsageError(f'{text}: no such file, and the package has none with this name: '
                          f'{", ".join(own)}{near(text, own)}')
     return beside / text

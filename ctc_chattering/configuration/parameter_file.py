@@ -211,7 +211,7 @@ def _each_once(where: str, kind: str, names: Iterable[str]) -> None:
     """Raise `CtcError` for a name that two spellings give, such as a.b and a: {b: …}."""
     for name, count in Counter(names).items():
         if count > 1:
-            raise CtcError(f'{where}: {kind} {name} stands twice, in two spellings')
+            raise CtcError(f'{where}: {kind} {name} is given twice, in two spellings')
 
 
 def _sections(tree: Mapping[Any, Any], prefix: str, path: Path) -> Iterator[tuple[str, Values]]:

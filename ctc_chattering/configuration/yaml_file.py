@@ -35,7 +35,7 @@ class Loader(yaml.SafeLoader):
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             name, line = (key.tag, key.value), key.start_mark.line + 1
             if name in lines:
-                raise CtcError(f'key {key.value} stands twice in one mapping, in lines '
+                raise CtcError(f'key {key.value} appears twice in one mapping, in lines '
                                f'{lines[name]} and {line}')
             lines[name] = line
         return node
@@ -72,7 +72,7 @@ def parse_value(text: str) -> Any:
     except (yaml.YAMLError, ValueError):
         value = None
     if value is None:
-        raise CtcError('this is no value in YAML')
+        raise CtcError('this is not a YAML value')
     return value
 
 

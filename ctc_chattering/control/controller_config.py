@@ -108,7 +108,7 @@ class ControllerConfig(RobotConfig):
         'Bandwidth of the estimate of the perturbation.', unit='1/s',
         minimum=0.0, exclusive=True, laws=('momentum_observer',))
     super_twisting_k1: tuple[float, ...] = parameter(
-        'super_twisting_k1', 'float[]', 60.0, 'Gain of the square root.', unit='sqrt(rad/s^3)',
+        'super_twisting_k1', 'float[]', 60.0, 'Gain of sqrt(|v|).', unit='sqrt(rad/s^3)',
         minimum=0.0, exclusive=True, shape='n', laws=('super_twisting',))
     super_twisting_k2: tuple[float, ...] = parameter(
         'super_twisting_k2', 'float[]', 2000.0,

@@ -71,14 +71,12 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
 
     """
     setup = parameter_file.load(path, overrides)
-    if record is not None and record.exists():
-        raise CtcError(f'{record}: exists already, not overwritten')
+    values = node_values(setup, record)
     check_security()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profile()
     from ctc_chattering.launch.parameter_events import graph_monitor
     lockstep = setup.plant.pacing == 'lockstep'
-    values = _node_values(setup, record)
     turns = None
     if lockstep and setup.values['bringup']['one_processor']:
         turns = one_processor()
@@ -108,12 +106,35 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
             raise CtcError(child.exit_report())
 
 
-def _node_values(setup: parameter_file.Setup, record: Path | None) -> dict[str, dict[str, Any]]:
-    """Return the parameters of the nodes that are to run, in the order of their start."""
+def node_values(setup: parameter_file.Setup, record: Path | None, with_bringup: bool = True
+                ) -> dict[str, dict[str, Any]]:
+    """
+    Return the parameters of the nodes that are to run, in the order of their start.
+
+    Parameters
+    ----------
+    setup : Setup
+        Of the parameter file.
+    record : Path or None
+        Directory to create for a bag.
+    with_bringup : bool
+        Whether the nodes wait for bringup, which sets the parameters of ``events``.
+
+    Raises
+    ------
+    CtcError
+        If the bag exists, or there are events and no bringup.
+
+    """
+    if record is not None and record.exists():
+        raise CtcError(f'{record}: exists already, not overwritten')
+    if setup.events and not with_bringup:
+        raise CtcError('bringup: events are not allowed in a launch file; run bringup: '
+                       'ros2 run ctc_chattering bringup')
     names = (*(('recorder',) if record else ()), *LOOP)
     values = {name: dict(setup.values[name]) for name in names}
     for name in LOOP:
-        values[name]['wait_for'] = ['bringup', *names]
+        values[name]['wait_for'] = [*(['bringup'] if with_bringup else []), *names]
     if setup.plant.pacing == 'lockstep' and setup.events:
         values['plant']['hold_at'] = setup.events[0].time
     if record:

@@ -84,7 +84,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._loop.law = Controller(self.config, model_of(self.config, description))
         self._tell_if_plain(self._loop.law)
         if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
-            self.get_logger().warning(f'{missing}: set what the drives can give')
+            self.get_logger().warning(f'{missing}: set them to the limits of the drives')
         if description:
             self._described = self.create_publisher(
                 String, f'~/{ROBOT_DESCRIPTION}', qos(1, latched=True))
@@ -130,7 +130,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             self._terms.restart()
             self.parameters.changed = True
             self.get_logger().info(
-                f'time begins again at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
+                f'time restarts at {seconds(state.t):.3f} s', throttle_duration_sec=1.0)
         self._answer(now)
 
     def idle(self) -> None:

@@ -102,7 +102,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
     def introduction(self) -> str:
         """Return what moves the robot, and what comes first."""
         config = self.config
-        first = COMMANDS if self._ticker is None else f'those who are to hear {JOINT_STATES}'
+        first = COMMANDS if self._ticker is None else f'the subscribers to {JOINT_STATES}'
         waits = self.problem or f'waits for {first}'
         return (f'simulated robot, {config.plant_backend}, model {config.model}, '
                 f'{", ".join(config.joint_names)}, {config.pacing}, '
@@ -135,7 +135,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
     def _awaited(self) -> str:
         """Return what simulated time waits for."""
         if not self._begun:
-            return f'those who are to hear {JOINT_STATES}'
+            return f'the subscribers to {JOINT_STATES}'
         publishers = ', '.join(self.inputs[0].publishers())
         return (f'the answer on {COMMANDS} to the state at t = {self._robot.t:g} s; '
                 + (f'published by {publishers}' if publishers else 'there is no publisher'))

@@ -195,7 +195,7 @@ class RecorderNode(BaseNode):
         elif (time.monotonic_ns() - self._heard > _SILENCE and not self._simulated
               and self.count_publishers(JOINT_STATES)):
             level = WARN
-            message = f'{JOINT_STATES}: nothing comes, though it is published'
+            message = f'{JOINT_STATES}: nothing arrives, although it is published'
         elif lost:
             level, message = ERROR, f'{lost} messages were dropped'
         return Status(level, message, {
@@ -239,7 +239,8 @@ class RecorderNode(BaseNode):
                 return
             # When the others have ended, there is time for all that they have sent.
             if time.time_ns() - begin > _DRAIN and self.count_publishers(JOINT_STATES):
-                self.get_logger().warning('asked to end while more came than could be recorded')
+                self.get_logger().warning(
+                    'asked to stop while messages arrived faster than they could be recorded')
                 return
             time.sleep(_SLICE)
 

@@ -43,7 +43,7 @@ _FOLDERS = ('numerics', 'dynamics', 'control', 'simulation')
 #: How numba calls: where the result goes, where an error goes, and one argument.
 _PROTOTYPE: Any = ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 3)
 #: What a user reads who runs plain Python in its place.
-HOW_TO_COMPILE = ('computed by plain Python; `ctc compile` with the same file makes it some 20 '
+HOW_TO_COMPILE = ('running in plain Python; `ctc compile` with the same file makes it some 20 '
                   'times as fast: about 30 s, once')
 #: How steps are computed, without and with machine code.
 PLAIN_PYTHON, MACHINE_CODE = 'plain Python', 'machine code'

@@ -113,7 +113,7 @@ class MatchingSubscription:
             self._profile = weakened(self._profile, offers)
             self._node.get_logger().info(
                 f'{name}: subscribed as {self._profile.reliability.name}, '
-                f'{self._profile.durability.name}: its publishers offer no more')
+                f'{self._profile.durability.name}: its publishers offer nothing better')
             self.current = self._subscribe()
 
     def destroy(self) -> None:

@@ -43,7 +43,7 @@ def message_type(kind: str) -> Any:
         package, _, name = kind.split('/')
         return getattr(importlib.import_module(f'{package}.msg'), name)
     except (ImportError, AttributeError, ValueError):
-        raise CtcError(f'{kind}: this type of message is not installed') from None
+        raise CtcError(f'{kind}: this message type is not installed') from None
 
 
 def stamp(nanoseconds: int) -> Time:

@@ -214,7 +214,7 @@ def _check(arguments: Sequence[str]) -> None:
         rcl.rclpy_remove_ros_args(['--ros-args', *arguments])
     except rcl.UnknownROSArgsError as error:
         words = ' '.join(re.findall("'(.*?)'", str(error)))
-        raise UsageError(f'{words} is no argument of ROS (it is after --ros-args)') from None
+        raise UsageError(f'{words} is not a ROS argument (it follows --ros-args)') from None
     except rcl.RCLInvalidROSArgsError as error:
         raise UsageError(str(error).partition(', at /')[0]) from None
 

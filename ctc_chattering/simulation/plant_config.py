@@ -109,7 +109,8 @@ class PlantConfig(RobotConfig):
         unit='rad/s', minimum=0.0, shape='n', read_only=True)
     encoder_resolution: tuple[float, ...] = parameter(
         'encoder_resolution', 'float[]', 0.0,
-        'Quantisation step of the measured position; 0 for none.', unit='rad', minimum=0.0, shape='n', read_only=True)
+        'Quantisation step of the measured position; 0 for none.',
+        unit='rad', minimum=0.0, shape='n', read_only=True)
     encoder_side: str = parameter(
         'encoder_side', 'str', 'motor',
         'Elastic joints: the side on which position and velocity are measured.',

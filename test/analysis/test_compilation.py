@@ -122,4 +122,4 @@ def test_without_numba_plain_python_runs(tmp_path: Path, module: str, error: str
         'run = simulated(setup).run\n'
         'print(made, way(setup), len(run.t), run.compiled)\n'), path=tmp_path)
     assert found.stdout.splitlines() == [
-        f'plain Python computes, 20 times slower: {reason}', '0 plain 11 False'], found.stderr
+        f'running in plain Python, 20 times slower: {reason}', '0 plain 11 False'], found.stderr

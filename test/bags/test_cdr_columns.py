@@ -19,6 +19,7 @@ from __future__ import annotations
 from typing import Any
 
 from ctc_chattering.bags.cdr_columns import blocks, field_names
+from ctc_chattering.bags.definitions import Definitions, Field, parsed
 from motion_bags import joint_state, torques
 import numpy as np
 import pytest
@@ -28,13 +29,17 @@ STATE = 'sensor_msgs/msg/JointState'
 RNG = np.random.default_rng(1)
 
 
+def known(kind: str) -> Definitions:
+    return parsed(STORE.generate_msgdef(kind, ros_version=2)[0], kind)
+
+
 def serialized(messages: list[Any]) -> list[bytes]:
     return [bytes(STORE.serialize_cdr(x, x.__msgtype__)) for x in messages]
 
 
 def numbers(data: list[bytes], kind: str, field: str) -> dict[int, Any]:
     """Return the numbers of a field by the number of the message."""
-    return {int(k): row for block in blocks(data, kind, STORE.fielddefs, [field])
+    return {int(k): row for block in blocks(data, kind, known(kind), [field])
             for k, row in zip(block.place, block.numbers.get(field, np.empty((10 ** 6, 0))))}
 
 
@@ -45,7 +50,7 @@ def test_layouts_that_change_within_a_series() -> None:
     messages = [joint_state(k, names[k % 5], q[k, :len(names[k % 5])], None,
                             q[k, :len(names[k % 5])]) for k in range(60)]
     found: dict[int, tuple[tuple[str, ...], Any]] = {}
-    for block in blocks(serialized(messages), STATE, STORE.fielddefs, ['effort', 'position']):
+    for block in blocks(serialized(messages), STATE, known(STATE), ['effort', 'position']):
         rows = block.numbers.get('effort', np.empty((len(block.place), 0)))
         found.update({int(k): (block.names.get('name', ()), row)
                       for k, row in zip(block.place, rows)})
@@ -67,13 +72,14 @@ def test_nested_fields_and_numbers_of_all_sizes() -> None:
     data = serialized([trajectory_state(0, names, q, dq, tau)])
     assert numbers(data, TRAJECTORY_STATE, 'output.effort')[0] == pytest.approx(tau)
     assert numbers(data, TRAJECTORY_STATE, 'speed_scaling_factor')[0] == pytest.approx([1.0])
-    assert field_names(data[0], TRAJECTORY_STATE, STORE.fielddefs)['feedback.positions'] == 7
+    counts = field_names(data[0], TRAJECTORY_STATE, known(TRAJECTORY_STATE))
+    assert counts['feedback.positions'] == 7
 
 
 def test_big_endian() -> None:
     message = torques(np.array([1.5, -2.5]), ('a', 'bcd'))
     data = bytes(STORE.serialize_cdr(message, message.__msgtype__, little_endian=False))
-    (block,) = blocks([data], message.__msgtype__, STORE.fielddefs, ['data'])
+    (block,) = blocks([data], message.__msgtype__, known(message.__msgtype__), ['data'])
     assert block.numbers['data'].tolist() == [[1.5, -2.5]]
     assert block.names == {'layout.dim.label': ('a', 'bcd')}
 
@@ -83,8 +89,9 @@ def test_what_cannot_be_decoded_is_left_out() -> None:
     bad = [b'', b'\0', good[:30], b'\1\2' + good[2:], good[:20] + b'\xff' * 8 + good[28:]]
     assert list(numbers([*bad, good], STATE, 'position')) == [len(bad)]
     # A type whose definition ends in one that is not known can be read up to there.
-    cut = {**STORE.fielddefs, FRANKA_STATE: ([], [
-        *STORE.fielddefs[FRANKA_STATE][1][:4], ('errors', (2, 'franka_msgs/msg/Errors'))])}
+    whole = known(FRANKA_STATE)
+    cut = {**whole, FRANKA_STATE: (
+        *whole[FRANKA_STATE][:4], Field('errors', 'franka_msgs/msg/Errors', None))}
     data = serialized([franka_state(0, [f'j{k}' for k in range(7)], *RNG.normal(size=(4, 7)))])
     (block,) = blocks(data, FRANKA_STATE, cut, ['measured_joint_state.effort'])
     assert block.numbers['measured_joint_state.effort'].shape == (1, 7)

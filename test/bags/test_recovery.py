@@ -192,7 +192,7 @@ def test_a_chunk_that_stands_twice_gives_its_messages_once(
         found = check(original, data[:place] + data[a:b] + data[place:], original.rows,
                       is_closed=is_closed)
         assert (found.repeated, found.missing) == (1, {})
-        assert '1 chunks that stood twice' in str(found)
+        assert '1 duplicate chunks' in str(found)
     # In place of another one, of which nothing else tells that it was there.
     begin, end, gone = original.chunks[6]
     found = check(original, data[:begin] + data[a:b] + data[end:],

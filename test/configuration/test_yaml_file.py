@@ -51,7 +51,7 @@ def test_a_key_that_stands_twice(read: Callable[[Path], object], text: str, key:
     path.write_text(text)
     with pytest.raises(CtcError) as error:
         read(path)
-    assert str(error.value) == (f'{path}: key {key} stands twice in one mapping, in lines '
+    assert str(error.value) == (f'{path}: key {key} appears twice in one mapping, in lines '
                                 f'{lines[0]} and {lines[1]}')
 
 
@@ -62,12 +62,12 @@ def test_a_key_that_stands_twice(read: Callable[[Path], object], text: str, key:
 def test_two_spellings_of_one_name(tmp_path: Path, text: str, word: str) -> None:
     path = tmp_path / 'file.yaml'
     path.write_text(text)
-    with pytest.raises(CtcError, match=f'{word} stands twice, in two spellings'):
+    with pytest.raises(CtcError, match=f'{word} is given twice, in two spellings'):
         parameter_file.read(path)
 
 
 def test_a_value_with_a_key_twice() -> None:
-    with pytest.raises(CtcError, match='key a stands twice'):
+    with pytest.raises(CtcError, match='key a appears twice'):
         parse_value('{a: 1, a: 2}')
 
 

@@ -170,7 +170,7 @@ def test_one_number_is_for_all_joints_and_every_change_is_logged() -> None:
         assert it.get('controller', 'ka') == [12.0, 12.0]
         assert it.get('controller', 'kp') == [90.5, 90.5]
         assert [line.split(']: ')[1] for line in it.lines if 'WARN' in line] == [
-            'effort_limit is infinite for joint1, joint2: set what the drives can give']
+            'effort_limit is infinite for joint1, joint2: set them to the limits of the drives']
         for value, found in ((13.5, 13.5), (14, 14.0), ('1e1', 10.0), (10.0, 10.0)):
             assert it.set('controller', 'ka', value).successful
             assert it.get('controller', 'ka') == [found, found]

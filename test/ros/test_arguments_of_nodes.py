@@ -92,7 +92,7 @@ def test_what_is_for_ros_is_left_to_ros() -> None:
     (['--ros-args', '-p', 'qos_overrides./joint_states.subscription.depth:=1'], ['QoS']),
     (['--ros-args', '-p', 'law'], ['NAME:=VALUE']), (['--ros-args', '-p', 'b:=[1'], ['YAML']),
     (['--ros-args', '-p', 'b:='], ['YAML']), (['--ros-args', '-p'], ['needs a value']),
-    (['--ros-args', '--law', 'x'], ['--law']), (['--ros-args', 'x'], ['x is no argument of ROS']),
+    (['--ros-args', '--law', 'x'], ['--law']), (['--ros-args', 'x'], ['x is not a ROS argument']),
     (['--ros-args', '-r', 'joint_stats:=/x'], ['joint_stats', 'joint_states']),
     (['--ros-args', '-p', 'b:=-1'], ['b: -1']), (['--ros-args', '-p', 'b:=x'], ["b: 'x'"]),
     (['--ros-args', '-r', 'joint_states'], ['FROM:=TO']),

@@ -54,6 +54,6 @@ def run(options: argparse.Namespace) -> int:
     setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
               for values in (changes if options.all else [{}])]
     made = compile_setups(setups, say, parts=True)
-    print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were there: '
-          f'{cache_directory()}')
+    print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were '
+          f'already compiled: {cache_directory()}')
     return 0

@@ -68,8 +68,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='number of poses with slow reversals, default: 3')
     for name, text in (
             ('center', "centre of the motion [rad], default: the reference's"),
-            ('position-range', 'greatest distance from the centre, 0.8 by default [rad]'),
-            ('velocity-limit', 'in place of the part of the limits of the description [rad/s]'),
+            ('position-range', 'largest distance from the centre [rad], default: 0.8'),
+            ('velocity-limit', 'instead of that fraction of the limit of the description [rad/s]'),
             ('acceleration-limit', 'the same for the acceleration [rad/s²]'),
             ('friction', "expected Coulomb friction [N·m], default: the plant's")):
         parser.add_argument(f'--{name}', metavar='A,B,C',

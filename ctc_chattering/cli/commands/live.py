@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
     with ExitStack() as open_pages:
         def make_page(main: str, reports: str = '') -> Page:
             page = Page('ctc live', options.host, options.port, options.dark, main, reports)
-            print(f'open {page.url} in a browser; Ctrl-C ends', flush=True)
+            print(f'open {page.url} in a browser; Ctrl-C stops', flush=True)
             wanted = sys.stdout.isatty() if options.open is None else options.open
             if wanted and not open_pages.enter_context(opened(page.url)) and options.open:
                 say('ctc live: --open: no browser here')

@@ -173,7 +173,7 @@ def _of_effort_only(declared: str, guess: str, effort: TorqueShape, source: str)
         raise CtcError(
             f'the effort shows no friction ({part:.1%} of the torque, median of the joints): it '
             'is measured behind the gear; only the commanded torques show friction: record them, '
-            'too; or give --effort motor if nothing rubs between motor and link')
+            'too; or give --effort motor if there is no friction between motor and link')
     if declared:
         return TorqueSides(declared, source)
     return TorqueSides('', source, (Finding(

@@ -217,7 +217,7 @@ class ModelVerdict:
                     'the signal, a wrong torque constant or gear ratio')
         if cause.kind == CauseKind.ROTOR:
             if all(x.half > abs(x.value or 0.0) for x in numbers):
-                return f'{name}: how much is missing in the model the motion does not show'
+                return f'{name}: the motion does not show how much the model lacks'
             sizes = ', '.join(f'{x.value or 0.0:.3g} ± {x.half:.1g}' for x in numbers)
             return f'{name}: {sizes} kg*m^2 at the joint are missing in the model'
         if cause.kind == CauseKind.GRAVITY and len(cause.direction):

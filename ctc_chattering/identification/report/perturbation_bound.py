@@ -87,7 +87,7 @@ def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array, usable: 
 
     limits = fastest.limits
     how = 'at the limits of the description' if limits.known.all() else (
-        'at the speed of the run, for no limit of it is known' if not limits.known.any() else
+        'at the speed of the run, since its limit is not known' if not limits.known.any() else
         'at the limits of the description, or the speed of the run where there is none')
     text = (f'{MARGIN:g} times the largest |P| {how}, {listed(limits.velocity)} rad/s: friction '
             f'{listed(fastest.friction)}, errors of the model {listed(fastest.error)}, '

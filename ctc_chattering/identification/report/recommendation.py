@@ -198,7 +198,7 @@ def _verdict(name: str, ka: float, peak: float, noise: float, period: float, fit
                 f'{room}')
     least = period * _ROOM * noise / max(ka - peak, 1e-12)
     return (f'{name}: not possible at h = {period:g} s: two deviations, each M σ / h = '
-            f'{noise:.3g} N*m, exceed {room}; it is from control_period = {least:.2g} s on')
+            f'{noise:.3g} N*m, exceed {room}; possible from control_period = {least:.2g} s on')
 
 
 def _drive_values(found: Identification) -> Gains:
@@ -212,7 +212,7 @@ def _drive_values(found: Identification) -> Gains:
         'switching': ('implicit_observer', 'estimates P; docs/theory.md'),
         'observer_bandwidth': (_rounded_down(bandwidth), (
             f'{_LAG:g} / T with the longest lag of the drives that is possible, '
-            f'T = {longest:.3g} s' if longest else 'no lag of the drives shows'))}
+            f'T = {longest:.3g} s' if longest else 'no lag of the drives is visible'))}
 
 
 def _law_values(found: Identification, law: str, why: str, resolution: float, slower: float
@@ -253,7 +253,7 @@ def _law_reason(found: Identification, law: str, quiet: bool) -> str:
     if longest_lag(found).max() > _SHORT_LAG * found.clock.period:
         return 'the drives have a lag, which this law inverts'
     if quiet:
-        return 'the drives are slower than the steps of a chattering term; this law knows that'
+        return 'the drives are slower than the steps of a chattering term; this law knows it'
     return ('the noise of the velocities leaves no room for a chattering term; this law observes '
             'the velocity from positions')
 

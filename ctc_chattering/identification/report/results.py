@@ -179,7 +179,7 @@ class IdentificationResults:
                        'is missing in the model; no motion distinguishes these')
         yield from found.left
         if not any(number.value is not None for _, number in found.errors):
-            yield 'no error of a mass shows'
+            yield 'no mass error is visible'
 
     def text(self) -> str:
         """Return it for a terminal, in lines of at most `WIDTH` characters."""

@@ -141,7 +141,7 @@ def _bounds(found: Identification) -> Iterator[Finding]:
             yield Finding(
                 Severity.CARE, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
                 'have: an elastic joint or backlash looks like that',
-                'measure the position behind the gear, or know that the drive is so slow')
+                'measure the position behind the gear, or confirm that the drive is that slow')
 
 
 def _model_bounds(found: Identification) -> Iterator[Finding]:

@@ -109,7 +109,7 @@ def test_a_map_that_is_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
         assert len(shards(out)) < 60
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output
-    assert f'{len(before)} runs are there already' in output
+    assert f'{len(before)} runs are already computed' in output
     assert tables(out) == expected
 
 
@@ -123,7 +123,8 @@ def test_ctrl_c_ends_in_a_line(tmp_path: Path) -> None:
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert output.splitlines()[-1].endswith(
-        f'ctc map: stopped; {len(shards(out))} of 60 runs are in {out}, the same command goes on')
+        f'ctc map: stopped; {len(shards(out))} of 60 runs are in {out}, '
+        'run the same command to continue')
     assert 'Traceback' not in output
     assert psutil.wait_procs(workers, PATIENCE)[1] == []
 
@@ -157,7 +158,7 @@ def test_results(tmp_path: Path) -> None:
     again = ctc(*words)
     assert (again.returncode, again.stdout.splitlines()[0], again.stdout.splitlines()[2]) == (
         0, f'{damaged}: damaged, its bytes have changed; it is removed, to be computed again',
-        '23 runs are there already')
+        '23 runs are already computed')
     assert tables(out) == before
     with locked(out):
         refused(ctc(*words), f'{out}: process {os.getpid()} on ', 'is writing there')
@@ -173,7 +174,7 @@ def test_what_the_machine_cannot_do_ends_the_map(tmp_path: Path) -> None:
     result = ctc('map', spec, '--out', out, '--jobs', 1)
     assert (result.returncode, result.stderr.splitlines()[-1]) == (
         1, 'ctc map: the run failed: MemoryError: no more; 0 of 24 runs are in '
-        f'{out}, the same command goes on')
+        f'{out}, run the same command to continue')
     assert not shards(out)
 
 

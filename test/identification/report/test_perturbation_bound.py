@@ -54,7 +54,7 @@ def test_friction_at_the_limits_is_that_of_the_robot() -> None:
 def test_without_limits_the_speed_of_the_run_counts() -> None:
     found = perturbation_bound(FOUND, RUN, MADE.model)
     assert found.peak == pytest.approx(RUN.peak, rel=0.02)
-    assert 'no limit of it is known' in found.reason
+    assert 'its limit is not known' in found.reason
 
 
 def test_ka_is_cut_to_what_the_drive_gives() -> None:

@@ -1,0 +1,98 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a release needs: manifests that agree, copyright, keys of rosdep that apt has."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+import ctc_chattering
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Requirements of pip that the package does without: those of bags that are compressed.
+OPTIONAL = {'lz4', 'zstandard'}
+MANIFEST = ElementTree.parse(ROOT / 'package.xml').getroot()
+
+
+def called_with() -> dict[str, Any]:
+    """Return the arguments of `setup` that are literals."""
+    tree = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
+    (call,) = (x for x in ast.walk(tree) if isinstance(x, ast.Call)
+               and isinstance(x.func, ast.Name) and x.func.id == 'setup')
+    return {x.arg or '': ast.literal_eval(x.value) for x in call.keywords if x.arg in (
+        'version', 'install_requires', 'extras_require', 'description', 'license')}
+
+
+SETUP = called_with()
+
+
+def texts(tag: str) -> set[str]:
+    return {x.text or '' for x in MANIFEST.findall(tag)}
+
+
+def names(words: list[str]) -> set[str]:
+    return {re.split(r'[<>=\[]', word)[0] for word in words}
+
+
+def test_all_manifests_have_one_version() -> None:
+    log = (ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    versions = re.findall(r'^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)\n-+$', log, re.MULTILINE)
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text(encoding='utf-8'))
+    assert versions[0] == ctc_chattering.__version__ == SETUP['version'] == citation['version']
+    assert texts('version') == {versions[0]}
+    title = 'Changelog for package ctc_chattering'
+    assert log.splitlines()[:3] == ['^' * len(title), title, '^' * len(title)]
+    assert texts('license') == {SETUP['license']} == {citation['license']}
+
+
+def test_rosdep_finds_all_that_is_needed_in_apt() -> None:
+    """Bloom refuses keys that stand for packages of pip."""
+    needed = texts('exec_depend') | texts('depend')
+    keys = {x for x in needed if x.startswith('python3-')}
+    assert all(re.fullmatch(r'[a-z_]+', x) for x in needed - keys)
+    assert not any('pip' in x for x in keys)
+    of_pip = {f'python3-{x.lower()}' for x in names(SETUP['install_requires'])}
+    assert {x.replace('pyyaml', 'yaml') for x in of_pip} == keys | {
+        'python3-setuptools', *(f'python3-{x}' for x in OPTIONAL)}
+
+
+def test_the_extra_all_has_every_feature() -> None:
+    extras = dict(SETUP['extras_require'])
+    (everything,) = extras['all']
+    assert everything.startswith('ctc_chattering[')
+    features = set(re.findall(r'\w+', everything)[1:])
+    assert features == set(extras) - {'all', 'docs', 'lint', 'test'}
+    page = (ROOT / 'docs' / 'install.md').read_text(encoding='utf-8')
+    rows = dict(re.findall(r'^\| `(\w+)` \|.*?\| (.*) \|$', page, re.MULTILINE))
+    assert set(rows) == features
+    words = names([word for name in features for word in extras[name]])
+    assert set(re.findall(r'`([\w-]+)`', ' '.join(
+        row.split(' | ')[0] for row in rows.values()))) == words
+
+
+def test_every_module_begins_with_the_copyright() -> None:
+    """Check what `ament_copyright` looks for."""
+    header = (ROOT / 'setup.py').read_text(encoding='utf-8').partition('\n\n')[0] + '\n'
+    assert header.startswith('# Copyright 2026 The ctc_chattering maintainers\n')
+    files = [ROOT / 'setup.py', *(x for folder in ('ctc_chattering', 'examples', 'launch', 'test')
+                                  for x in (ROOT / folder).rglob('*.py'))]
+    assert len(files) > 600
+    without = [str(x) for x in files if not x.read_text(encoding='utf-8').startswith(header)]
+    assert not without
