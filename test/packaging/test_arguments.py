@@ -220,6 +220,16 @@ class One(Model):
     mass_matrix = coriolis_matrix = gravity_torque = potential_energy = Mock()
 
 
+@pytest.mark.parametrize('name', sorted(WRITERS))
+def test_writers_refuse_what_no_function_has_returned(name: str, tmp_path: Path) -> None:
+    write = getattr(ctc_chattering, name)
+    for value in WRONG:
+        given = (value, SETUP, tmp_path / 'out') if name == 'write_excitation' else (
+            value, tmp_path / 'out')
+        assert refused(write, *given) is not None
+    assert not (tmp_path / 'out').exists()
+
+
 def test_a_bag_and_a_file_are_named_by_a_string(tmp_path: Path) -> None:
     with pytest.raises(CtcError, match='no such bag'):
         ctc_chattering.read_bag(str(tmp_path / 'bag'))

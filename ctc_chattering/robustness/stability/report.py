@@ -89,7 +89,7 @@ def stability(setup: Setup) -> Margins:
     >>> from ctc_chattering import load_parameters, stability
     >>> found = stability(load_parameters('friction', {'controller': {'law': 'compensation'}}))
     >>> found.radius < 1.0, f'{found.ratios.low:.2f} to {found.ratios.high:.0f}'
-    (True, '0.01 to 20')
+    (True, '0.01 to 40')
 
     """
     return margins(loops_of(setup))
