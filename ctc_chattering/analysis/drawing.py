@@ -50,11 +50,30 @@ _NOT_XML = re.compile(rb'[\x00-\x08\x0b\x0c\x0e-\x1f]')
 
 @dataclasses.dataclass(frozen=True)
 class FigureFile:
-    """A figure on disk, its title and its caption."""
+    """
+    A figure on disk.
+
+    Attributes
+    ----------
+    path : Path
+        The file that a page shows.
+    title, caption : str
+        What it shows, and under which condition.
+    others : tuple of Path
+        The same in other formats.
+    size : (float, float), optional
+        Width and height [pixel].
+    group : str
+        Name of the run whose figures are shown together; empty for none.
+
+    """
 
     path: Path
     title: str
     caption: str
+    others: tuple[Path, ...] = ()
+    size: tuple[float, float] | None = None
+    group: str = ''
 
 
 def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Sequence[str]
@@ -89,8 +108,10 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
                 figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
                 (directory / f'{stem}.{kind}').write_bytes(
                     _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
-            files.append(FigureFile(
-                directory / f'{stem}.{kinds[0]}', figure.get_suptitle(), caption))
+            first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
+            width, height = 96.0 * figure.get_size_inches()
+            files.append(FigureFile(first, figure.get_suptitle(), caption, tuple(others),
+                                    (round(width), round(height))))
     return files
 
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,8 @@ SLICE, SHORT_SLICE = 1.0, 0.2
 #: The chattering term z of each switching.
 _TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
           'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
+#: Figures of a run.
+_PER_RUN = 3
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
 _WHOLE = slice(None)
 
@@ -145,7 +148,11 @@ def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
     """
     for result in results:
         _joints(result)
-    return drawing.save(_figures(results), directory, ('svg', extra))
+    files = drawing.save(_figures(results), directory, ('svg', extra))
+    of_runs = [name for name in names(results) for _ in range(_PER_RUN)]
+    first = len(files) - len(of_runs)
+    return [*files[:first], *(
+        dataclasses.replace(file, group=name) for file, name in zip(files[first:], of_runs))]
 
 
 def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:

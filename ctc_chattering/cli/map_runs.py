@@ -68,7 +68,7 @@ def _map(runs: Runs, jobs: int, options: argparse.Namespace) -> int:
     print(f'{len(table)} runs, {failed} failed, {time.monotonic() - start:.0f} s: '
           f'{options.out / TABLE}; drawing ...', flush=True)
     from ctc_chattering.robustness.report.report import write_report  # Matplotlib takes time.
-    print_page(write_report(runs.spec, table, options.out))
+    print_page(write_report(runs.spec, table, options.out, options.format, options.said))
     return 0
 
 

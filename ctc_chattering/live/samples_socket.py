@@ -48,7 +48,7 @@ from typing import Any
 Message = str | bytes
 #: Longest message from a page [characters].
 _LONGEST = 10_000
-#: Messages that wait for a page that is slow; more are not sent, and the lines have gaps.
+#: Messages that wait for a slow page; samples beyond are not sent, and the lines have gaps.
 _WAITING = 200
 #: Reason of the end for a message that is too long, as the standard has it.
 _TOO_LONG = 1009
@@ -58,17 +58,18 @@ class _Client:
     """One open page."""
 
     def __init__(self) -> None:
-        self.loop = asyncio.get_running_loop()
-        self._queue: asyncio.Queue[Iterable[Message]] = asyncio.Queue(_WAITING)
+        self._loop = asyncio.get_running_loop()
+        self._queue: asyncio.Queue[Iterable[Message]] = asyncio.Queue()
 
     def put(self, messages: Iterable[Message]) -> None:
         """Have messages sent, from any thread."""
         with suppress(RuntimeError):  # The loop has ended.
-            self.loop.call_soon_threadsafe(self._put, messages)
+            self._loop.call_soon_threadsafe(self._queue.put_nowait, messages)
 
-    def _put(self, messages: Iterable[Message]) -> None:
-        with suppress(asyncio.QueueFull):
-            self._queue.put_nowait(messages)
+    @property
+    def slow(self) -> bool:
+        """Whether many messages wait."""
+        return self._queue.qsize() > _WAITING
 
     async def send_to(self, connection: Any) -> None:
         while True:
@@ -133,7 +134,11 @@ class SamplesSocket:
         self._receivers[subject] = receive
 
     def poll(self, greeting: Callable[[], Iterable[Message]]) -> None:
-        """Pass on what has come, and send new pages what `greeting` returns."""
+        """
+        Pass on what has come, and send new pages what `greeting` returns.
+
+        What it yields, if it is a generator, it yields in the thread of the server.
+        """
         with suppress(Empty):
             while True:
                 self._joined.get_nowait().put((*greeting(), *self._told.values()))
@@ -154,7 +159,8 @@ class SamplesSocket:
     def send(self, message: Message) -> None:
         """Send a message to all pages."""
         for client in tuple(self._clients):
-            client.put((message,))
+            if isinstance(message, str) or not client.slow:
+                client.put((message,))
 
 
 def word(**words: Any) -> str:

@@ -102,7 +102,7 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.exp(np.mean(np.log(np.maximum(values, 1e-300)))))
 
 
-def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path
+def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path, extra: str = 'svg'
                             ) -> list[drawing.FigureFile]:
     """
     Write the figures of a comparison as SVG; return them in the order in which to show them.
@@ -113,6 +113,8 @@ def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path
         Result of `compare`.
     directory : Path
         Created if necessary.
+    extra : str
+        A second format: ``pdf`` or ``png``.
 
     Raises
     ------
@@ -120,7 +122,7 @@ def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path
         If a file cannot be written.
 
     """
-    return drawing.save(_all(outcomes), directory, ('svg',))
+    return drawing.save(_all(outcomes), directory, ('svg', extra))
 
 
 def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:

@@ -19,9 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import file_stem, write_text, writing
-from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.studies.comparison import Outcome
 from ctc_chattering.studies.comparison_figures import save_comparison_figures
@@ -32,21 +32,32 @@ TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS = (
     'compare.md', 'compare.csv', 'held_out.csv', 'index.html', 'figures', 'parameters')
 NAMES = (TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS)
 
+_LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
+         'joint, by the settings and under the conditions that the tables name.')
 
-def write_comparison(outcomes: Sequence[Outcome], out: Path) -> None:
-    """Write everything into `out`; raise `CtcError` if that cannot be done."""
+
+def write_comparison(outcomes: Sequence[Outcome], out: Path, extra: str = 'svg',
+                     command: str = '') -> None:
+    """
+    Write everything into `out`; raise `CtcError` if that cannot be done.
+
+    Figures are written as SVG, and as `extra`; `command` is what was run.
+    """
     write_text(out / TABLE, to_markdown(outcomes))
     write_text(out / CSV, to_csv(outcomes))
     if any(x.judged for x in outcomes):
         write_text(out / HELD_OUT, held_out_csv(outcomes))
     write_parameters(outcomes, out / PARAMETERS)
-    write_page(outcomes, save_comparison_figures(outcomes, out / FIGURES), out / PAGE)
+    write_page(outcomes, save_comparison_figures(outcomes, out / FIGURES, extra), out / PAGE,
+               command)
 
 
-def write_page(outcomes: Sequence[Outcome], figures: Sequence[FigureFile], path: Path) -> None:
+def write_page(outcomes: Sequence[Outcome], figures: Sequence[FigureFile], path: Path,
+               command: str = '') -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
-    write_sections(path, 'The laws compared', figures,
-                   [(name, name) for name in (CSV, TABLE, PARAMETERS)], tables=tables(outcomes))
+    page.write_page(path, 'The laws compared', _LEAD, [
+        page.Section('Figures', figures), page.Section('Numbers', list(tables(outcomes)))],
+        [(name, name) for name in (CSV, TABLE, PARAMETERS)], command)
 
 
 def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]:

@@ -151,7 +151,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     return figure
 
 
-def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path
+def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, extra: str = 'png'
                        ) -> list[drawing.FigureFile]:
     """
     Write the figures of a study as PNG; return them in the order in which to show them.
@@ -162,6 +162,8 @@ def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path
         Result of `run_cases`; a figure without any of its cases is left out.
     directory : Path
         Created if necessary.
+    extra : str
+        A second format: ``svg`` or ``pdf``.
 
     Raises
     ------
@@ -169,7 +171,7 @@ def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path
         If a file cannot be written.
 
     """
-    return drawing.save(_all(outcomes), directory, ('png',))
+    return drawing.save(_all(outcomes), directory, ('png', extra))
 
 
 def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:

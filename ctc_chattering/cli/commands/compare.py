@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
+    add_format,
     add_jobs,
     add_output,
     find_file,
@@ -66,6 +67,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate the bags, not the simulation')
+    add_format(parser)
     add_output(parser)
 
 
@@ -92,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     outcomes = list(progress_bar(runs, desc='compare', unit='law', total=len(todo)))
     print(to_markdown(outcomes))
     if options.out is not None:
-        write_comparison(outcomes, options.out)
+        write_comparison(outcomes, options.out, options.format, options.said)
         print_page(options.out / PAGE)
     return 0
 

@@ -27,7 +27,7 @@ from ctc_chattering.analysis.result import write_json
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
-from ctc_chattering.cli.options import add_output, numbers
+from ctc_chattering.cli.options import add_format, add_output, numbers
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.robot_description import read_description
@@ -99,6 +99,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='robots within the intervals on which gains are tried in '
                              'simulation, 24 by default, or 8 without numba; 0 for none')
     parser.add_argument('--seed', type=int, default=1, help='of the trials, 1 by default')
+    add_format(parser)
     add_output(parser, 'identified')
 
 
@@ -151,7 +152,7 @@ def _written(results: IdentificationResults, robot: _IdentifiedRobot, q: Any, ou
     if not _missing(results):
         results = _tried(results, robot, q, out, options)
     missing = _missing(results)
-    _write(results, robot, q, out, bool(missing))
+    _write(results, robot, q, bool(missing), options)
     print(results.text())
     print()
     if missing:
@@ -261,15 +262,15 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
     return numbers('--torque-rate', text, n, 'above 0', lambda x: x > 0.0)
 
 
-def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
-           refused: bool) -> None:
+def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, refused: bool,
+           options: argparse.Namespace) -> None:
     """Write all files; the parameter file not if a joint is refused."""
     from ctc_chattering.identification.report.identification_figures import (
         save_identification_figures,
     )
     from ctc_chattering.identification.report.results import write_page
 
-    files = {_JSON: 'all numbers'}
+    out, files = options.out, {_JSON: 'all numbers'}
     if _CORRECTED in robot.files:
         files[_CORRECTED] = 'corrected URDF'
     if not refused:
@@ -282,5 +283,5 @@ def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: 
         except CtcError as error:
             raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
     write_json(report.as_mapping(), out / _JSON)
-    figures = save_identification_figures(report, out / _FIGURES)
-    write_page(report, figures, out / _PAGE, files)
+    figures = save_identification_figures(report, out / _FIGURES, options.format)
+    write_page(report, figures, out / _PAGE, files, options.said)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 from importlib.util import find_spec
 
-from ctc_chattering.cli.options import add_jobs, add_output, number_of_jobs
+from ctc_chattering.cli.options import add_format, add_jobs, add_output, number_of_jobs
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.errors import UsageError
 
@@ -39,6 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--explain', metavar='POINT',
                         help='write and draw one run, by its number or by name=value,... of axes, '
                              'law and repeat')
+    add_format(parser)
     add_output(parser, 'map')
 
 

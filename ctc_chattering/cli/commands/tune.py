@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_jobs, add_output, check, number_of_jobs
+from ctc_chattering.cli.options import add_format, add_jobs, add_output, check, number_of_jobs
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -73,6 +73,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, metavar='S',
                         help="seed of search and draws, 0 by default, or the spec's")
     add_jobs(parser, '; the result does not depend on it')
+    add_format(parser)
     add_output(parser, 'tuned')
 
 
@@ -98,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
     with _map(jobs, options.trials * spec.repeats.repeats) as each:
         tuning = tune(Evaluation(spec, options.percentile, each), options.trials,
                       spec.repeats.seed)
-    write_tuning(tuning, out)
+    write_tuning(tuning, out, options.format, options.said)
     print(report.text(tuning))
     if tuning.knee is None:
         raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '

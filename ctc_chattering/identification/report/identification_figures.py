@@ -37,9 +37,9 @@ _POINTS = 200
 _Named = tuple[str, Figure, str]
 
 
-def save_identification_figures(results: IdentificationResults, directory: Path
-                                ) -> list[FigureFile]:
-    """Write all figures as SVG into `directory`, and return them."""
+def save_identification_figures(results: IdentificationResults, directory: Path,
+                                extra: str = 'svg') -> list[FigureFile]:
+    """Write all figures as SVG, and as `extra`, into `directory`, and return them."""
     found, run, verdicts = results.found, results.run, results.verdicts
     ka = np.asarray(results.recommended.values['ka'][0], float)
     figures = [_friction(found, verdicts), _perturbation(run, ka, verdicts),
@@ -48,7 +48,7 @@ def save_identification_figures(results: IdentificationResults, directory: Path
     if results.validation is not None:
         figures.append(_validation(results.validation, verdicts))
     return save(((stem, fit_titles(figure), caption) for stem, figure, caption in figures),
-                directory, ('svg',))
+                directory, ('svg', extra))
 
 
 def _panels(verdicts: Sequence[Verdict], title: str, ylabel: str) -> tuple[Figure, list[Axes]]:

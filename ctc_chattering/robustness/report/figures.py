@@ -122,7 +122,8 @@ def _limits(values: Array) -> tuple[float, float, str]:
                                      'max' if above else 'neither')
 
 
-def save_map_figures(data: MapData, directory: Path) -> list[drawing.FigureFile]:
+def save_map_figures(data: MapData, directory: Path, extra: str = 'svg'
+                     ) -> list[drawing.FigureFile]:
     """
     Write the figures of a map as SVG; return them in the order in which to show them.
 
@@ -134,6 +135,8 @@ def save_map_figures(data: MapData, directory: Path) -> list[drawing.FigureFile]
         Of the map.
     directory : Path
         Created if necessary.
+    extra : str
+        A second format: ``pdf`` or ``png``.
 
     Raises
     ------
@@ -142,7 +145,7 @@ def save_map_figures(data: MapData, directory: Path) -> list[drawing.FigureFile]
 
     """
     with matplotlib.rc_context({'svg.hashsalt': 'map'}):
-        return drawing.save(figures(data), directory, ('svg',))
+        return drawing.save(figures(data), directory, ('svg', extra))
 
 
 def figures(data: MapData) -> Iterator[tuple[str, Figure, str]]:

@@ -178,9 +178,10 @@ def draws_figure(tuning: Tuning) -> Figure:
     return figure
 
 
-def save_tune_figures(tuning: Tuning, directory: Path) -> list[drawing.FigureFile]:
+def save_tune_figures(tuning: Tuning, directory: Path, extra: str = 'svg'
+                      ) -> list[drawing.FigureFile]:
     """
-    Write the figures of a search as SVG; return them in the order in which to show them.
+    Write the figures of a search as SVG and `extra`; return them in the order to show them.
 
     Raises
     ------
@@ -188,7 +189,7 @@ def save_tune_figures(tuning: Tuning, directory: Path) -> list[drawing.FigureFil
         If a file cannot be written.
 
     """
-    return drawing.save(_all(tuning), directory, ('svg',))
+    return drawing.save(_all(tuning), directory, ('svg', extra))
 
 
 def _all(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
