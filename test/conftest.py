@@ -23,6 +23,7 @@ Hypothesis tries the same examples every time, however slow the machine.
 """
 
 from collections.abc import Iterator
+import gc
 import os
 import signal
 
@@ -59,6 +60,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left_out = [item for item in items if item.get_closest_marker('browser')]
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=left_out)
+
+
+def pytest_collection_finish() -> None:
+    """Have the garbage collector pass over what all tests share: modules, and the tests."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
