@@ -39,9 +39,10 @@ release = ctc_chattering.__version__
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary',
               'sphinx.ext.napoleon', 'sphinx.ext.viewcode']
 #: README.md is on the front page.
-include_patterns = ['*.md', '*.rst', 'docs/**.md', 'docs/**.rst']
+include_patterns = ['*.md', '*.rst', 'docs/**.md', 'docs/**.rst',
+                    'examples/README.md']
 exclude_patterns = ['.*', '**_templates', 'README.md', 'build', 'config', 'ctc_chattering',
-                    'examples', 'install', 'log', 'results', 'site', 'soak', 'test']
+                    'install', 'log', 'results', 'site', 'soak', 'test']
 templates_path = ['docs/_templates']
 
 #: Headings have the anchors that GitHub gives them.
