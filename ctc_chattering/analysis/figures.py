@@ -28,12 +28,12 @@ from ctc_chattering.analysis.comparison_figures import (
     score_comparison,
 )
 from ctc_chattering.analysis.legends import legend_of
-from ctc_chattering.analysis.output import file_stem
+from ctc_chattering.analysis.output import check_format, file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, name, names
 from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.laws.registry import law_class
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -157,8 +157,7 @@ def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 
         If a run has no samples, and nothing is written, or a file cannot be written.
 
     """
-    if extra not in ('svg', 'pdf', 'png'):
-        raise ParameterError('extra', extra, 'svg | pdf | png')
+    check_format(extra)
     for i, result in enumerate(results):
         check_type(f'results[{i}]', result, Result)
         _joints(result)

@@ -24,7 +24,10 @@ import re
 import shutil
 from typing import Any
 
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
+
+#: Formats of figures.
+FORMATS = ('svg', 'pdf', 'png')
 
 
 def prepare(directory: Path, names: Sequence[str], overwrite: bool = False) -> Path:
@@ -61,6 +64,12 @@ def prepare(directory: Path, names: Sequence[str], overwrite: bool = False) -> P
             else:
                 path.unlink()
     return directory
+
+
+def check_format(extra: str) -> None:
+    """Raise `ParameterError` unless figures can have this format besides SVG."""
+    if extra not in FORMATS:
+        raise ParameterError('extra', extra, ' | '.join(FORMATS))
 
 
 @contextmanager

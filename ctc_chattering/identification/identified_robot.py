@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
-from ctc_chattering.analysis.output import prepare, write_json, write_text, writing
+from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
 from ctc_chattering.analysis.recording import RecordedMotion, Recording
 from ctc_chattering.arguments import check_type, checked, vector, whole
 from ctc_chattering.configuration import parameter_file
@@ -255,6 +255,7 @@ def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int |
         If an argument is not allowed, a file exists already, or cannot be written.
 
     """
+    check_format(extra)
     out, seed = prepare(Path(out), NAMES), whole('seed', seed, 0)
     if trials is None:
         trials = COUNT if has_compiler() else COUNT_PLAIN

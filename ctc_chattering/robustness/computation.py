@@ -24,6 +24,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.analysis.output import check_format
 from ctc_chattering.arguments import checked, whole
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import Controller
@@ -56,7 +57,8 @@ def map_spec(spec: MapSpec | Mapping[str, Any] | str | Path) -> MapSpec:
 
 
 @checked(spec=(MapSpec, Mapping, str, Path), out=(str, Path), scheduler=(str, type(None)),
-         overwrite=bool, show=Callable, progress=(Callable, type(None)), command=str)
+         overwrite=bool, show=Callable, progress=(Callable, type(None)), extra=str,
+         command=str)
 def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path, jobs: int = 1,
                 scheduler: str | None = None, overwrite: bool = False,
                 show: Callable[[str], None] = print,
@@ -75,7 +77,7 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
         Directory for ``map.parquet``, a row a run, which pandas and polars read; ``map.json``,
         ``figures`` and ``index.html``.
     jobs : int
-        Processes; a script needs ``if __name__ == '__main__'``.
+        Processes that compute; a script needs ``if __name__ == '__main__'``.
     scheduler : str, optional
         Address of a dask cluster, ``tcp://host:port``, in place of them.
     overwrite : bool
@@ -92,7 +94,7 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
     Returns
     -------
     pyarrow.Table
-        The rows of ``map.parquet``; `polars.from_arrow` and ``to_pandas()`` take it.
+        The rows of ``map.parquet``; ``polars.from_arrow`` takes it.
 
     Raises
     ------
@@ -102,6 +104,7 @@ def compute_map(spec: MapSpec | Mapping[str, Any] | str | Path, out: str | Path,
 
     """
     jobs = whole('jobs', jobs, 1)
+    check_format(extra)
     return Computation(Runs(map_spec(spec)), Path(out), jobs, scheduler, overwrite, show,
                        progress or (lambda *_: None)).table(extra, command)
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import file_stem, prepare, write_text, writing
+from ctc_chattering.analysis.output import check_format, file_stem, prepare, write_text, writing
 from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import ParameterError
@@ -66,6 +66,7 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
         check_type(f'outcomes[{i}]', outcome, Outcome)
     if not len(outcomes):
         raise ParameterError('outcomes', outcomes, 'one or more')
+    check_format(extra)
     out = prepare(Path(out), NAMES)
     write_text(out / TABLE, to_markdown(outcomes))
     write_text(out / CSV, to_csv(outcomes))

@@ -23,7 +23,7 @@ from typing import Any
 
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import finite, prepare, write_text, writing
+from ctc_chattering.analysis.output import check_format, finite, prepare, write_text, writing
 from ctc_chattering.analysis.tables import csv_text, Table
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration import parameter_file
@@ -63,6 +63,7 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
         If a file exists already, or cannot be written.
 
     """
+    check_format(extra)
     out = prepare(Path(out), NAMES)
     for point in tuning.points:
         write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
