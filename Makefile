@@ -49,7 +49,7 @@ compiled: $(READY)
 	$(BIN)/python test/support/compile_code.py
 
 # Studies that take a minute or more each, and properties with random examples.
-slow: $(READY)
+slow: $(VENV)/.docs
 	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600
 	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
 		--hypothesis-profile=random

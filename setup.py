@@ -43,7 +43,7 @@ setup(
     cmdclass={'develop': Develop},
     version='1.0.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed'], '': ['*.html']},
+    package_data={NAME: ['py.typed'], '': ['*.html', 'web/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml', 'LICENSE']),
@@ -82,7 +82,8 @@ setup(
         # The site of `make docs`.
         'docs': ['furo', 'myst-parser', 'sphinx>=7.2'],
         # The plugins that ament_flake8 of jazzy has.
-        'lint': ['flake8', 'flake8-builtins', 'flake8-comprehensions', 'flake8-docstrings',
+        'lint': ['flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
+                 'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',
                  'flake8-import-order', 'flake8-quotes', 'mypy', 'pydocstyle', 'ruff',
                  'types-PyYAML'],
     },

@@ -22,6 +22,7 @@ a browser of the repository. Nothing is loaded from the network.
 from __future__ import annotations
 
 from pathlib import Path
+import re
 from typing import Any
 
 import ctc_chattering
@@ -60,7 +61,10 @@ html_theme = 'furo'
 html_theme_options = {  # 99 columns, as equations have them
     f'{scheme}_css_variables': {'code-font-size': '75%'} for scheme in ('light', 'dark')}
 html_title = f'ctc_chattering {release}'
+html_static_path = ['_static']
+html_css_files = ['site.css']
 html_copy_source = False
+html_show_search_summary = False  # a file may not read its neighbours
 html_show_sphinx = False
 
 
@@ -91,8 +95,17 @@ def resolvable(_: Sphinx, doctree: nodes.document) -> None:
             link.replace_self(link.children)
 
 
+def unbroken(_: Sphinx, doctree: nodes.document) -> None:
+    """Keep a number such as 2.2e-03 in a table from being broken after its hyphen."""
+    for cell in doctree.findall(nodes.entry):
+        for text in list(cell.findall(nodes.Text)):
+            if re.fullmatch(r'[\d.]+e-\d+.{,20}', text):
+                text.parent.replace(text, nodes.inline('', '', text, classes=['pre']))
+
+
 def setup(app: Sphinx) -> None:
     """Connect what is between reading and writing a page."""
     app.connect('autodoc-process-docstring', without_field_numbers)
     app.connect('source-read', titled)
     app.connect('doctree-read', resolvable)
+    app.connect('doctree-read', unbroken)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 import dataclasses
 from functools import cached_property
 from itertools import pairwise
@@ -33,7 +34,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import ParameterError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation import closed_loop
@@ -158,10 +159,7 @@ class Result(RunAttributes):
     @cached_property
     def position_units(self) -> tuple[str, ...]:
         """Return the unit of each joint's position: rad, or m for a prismatic joint."""
-        kinds = {name: joint.kind for name, joint in Tree(self.description).joints.items()
-                 } if self.description else {}
-        return tuple('m' if kinds.get(name) == 'prismatic' else 'rad'
-                     for name in self.joint_names)
+        return position_units(self.joint_names, self.description)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
@@ -310,3 +308,11 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
 
     """
     write_json({'runs': [result.metrics() for result in results]}, path)
+
+
+def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
+    """Return the unit of each joint's position: m if a URDF says that it is prismatic, or rad."""
+    kinds = {}
+    with suppress(CtcError):
+        kinds = {name: joint.kind for name, joint in Tree(description).joints.items()}
+    return tuple('m' if kinds.get(name) == 'prismatic' else 'rad' for name in names)

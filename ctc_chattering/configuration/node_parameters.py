@@ -182,19 +182,22 @@ def parameter_help(node: str) -> str:
 
 
 def parameter_table() -> str:
-    """Return all parameters of all executables as Markdown, what nodes share in one row."""
+    """Return all parameters of all executables as Markdown, under the nodes that have them."""
     nodes: dict[str, list[str]] = {}
     for node in NODES:
         for spec in parameters_of(node).values():
             nodes.setdefault(_row(spec), []).append(node)
-    return '\n'.join((
-        '| node | parameter | type | default | unit | while running | meaning |',
-        '|---|---|---|---|---|---|---|',
-        *(f'| {", ".join(names)} {row}' for row, names in nodes.items())))
+    sections: dict[str, list[str]] = {}
+    for row, names in nodes.items():
+        sections.setdefault(', '.join(names), []).append(row)
+    return '\n\n'.join(
+        '\n'.join((f'## {title}\n',
+                   '| parameter | type | default | unit | while running | meaning |',
+                   '|---|---|---|---|---|---|', *rows)) for title, rows in sections.items())
 
 
 def _row(spec: Parameter) -> str:
-    """Return the cells of a parameter that stand behind its node."""
+    """Return the cells of a parameter in the tables."""
     shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
     meaning = spec.description
     if spec.choices:

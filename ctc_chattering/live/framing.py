@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Vertical angle of view [rad]; width of a view as a part of its height, at least.
-FIELD, _ASPECT = 0.8, 0.9
+#: Vertical angle of view [rad]; width of a view as a part of its height where it is not known.
+FIELD, ASPECT = 0.8, 0.9
 #: Part of the view that the arms fill, where they are now and wherever they will be.
 _NOW, _EVER = 0.8, 0.98
 #: From the arm to the camera: of one arm, and of several, which stand one behind the other.
@@ -45,7 +45,7 @@ def roots(count: int, reach: float) -> list[tuple[float, float, float]]:
     return [(0.0, _APART * reach * (i - 0.5 * (count - 1)), 0.0) for i in range(count)]
 
 
-def camera_of(now: Array, ever: Array, count: int = 1) -> Camera:
+def camera_of(now: Array, ever: Array, count: int = 1, aspect: float = ASPECT) -> Camera:
     """
     Return the camera that shows all of some points as large as a view allows.
 
@@ -57,6 +57,8 @@ def camera_of(now: Array, ever: Array, count: int = 1) -> Camera:
         Points of the arms where they may be [m].
     count : int
         Number of arms.
+    aspect : float
+        Width of the view as a part of its height.
 
     """
     back = np.array(_DIRECTIONS[min(count, 2) - 1])
@@ -67,7 +69,7 @@ def camera_of(now: Array, ever: Array, count: int = 1) -> Camera:
     points = np.concatenate((now, ever))
     seen = points @ axes.T
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    size = np.array((_ASPECT, 1.0)) * tan(0.5 * FIELD)
+    size = np.array((aspect, 1.0)) * tan(0.5 * FIELD)
     distance = 0.0
     for part, fills in ((now, _NOW), (points, _EVER)):
         x = part @ axes.T - middle
@@ -77,9 +79,9 @@ def camera_of(now: Array, ever: Array, count: int = 1) -> Camera:
     return Camera(_three(target + distance * back), _three(target))
 
 
-def is_at(camera: Camera, other: Any) -> bool:
-    """Return whether a browser's camera, a handle of viser, is (almost) where this one is."""
-    near = 1e-2 * float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
+def is_at(camera: Camera, other: Any, tolerance: float = 1e-2) -> bool:
+    """Return whether a browser's camera, a handle of viser, is almost where this one is."""
+    near = tolerance * float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
     return all(np.linalg.norm(np.subtract(a, b)) < near for a, b in (
         (camera.position, other.position), (camera.look_at, other.look_at)))
 

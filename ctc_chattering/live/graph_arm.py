@@ -25,11 +25,15 @@ from ctc_chattering.live.arm_view import ArmView
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.page import Page
 from ctc_chattering.live.skeleton import skeleton_of
-from ctc_chattering.trajectory.reference import ReferenceConfig
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 import numpy as np
 
 #: After which a motion has settled [s].
 _SETTLED = 3.0
+#: Parameters of the desired motion, and positions of it that the camera shows.
+_MOTION = ('joint_names', 'center', 'amplitude', 'frequency', 'phase')
+_POSES = 24
 
 
 class GraphArm:
@@ -79,17 +83,19 @@ class GraphArm:
         instant, q = self._reader.instant(), self._reader.position
         if self._view is not None and q is not None:
             poses = [q] if instant is None else [q, instant.q_d]
-            self._page.look(self._view.points(poses), self._view.points(self._motion()))
+            self._page.cameras.look(
+                self._view.points(poses), self._view.points(self._motion()), 1)
 
     def _motion(self) -> list[Any]:
-        """Return the ends and the middle of the desired motion, where they are known."""
+        """Return positions of the desired motion, where it is known."""
         values = self._reader.parameters['reference']
         if values.get('trajectory_file'):
             return []
         with suppress(CtcError, KeyError):
-            known = ReferenceConfig.from_mapping({
-                name: values[name] for name in ('joint_names', 'center', 'amplitude')})
+            known = ReferenceConfig.from_mapping({name: values[name] for name in _MOTION})
             if known.joint_names == self._reader.names:
-                center, swing = np.array(known.center), np.array(known.amplitude)
-                return [center - swing, center, center + swing]
+                motion = Sinusoid(known)
+                slow = min((x for x in known.frequency if x), default=1.0)
+                return [np.array(motion.at(round(k / _POSES / slow * NANOSECONDS))[0])
+                        for k in range(_POSES)]
         return []

@@ -32,12 +32,12 @@ from ctc_chattering.live.arm_view import View
 from ctc_chattering.live.controls import Controls
 from ctc_chattering.live.graph_arm import GraphArm
 from ctc_chattering.live.graph_commands import GraphCommands
+from ctc_chattering.live.graph_plots import GraphPlots
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.health import counted, light, NodeReport, SILENT
 from ctc_chattering.live.law_panel import LawPanel
 from ctc_chattering.live.page import Page
-from ctc_chattering.live.plot_panel import PlotPanel
-from ctc_chattering.live.samples import since_now, table
+from ctc_chattering.live.samples import table
 from ctc_chattering.ros.exit_deadline import end_after
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import Executor
@@ -46,7 +46,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 #: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
-_FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.3
+_FRAME, _NUMBERS = 1 / 30, 0.2
 #: Between two questions for the parameters, where they did not come by themselves [s].
 _ASK = 2.0
 #: Time for callbacks in each frame [s].
@@ -92,10 +92,10 @@ class GraphPage:
         self._panel = LawPanel(self._click) if controls else None
         if self._panel is not None:
             page.samples.on('ask', self._panel.receive)
-        self._plots: PlotPanel | None = None
+        self._plots = GraphPlots(page.samples, reader)
         self._arm = GraphArm(page, reader)
         self._made_of: Any = None
-        self._due = {'numbers': 0.0, 'plots': 0.0, 'parameters': 0.0}
+        self._due = {'numbers': 0.0, 'parameters': 0.0}
         with page.main:
             self._view = View(page.server.gui, partial(self._click, 'fit'))
 
@@ -126,14 +126,14 @@ class GraphPage:
                 break
         self._commands.poll()
         self._make(now)
+        self._plots.update()
         if not self._page.watched:
             return
         with self._page.server.atomic():
             self._arm.show(self._view.magnified, now)
+            self._page.cameras.follow()
             if self._is_due('numbers', now, _NUMBERS):
                 self._show_numbers()
-            if self._is_due('plots', now, _PLOTS) and self._plots is not None:
-                self._plots.show([since_now(self._reader.samples())])
 
     def _is_due(self, what: str, now: float, period: float) -> bool:
         if now < self._due[what]:
@@ -154,15 +154,12 @@ class GraphPage:
             return
         self._made_of = made_of
         self._arm.make(config, description, now)
-        for part in (self._plots, self._controls):
-            if part is not None:
-                part.remove()
-        gui = self._page.server.gui
-        with self._page.plots:
-            self._plots = PlotPanel(gui, config.joint_names)
+        if self._controls is not None:
+            self._controls.remove()
         if self._panel is not None:
             with self._page.main:
-                self._controls = Controls(gui, config.joint_names, self._click)
+                self._controls = Controls(
+                    self._page.server.gui, config.joint_names, self._click)
 
     def _take_parameters(self, values: Mapping[str, Any]) -> None:
         with suppress(CtcError):  # Of a controller that is not ours.
@@ -209,7 +206,7 @@ class GraphPage:
     def _carry_out(self, what: str, *arguments: Any) -> None:
         if what == 'fit':
             self._arm.look()
-            self._page.fit(*(event.client for event in arguments))
+            self._page.cameras.fit(*(event.client for event in arguments))
         else:
             self._commands.carry_out(what, *arguments)
 

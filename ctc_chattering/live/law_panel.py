@@ -65,10 +65,10 @@ class LawPanel:
 
         """
         self._names, self._parameters = tuple(names), parameters
-        law = parameters.get('law')
+        law, switching = (str(parameters.get(x, '')) for x in ('law', 'switching'))
         return {
             'law': law, 'laws': LAWS, 'joints': self._names,
-            'switching': parameters.get('switching') if law == 'chattering' else None,
+            'switching': switching if law == 'chattering' else None,
             'switchings': SWITCHINGS, 'record': record,
             'gains': [gain.shown() for gain in gains_of(parameters, names)],
             'answers': list(self._answers), 'answered': self._answered}

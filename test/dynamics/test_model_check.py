@@ -159,6 +159,7 @@ def test_where_it_is_worst() -> None:
 def test_what_a_model_raises_is_reported() -> None:
     """Check that it fails the tests concerned, and no more."""
     class Silent(Generic):
+
         def potential_energy(self, q: Vector) -> float:
             del q
             raise NotImplementedError('no height here')
@@ -168,6 +169,7 @@ def test_what_a_model_raises_is_reported() -> None:
             raise ZeroDivisionError
 
     class Mute(Generic):
+
         def mass_matrix(self, q: Vector) -> Rows:
             del q
             raise KeyError('inertia')
@@ -195,6 +197,7 @@ def test_a_light_joint_counts_as_much_as_a_heavy_one() -> None:
 def test_masks_of_many_joints() -> None:
     """Check that a fault in one lock of seven joints is found."""
     class Loose(UrdfModel):
+
         def forward_dynamics(self, q: Vector, dq: Vector, u: Vector, fixed_joints: int = 0
                              ) -> Vector:
             return super().forward_dynamics(q, dq, u, fixed_joints & ~(1 << 5))

@@ -205,6 +205,7 @@ def test_a_processor_that_is_not_there() -> None:
 
 
 class _Cycle:
+
     def __init__(self) -> None:
         self.me = self
 

@@ -15,7 +15,7 @@ function controls(parent, send, frame) {
     return it;
   };
   const digits = x => String(Number(x.toPrecision(4)));
-  parent.classList.add('ctc-controls');
+  parent.classList.add('ctc-plots', 'ctc-controls');
   parent.hidden = true;
 
   // --- law, switching: the one in force is pressed

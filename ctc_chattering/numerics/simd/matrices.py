@@ -48,6 +48,7 @@ class MatrixType(types.Type):
 
 @register_model(MatrixType)
 class _MatrixModel(models.PrimitiveModel):
+
     def __init__(self, manager: Any, kind: MatrixType) -> None:
         super().__init__(manager, kind, _DOUBLE.as_pointer())
 
