@@ -15,6 +15,7 @@
 
 
 
+
 """
 Computed torque plus compensation plus chattering, for robot arms with friction.
 
@@ -47,6 +48,14 @@ switching of law (6). The parameter ``law`` takes the class, or ``package.module
 
 **Robots.** A `Model` of your own, `TwoLink`, or `UrdfModel`; `check_dynamics` tests one.
 
+**From a recording to gains.** `excite` makes a motion that shows the friction, `write_excitation`
+its files. `read_motion` reads a bag of any recorder; arrays of your own are a `Recording` in a
+`RecordedMotion`. `identify` returns an `IdentifiedRobot`, `write_identified` a parameter file.
+
+**Which law, which gains.** `compare` runs all laws, `tune` searches for gains, `compute_map` shows
+where laws fail, `stability` which errors a loop stands; `write_comparison` and `write_tuning`
+write tables, figures and parameter files.
+
 **Parts.** `Controller` answers a state with a `Sample`, `Plant` takes the torque, `Sinusoid` and
 `Waypoints` are motions.
 
@@ -63,8 +72,11 @@ from typing import Any, TYPE_CHECKING
 if TYPE_CHECKING:
     from ctc_chattering.analysis.export import export as export
     from ctc_chattering.analysis.figures import save_figures as save_figures
+    from ctc_chattering.analysis.recording import RecordedMotion as RecordedMotion
+    from ctc_chattering.analysis.recording import Recording as Recording
     from ctc_chattering.analysis.result import Result as Result
     from ctc_chattering.analysis.result import simulate as simulate
+    from ctc_chattering.bags.motion import read_motion as read_motion
     from ctc_chattering.bags.reader import read_bag as read_bag
     from ctc_chattering.bags.repair import repair as repair
     from ctc_chattering.configuration.loading import load_parameters as load_parameters
@@ -83,12 +95,23 @@ if TYPE_CHECKING:
     from ctc_chattering.dynamics.two_link import TwoLink as TwoLink
     from ctc_chattering.dynamics.urdf_model import UrdfModel as UrdfModel
     from ctc_chattering.errors import CtcError as CtcError
+    from ctc_chattering.identification.excite import excite as excite
+    from ctc_chattering.identification.excite import write_excitation as write_excitation
+    from ctc_chattering.identification.identified_robot import IdentifiedRobot as IdentifiedRobot
+    from ctc_chattering.identification.identified_robot import identify as identify
+    from ctc_chattering.identification.identified_robot import write_identified as write_identified
     from ctc_chattering.numerics.compilable import dot as dot
     from ctc_chattering.numerics.compilable import record as record
+    from ctc_chattering.robustness.computation import compute_map as compute_map
+    from ctc_chattering.robustness.stability.report import stability as stability
+    from ctc_chattering.robustness.tuning.files import write_tuning as write_tuning
+    from ctc_chattering.robustness.tuning.tune import tune as tune
     from ctc_chattering.simulation.closed_loop import Event as Event
     from ctc_chattering.simulation.closed_loop import Run as Run
     from ctc_chattering.simulation.plant import Plant as Plant
     from ctc_chattering.simulation.plant_config import PlantConfig as PlantConfig
+    from ctc_chattering.studies.compare_laws import compare as compare
+    from ctc_chattering.studies.comparison_files import write_comparison as write_comparison
     from ctc_chattering.trajectory.reference import ReferenceConfig as ReferenceConfig
     from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
     from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
@@ -100,7 +123,9 @@ __version__ = '1.0.0'
 _MODULES = {
     'analysis.export': ('export',),
     'analysis.figures': ('save_figures',),
+    'analysis.recording': ('RecordedMotion', 'Recording'),
     'analysis.result': ('Result', 'simulate'),
+    'bags.motion': ('read_motion',),
     'bags.reader': ('read_bag',),
     'bags.repair': ('repair',),
     'configuration.loading': ('load_parameters',),
@@ -115,10 +140,18 @@ _MODULES = {
     'dynamics.two_link': ('TwoLink',),
     'dynamics.urdf_model': ('UrdfModel',),
     'errors': ('CtcError',),
+    'identification.excite': ('excite', 'write_excitation'),
+    'identification.identified_robot': ('IdentifiedRobot', 'identify', 'write_identified'),
     'numerics.compilable': ('dot', 'record'),
+    'robustness.computation': ('compute_map',),
+    'robustness.stability.report': ('stability',),
+    'robustness.tuning.files': ('write_tuning',),
+    'robustness.tuning.tune': ('tune',),
     'simulation.closed_loop': ('Event', 'Run'),
     'simulation.plant': ('Plant',),
     'simulation.plant_config': ('PlantConfig',),
+    'studies.compare_laws': ('compare',),
+    'studies.comparison_files': ('write_comparison',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),
     'trajectory.waypoints': ('Waypoints',),
 }

@@ -25,24 +25,26 @@ import functools
 import inspect
 from math import isfinite
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import Any, cast, TypeVar
 
 from ctc_chattering.errors import CtcError, ParameterError
 import numpy as np
 import numpy.typing as npt
 
 F = TypeVar('F', bound=Callable[..., Any])
-_WORDS = {Real: 'a finite number', type(None): 'None', Sequence: 'a sequence'}
+_WORDS = {Real: 'a finite number', type(None): 'None', Sequence: 'a sequence',
+          cast('type', Callable): 'a function'}
 
 
-def checked(**kinds: type | tuple[type, ...]) -> Callable[[F], F]:
+def checked(**kinds: Any) -> Callable[[F], F]:
     """
     Return a decorator of a function, or of a class and its `__init__`, that checks arguments.
 
     Parameters
     ----------
     **kinds : type or tuple of types
-        By the argument's name; `Real` stands for finite numbers, `Sequence` for any but strings.
+        By the argument's name; `Real` stands for finite numbers, `Sequence` for any but strings,
+        `Callable` for functions.
 
     """
     def decorate(target: F) -> F:

@@ -241,7 +241,8 @@ class Result(RunAttributes):
                 yield f'{name}: {found}'
 
 
-@checked(setup=Setup, truth=bool, robot=(Robot, type(None)), model=(Model, type(None)))
+@checked(setup=Setup, progress=(Callable, type(None)), truth=bool, robot=(Robot, type(None)),
+         model=(Model, type(None)))
 def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
              robot: Robot | None = None, model: Model | None = None) -> Result:
     """

@@ -70,6 +70,12 @@ def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> N
                         help='replace the output of an earlier run of this command')
 
 
+def add_format(parser: argparse.ArgumentParser, first: str = 'svg') -> None:
+    """Add the option of a second format of all figures; the `first` is that of the page."""
+    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default=first,
+                        help=f'figures in this format as well; the page has them as {first}')
+
+
 def add_jobs(parser: argparse.ArgumentParser, more: str = '') -> None:
     """Add the option of the number of processes; `more` is what its help says besides."""
     parser.add_argument('--jobs', type=int, metavar='N',

@@ -52,7 +52,7 @@ from ctc_chattering.identification.report.validation import validate
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Names in the directory of `write_identification`.
+#: Names in the directory of `write_identified`.
 PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES = (
     'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
 #: Acceleration of gravity where nothing says otherwise [m/s²].
@@ -78,7 +78,7 @@ class RobotModel:
 @dataclasses.dataclass(frozen=True)
 class IdentifiedRobot:
     """
-    What `identify` finds.
+    A robot as `identify` has found it.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class IdentifiedRobot:
 
 
 @checked(motions=Sequence, validation=(RecordedMotion, type(None)), model=str, urdf=str,
-         torque=str, side=str, torque_rate=Sequence)
+         gravity=(Real, type(None)), torque=str, side=str, torque_rate=Sequence)
 def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
              model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
              side: str = '', torque_rate: Sequence[float] = ()) -> IdentifiedRobot:
@@ -144,7 +144,7 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     Returns
     -------
     IdentifiedRobot
-        For `write_identification`.
+        For `write_identified`.
 
     Raises
     ------
@@ -161,8 +161,6 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
                                  ('side', side, ('', 'motor', 'link', 'current'))):
         if value not in allowed:
             raise ParameterError(name, value, ' | '.join(map(repr, allowed)))
-    if gravity is not None:
-        check_type('gravity', gravity, Real)
     recordings = [x.recording for x in motions]
     rate = tuple(vector('torque_rate', torque_rate, len(recordings[0].joints)).tolist()
                  ) if len(torque_rate) else ()
@@ -200,7 +198,7 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
         shared['locked'] = list(locked)
     used = description if name == 'urdf' else ''
     return RobotModel(made, candidates(made, used, positions), {ROBOT: used} if used else {},
-                       positions, shared, (controller.kp, controller.kv) if controller else None)
+                      positions, shared, (controller.kp, controller.kv) if controller else None)
 
 
 def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, side: str
@@ -219,9 +217,10 @@ def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, 
     return (found, robot) if better is None else (better, other)
 
 
-@checked(identified=IdentifiedRobot, out=(str, Path))
-def write_identification(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
-                         seed: int = 1, show: Callable[[str], None] = print) -> IdentifiedRobot:
+@checked(identified=IdentifiedRobot, out=(str, Path), show=Callable, command=str)
+def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
+                     seed: int = 1, show: Callable[[str], None] = print, extra: str = 'svg',
+                     command: str = '') -> IdentifiedRobot:
     """
     Try the gains in simulation, and write parameter file, numbers, figures and page.
 
@@ -240,6 +239,10 @@ def write_identification(identified: IdentifiedRobot, out: str | Path, trials: i
         Of the trials.
     show : callable
         Takes lines about what is compiled for them.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
 
     Returns
     -------
@@ -260,7 +263,7 @@ def write_identification(identified: IdentifiedRobot, out: str | Path, trials: i
         write_text(out / name, text)
     if trials and not identified.missing:
         identified = _tried(identified, out, trials, seed, show)
-    _write(identified, out)
+    _write(identified, out, extra, command)
     return identified
 
 
@@ -278,7 +281,7 @@ def _tried(identified: IdentifiedRobot, out: Path, trials: int, seed: int,
         identified, results=dataclasses.replace(results, recommended=tried))
 
 
-def _write(identified: IdentifiedRobot, out: Path) -> None:
+def _write(identified: IdentifiedRobot, out: Path, extra: str, command: str) -> None:
     """Write all files; the parameter file not if a joint is refused."""
     from ctc_chattering.identification.report.identification_figures import (
         save_identification_figures,
@@ -298,5 +301,5 @@ def _write(identified: IdentifiedRobot, out: Path) -> None:
         except CtcError as error:
             raise CtcError(f'{out / VALUES} needs a correction by hand: {error}') from None
     write_json(results.as_mapping(), out / JSON)
-    figures = save_identification_figures(results, out / FIGURES)
-    write_page(results, figures, out / PAGE, files)
+    figures = save_identification_figures(results, out / FIGURES, extra)
+    write_page(results, figures, out / PAGE, files, command)

@@ -117,20 +117,15 @@ def simulated_with(path: Path, overrides: Overrides) -> Result:
 
 @pytest.fixture(scope='module')
 def outcomes() -> Iterator[list[Outcome]]:
-    """Yield what becomes of the Panda, moved by MuJoCo, under three laws."""
-    yield compared('panda', 'mujoco', ['compensation', 'chattering', 'slotine_li'])
-
-
-@pytest.mark.slow
-def test_every_switching_wins_ten_times_on_every_joint(outcomes: list[Outcome]) -> None:
-    """The claims themselves are in `compared`."""
-    assert [x.experiment for x in outcomes] == ['panda'] * 6
+    """Yield what becomes of the Panda, moved by MuJoCo, under two laws and what is recommended."""
+    yield compared('panda', 'mujoco', ['compensation', 'slotine_li'])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('robot', 'backend'), [
     ('panda', 'mujoco'), ('ur5', 'mujoco'), ('panda', 'builtin'), ('ur5', 'builtin')])
-def test_so_it_does_on_the_other_robot_and_in_the_other_plant(robot: str, backend: str) -> None:
+def test_every_switching_wins_ten_times_on_every_joint(robot: str, backend: str) -> None:
+    """The claims themselves are in `compared`."""
     assert_documented(compared(robot, backend))
 
 

@@ -72,7 +72,7 @@ def browser_page(offline: bool = False, arguments: Sequence[str] = (), **options
             yield page
         finally:
             browser.close()
-        assert not errors
+        assert not errors, errors
 
 
 @contextmanager

@@ -227,13 +227,18 @@ function gestures(panel) {
   const { plots, element } = panel, over = panel.u.over, fingers = new Map();
   const spectrum = KINDS[panel.kind].spectrum;
   const left = event => event.clientX - over.getBoundingClientRect().left;
-  const time = x => panel.u.posToVal(x, 'x');
+  // As it will be drawn: several events may come before the next frame.
+  const range = () => (spectrum ? panel.view || panel.range : plots.range());
+  const time = x => {
+    const [a, b] = range();
+    return a + x / over.clientWidth * (b - a);
+  };
   const show = (from, to) => {
     if (!spectrum) plots.show(from, to);
     else { panel.view = from === undefined ? null : [Math.max(0, from), to]; panel.update(); }
   };
   const zoom = (at, factor, shift = 0) => {
-    const [a, b] = panel.range, span = (b - a) * factor;
+    const [a, b] = range(), span = (b - a) * factor;
     const from = at - (at - a) * factor + shift;
     show(from, from + span);
   };
@@ -276,14 +281,14 @@ function gestures(panel) {
   over.addEventListener('wheel', event => {
     if (plots.options.wheel !== 'always' && !event.ctrlKey) return;
     event.preventDefault();
-    const span = panel.range[1] - panel.range[0];
+    const span = range()[1] - range()[0];
     if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY))
       zoom(0, 1, (event.deltaX || event.deltaY) / over.clientWidth * span);
     else zoom(time(left(event)), Math.exp(Math.sign(event.deltaY) * Math.min(
       0.4, Math.abs(event.deltaY) / 300)));
   }, { passive: false });
   element.onkeydown = event => {
-    const [a, b] = panel.range, keys = {
+    const [a, b] = range(), keys = {
       ArrowLeft: () => zoom(0, 1, -0.1 * (b - a)), ArrowRight: () => zoom(0, 1, 0.1 * (b - a)),
       '+': () => zoom((a + b) / 2, 0.7), '-': () => zoom((a + b) / 2, 1 / 0.7),
       Home: () => show(), Escape: () => show() };

@@ -25,7 +25,7 @@ from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
-from ctc_chattering.cli.options import add_output, numbers
+from ctc_chattering.cli.options import add_format, add_output, numbers
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.errors import CtcError, UsageError
@@ -69,6 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                              'the gains are tried; default: 24, or 8 without numba; 0 for none')
     parser.add_argument('--seed', type=int, default=1, metavar='S',
                         help='seed of the trials, default: 1')
+    add_format(parser)
     add_output(parser, 'identified')
 
 
@@ -77,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.identification.identified_robot import (
         identify,
         NAMES,
-        write_identification,
+        write_identified,
     )
 
     for name in ('trials', 'seed'):
@@ -92,7 +93,8 @@ def run(options: argparse.Namespace) -> int:
     out = prepare(options.out, NAMES, options.overwrite)
     found = identify(motions, last if options.validate else None, options.model or '', urdf,
                      options.gravity, options.torque or '', side, rate)
-    return _shown(write_identification(found, out, options.trials, options.seed, say), out)
+    return _shown(write_identified(found, out, options.trials, options.seed, say, options.format,
+                                   options.said), out)
 
 
 def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:
