@@ -161,7 +161,7 @@ def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section]
 
     """
     numbers, anchors = count(1), count(1)
-    shown = []
+    shown: list[dict[str, Any]] = []
     for title, items in sections:
         if items:
             parts = [_part(x, path.parent, numbers, anchors) for x in items]

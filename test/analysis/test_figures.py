@@ -247,7 +247,7 @@ def test_scores_are_the_metrics(compensation: Result, chattering: Result, switch
         dots = iter(ax.lines)
         for y, result in enumerate(results[:2]):
             for joint, (value, dot) in enumerate(zip(result.metrics()[key], dots), 1):
-                (x,), (row,) = dot.get_data()
+                (x,), (row,) = map(np.asarray, dot.get_data())
                 assert (x, round(row)) == (value, y)
                 assert any(text.get_text() == str(joint) and text.get_position() == (x, row)
                            for text in ax.texts)

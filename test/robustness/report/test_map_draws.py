@@ -66,7 +66,8 @@ def test_a_long_distribution_is_thinned() -> None:
 
 
 def test_bars_are_the_shares_of_the_kinds(data: MapData) -> None:
-    (ax,) = shares(data).axes
+    figure = shares(data)
+    (ax,) = figure.axes
     bars = [x for x in ax.patches if isinstance(x, Rectangle)]
     for kind, colour in enumerate(KIND_COLOURS):
         mine = [bar for bar in bars if same(bar, colour)]
@@ -77,7 +78,7 @@ def test_bars_are_the_shares_of_the_kinds(data: MapData) -> None:
         worse = [int(data.of(v)['failure'].isin(KINDS[:kind]).sum())
                  for v in range(len(data.variants))]
         assert [bar.get_x() for bar in mine] == pytest.approx([n / 80 for n in worse][:len(mine)])
-    (legend,) = ax.get_figure().legends
+    (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [
         kind for kind in KINDS if (data.rows['failure'] == kind).any()]
     (interval,) = ax.collections
