@@ -189,7 +189,7 @@ class Computation:
         count, left = len(parts), _count(todo)
         self._show(f'{_count(parts)} runs in {count} chunk{"s" * (count > 1)}')
         if left < _count(parts):
-            self._show(f'{_count(parts) - left} runs are there already')
+            self._show(f'{_count(parts) - left} runs are already computed')
 
     @contextmanager
     def _workers(self, jobs: int) -> Iterator[Client]:
@@ -210,7 +210,7 @@ class Computation:
 
         def ended(error: BaseException) -> str:
             return (f'{str(error) or "stopped"}; {done} of {total} runs are in '
-                    f'{directory.path}, the same command goes on')
+                    f'{directory.path}, run the same command to continue')
         try:
             self._progress(done, total)
             for key, table in pool.computed(
