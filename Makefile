@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults dist clean
+.PHONY: demo live docs test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults dist clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -18,6 +18,15 @@ demo: $(READY)
 # The paper's arm in real time in the browser, with buttons; Ctrl-C ends.
 live: $(READY)
 	$(BIN)/bringup --live --pacing real_time --duration 0
+
+# The pages and the API as a site that asks nothing of the network: open site/index.html.
+docs: $(VENV)/.docs
+	rm -rf docs/_api site
+	$(BIN)/python -m sphinx -W --keep-going --quiet -c docs -d build/doctrees . site
+
+$(VENV)/.docs: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	touch $@
 
 # Processes that run tests: more than two processors, for many tests mostly wait.
 WORKERS ?= 3
@@ -40,7 +49,7 @@ compiled: $(READY)
 	$(BIN)/python test/support/compile_code.py
 
 # Studies that take a minute or more each, and properties with random examples.
-slow: $(READY)
+slow: $(VENV)/.docs
 	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600
 	$(BIN)/python -m pytest -m 'not slow and not ros' --numprocesses=auto \
 		--hypothesis-profile=random
@@ -85,7 +94,7 @@ latency: $(READY)
 live-cost: $(READY)
 	PYTHONPATH=test/support $(BIN)/python test/benchmark/live_cost.py
 
-# Random faults on the whole graph in real time; see docs/soak.md. More arguments: ARGS.
+# Random faults on the whole graph in real time; see docs/safety.md. More arguments: ARGS.
 MINUTES ?= 20
 soak: $(READY)
 	PYTHONPATH=test:test/support $(BIN)/python -m soak --minutes $(MINUTES) $(ARGS)
@@ -116,4 +125,4 @@ $(READY): setup.py setup.cfg package.xml
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) results soak build dist install log *.egg-info
+	rm -rf $(VENV) results soak site docs/_api build dist install log *.egg-info

@@ -43,7 +43,7 @@ setup(
     cmdclass={'develop': Develop},
     version='1.0.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed'], '': ['*.html']},
+    package_data={NAME: ['py.typed'], '': ['*.html', 'web/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml', 'LICENSE']),
@@ -79,6 +79,8 @@ setup(
         'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mcap>=1.6',
                  'mujoco', 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow',
                  'pytest', 'pytest-xdist', 'rosbags>=0.11', 'scipy>=1.15', 'viser>=1.1'],
+        # The site of `make docs`.
+        'docs': ['furo', 'myst-parser', 'sphinx>=7.2'],
         # The plugins that ament_flake8 of jazzy has.
         'lint': ['flake8', 'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline',
                  'flake8-comprehensions', 'flake8-deprecated', 'flake8-docstrings',

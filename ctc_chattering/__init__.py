@@ -12,35 +12,55 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+
+
+
+
 """
 Computed torque plus compensation plus chattering, for robot arms with friction.
 
-The closed loop without ROS, ten seconds of the paper's two-link arm:
+All that the command ``ctc`` does, for Python, without ROS. The paper's first experiment under two
+laws, with the errors in the second half of ten seconds:
 
->>> from ctc_chattering import (
-...     ControllerConfig, metrics, PlantConfig, ReferenceConfig, simulate)
->>> plant = PlantConfig(duration=10.0)
->>> reference = ReferenceConfig()
+>>> from ctc_chattering import load_parameters, simulate
 >>> for law in ('compensation', 'chattering'):
-...     run = simulate(plant, ControllerConfig(law=law), reference)
-...     e1, e2 = metrics(run)['rms_error_rad']
+...     setup = load_parameters('friction', {'controller': {'law': law}})
+...     result = simulate(setup)
+...     e1, e2 = result.metrics()['rms_error_rad']
 ...     print(f'{law}: {e1:.1e} {e2:.1e} rad')
 compensation: 2.9e-03 4.6e-02 rad
 chattering: 4.6e-05 4.9e-04 rad
 
-From a parameter file, a path or one of the package's own, with its events; ``read_bag('path')``
-returns such a result, too:
+The samples are arrays, ``t`` of shape (N,) and all others (N, n):
 
->>> from ctc_chattering import load_parameters, simulated
->>> setup = load_parameters('friction', {'plant': {'duration': 6.0}})
->>> setup.controller.law
-'chattering'
->>> result = simulated(setup)
->>> print(', '.join(f'{x:.1e}' for x in result.metrics()['rms_error_rad']))
-6.6e-05, 5.0e-04
+>>> result.e.shape, result.tau.shape
+((10001, 2), (10001, 2))
 
-Another arm derives from `Model` and is given to `simulate`, or named in a parameter file as
-``model: package.module:Class``. The nodes are in `ctc_chattering.nodes`.
+**Runs.** `load_parameters` reads a parameter file, or one of the package by its name. It returns a
+`Setup`, which can also be made of a `PlantConfig`, a `ControllerConfig` and a `ReferenceConfig`,
+with changes of parameters during the run, each an `Event`. `simulate` runs it; `read_bag` reads a
+recorded run. Both return a `Result`, which has the samples, a `Run`, and the law that ran.
+`save_figures` and `export` write files, `repair` mends a bag.
+
+**Laws.** `laws` lists them. A law of your own is a class marked by `law`, its memory one marked by
+`record`; `State`, `Terms`, `Applied` and `dot` are for its methods, and `switching` marks a
+switching of law (6). The parameter ``law`` takes the class, or ``package.module:Name``.
+
+**Robots.** A `Model` of your own, `TwoLink`, or `UrdfModel`; `check_dynamics` tests one.
+
+**From a recording to gains.** `excite` makes a motion that shows the friction, `write_excitation`
+its files. `read_motion` reads a bag of any recorder; arrays of your own are a `Recording` in a
+`RecordedMotion`. `identify` returns an `IdentifiedRobot`, `write_identified` a parameter file.
+
+**Which law, which gains.** `compare` runs all laws, `tune` searches for gains, `compute_map` shows
+where laws fail, `stability` which errors a loop stands; `write_comparison` and `write_tuning`
+write tables, figures and parameter files.
+
+**Parts.** `Controller` answers a state with a `Sample`, `Plant` takes the torque, `Sinusoid` and
+`Waypoints` are motions.
+
+What is wrong raises a `CtcError`, whose text names the argument or parameter, its value and what
+is allowed. The nodes are in `ctc_chattering.nodes`.
 """
 
 from __future__ import annotations
@@ -50,24 +70,48 @@ from typing import Any, TYPE_CHECKING
 
 # flake8: noqa: F401
 if TYPE_CHECKING:
-    from ctc_chattering.analysis.metrics import metrics as metrics
+    from ctc_chattering.analysis.export import export as export
+    from ctc_chattering.analysis.figures import save_figures as save_figures
+    from ctc_chattering.analysis.recording import RecordedMotion as RecordedMotion
+    from ctc_chattering.analysis.recording import Recording as Recording
     from ctc_chattering.analysis.result import Result as Result
-    from ctc_chattering.analysis.result import simulated as simulated
+    from ctc_chattering.analysis.result import simulate as simulate
+    from ctc_chattering.bags.motion import read_motion as read_motion
     from ctc_chattering.bags.reader import read_bag as read_bag
+    from ctc_chattering.bags.repair import repair as repair
     from ctc_chattering.configuration.loading import load_parameters as load_parameters
-    from ctc_chattering.configuration.parameter_file import Setup as Setup
+    from ctc_chattering.configuration.loop_setup import Setup as Setup
     from ctc_chattering.control.controller import Controller as Controller
     from ctc_chattering.control.controller import ControllerConfig as ControllerConfig
     from ctc_chattering.control.controller import Sample as Sample
+    from ctc_chattering.control.evaluation import State as State
+    from ctc_chattering.control.laws.base import Applied as Applied
+    from ctc_chattering.control.laws.base import law as law
+    from ctc_chattering.control.laws.base import Terms as Terms
+    from ctc_chattering.control.laws.registry import laws as laws
+    from ctc_chattering.control.switching.base import switching as switching
     from ctc_chattering.dynamics.model import Model as Model
+    from ctc_chattering.dynamics.model_check import check_dynamics as check_dynamics
     from ctc_chattering.dynamics.two_link import TwoLink as TwoLink
     from ctc_chattering.dynamics.urdf_model import UrdfModel as UrdfModel
     from ctc_chattering.errors import CtcError as CtcError
+    from ctc_chattering.identification.excite import excite as excite
+    from ctc_chattering.identification.excite import write_excitation as write_excitation
+    from ctc_chattering.identification.identified_robot import IdentifiedRobot as IdentifiedRobot
+    from ctc_chattering.identification.identified_robot import identify as identify
+    from ctc_chattering.identification.identified_robot import write_identified as write_identified
+    from ctc_chattering.numerics.compilable import dot as dot
+    from ctc_chattering.numerics.compilable import record as record
+    from ctc_chattering.robustness.computation import compute_map as compute_map
+    from ctc_chattering.robustness.stability.report import stability as stability
+    from ctc_chattering.robustness.tuning.files import write_tuning as write_tuning
+    from ctc_chattering.robustness.tuning.tune import tune as tune
     from ctc_chattering.simulation.closed_loop import Event as Event
     from ctc_chattering.simulation.closed_loop import Run as Run
-    from ctc_chattering.simulation.closed_loop import simulate as simulate
     from ctc_chattering.simulation.plant import Plant as Plant
     from ctc_chattering.simulation.plant_config import PlantConfig as PlantConfig
+    from ctc_chattering.studies.compare_laws import compare as compare
+    from ctc_chattering.studies.comparison_files import write_comparison as write_comparison
     from ctc_chattering.trajectory.reference import ReferenceConfig as ReferenceConfig
     from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
     from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
@@ -77,16 +121,40 @@ __version__ = '1.0.0'
 #: The public names by the modules that define them. They are imported when they are first used: a
 #: node handles signals before it imports numpy.
 _MODULES = {
-    'analysis.metrics': ('metrics',), 'analysis.result': ('Result', 'simulated'),
-    'bags.reader': ('read_bag',), 'control.controller': (
-        'Controller', 'ControllerConfig', 'Sample'),
-    'dynamics.model': ('Model',), 'dynamics.two_link': ('TwoLink',),
-    'dynamics.urdf_model': ('UrdfModel',), 'errors': ('CtcError',),
-    'configuration.loading': ('load_parameters',), 'configuration.parameter_file': ('Setup',),
-    'simulation.closed_loop': ('Event', 'Run', 'simulate'),
-    'simulation.plant': ('Plant',), 'simulation.plant_config': ('PlantConfig',),
+    'analysis.export': ('export',),
+    'analysis.figures': ('save_figures',),
+    'analysis.recording': ('RecordedMotion', 'Recording'),
+    'analysis.result': ('Result', 'simulate'),
+    'bags.motion': ('read_motion',),
+    'bags.reader': ('read_bag',),
+    'bags.repair': ('repair',),
+    'configuration.loading': ('load_parameters',),
+    'configuration.loop_setup': ('Setup',),
+    'control.controller': ('Controller', 'ControllerConfig', 'Sample'),
+    'control.evaluation': ('State',),
+    'control.laws.base': ('Applied', 'law', 'Terms'),
+    'control.laws.registry': ('laws',),
+    'control.switching.base': ('switching',),
+    'dynamics.model': ('Model',),
+    'dynamics.model_check': ('check_dynamics',),
+    'dynamics.two_link': ('TwoLink',),
+    'dynamics.urdf_model': ('UrdfModel',),
+    'errors': ('CtcError',),
+    'identification.excite': ('excite', 'write_excitation'),
+    'identification.identified_robot': ('IdentifiedRobot', 'identify', 'write_identified'),
+    'numerics.compilable': ('dot', 'record'),
+    'robustness.computation': ('compute_map',),
+    'robustness.stability.report': ('stability',),
+    'robustness.tuning.files': ('write_tuning',),
+    'robustness.tuning.tune': ('tune',),
+    'simulation.closed_loop': ('Event', 'Run'),
+    'simulation.plant': ('Plant',),
+    'simulation.plant_config': ('PlantConfig',),
+    'studies.compare_laws': ('compare',),
+    'studies.comparison_files': ('write_comparison',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),
-    'trajectory.waypoints': ('Waypoints',)}
+    'trajectory.waypoints': ('Waypoints',),
+}
 _PUBLIC = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = ['__version__', *sorted(_PUBLIC)]

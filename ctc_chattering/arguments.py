@@ -25,24 +25,26 @@ import functools
 import inspect
 from math import isfinite
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import Any, cast, TypeVar
 
 from ctc_chattering.errors import CtcError, ParameterError
 import numpy as np
 import numpy.typing as npt
 
 F = TypeVar('F', bound=Callable[..., Any])
-_WORDS = {Real: 'a finite number', type(None): 'None', Sequence: 'a sequence'}
+_WORDS = {Real: 'a finite number', type(None): 'None', Sequence: 'a sequence',
+          cast('type', Callable): 'a function'}
 
 
-def checked(**kinds: type | tuple[type, ...]) -> Callable[[F], F]:
+def checked(**kinds: Any) -> Callable[[F], F]:
     """
     Return a decorator of a function, or of a class and its `__init__`, that checks arguments.
 
     Parameters
     ----------
     **kinds : type or tuple of types
-        By the argument's name; `Real` stands for finite numbers, `Sequence` for any but strings.
+        By the argument's name; `Real` stands for finite numbers, `Sequence` for any but strings,
+        `Callable` for functions.
 
     """
     def decorate(target: F) -> F:
@@ -79,10 +81,12 @@ def check_type(name: str, value: object, kind: type | tuple[type, ...]) -> None:
             _WORDS.get(x, f'of type {x.__name__}') for x in kinds))
 
 
-def whole(name: str, value: Any) -> int:
-    """Return a whole number as an `int`; raise `ParameterError` if it is none."""
-    if not isinstance(value, Integral) or isinstance(value, bool):
-        raise ParameterError(name, value, 'a whole number')
+def whole(name: str, value: Any, least: int | None = None, most: int = 2 ** 32 - 1) -> int:
+    """Return a whole number as an `int`; raise `ParameterError` if it is none, or out of range."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or (
+            least is not None and not least <= int(value) <= most):
+        raise ParameterError(name, value, 'a whole number' + (
+            '' if least is None else f' >= {least} and <= {most}'))
     return int(value)
 
 

@@ -26,6 +26,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from copy import copy
 import dataclasses
+import inspect
 import math
 import re
 from typing import Any, ClassVar, TypeVar
@@ -75,7 +76,7 @@ class Parameter:
     choices : tuple of str
         The only strings allowed; empty for any.
     own : bool
-        Whether a class of the user's is allowed besides, as ``package.module:Name``.
+        Whether a class of the user's is allowed besides, itself or as ``package.module:Name``.
     shape : {'', 'n', 'nn', 'any'}
         For lists: one element per joint; n or n·n (a symmetric positive definite matrix, row by
         row); or any number of them.
@@ -83,6 +84,8 @@ class Parameter:
         Whether it is fixed once the node runs.
     laws : tuple of str
         The control laws that take it; empty for all, and for what has no law.
+    usual : (float, float)
+        From where to where a slider goes.
 
     """
 
@@ -100,6 +103,7 @@ class Parameter:
     shape: str = ''
     read_only: bool = False
     laws: tuple[str, ...] = ()
+    usual: tuple[float, float] = (0.0, 0.0)
 
     @property
     def field(self) -> str:
@@ -110,6 +114,14 @@ class Parameter:
     def meaning(self) -> str:
         """Return the description, and the laws that take it."""
         return self.description + (f' Law {", ".join(self.laws)}.' if self.laws else '')
+
+    @property
+    def documentation(self) -> str:
+        """Return its entry in a docstring."""
+        kind = self.kind.replace('float[]', 'float or sequence of float').replace(
+            'str[]', 'sequence of str')
+        default = f'{self.default!r} by default.' + (f' Unit: {self.unit}.' if self.unit else '')
+        return f'{self.field} : {kind}\n    {self.meaning.rstrip(".")}. {default}'
 
     @property
     def allowed(self) -> str:
@@ -167,6 +179,8 @@ class Parameter:
         raise ParameterError(self.name, value, self.allowed)
 
     def _scalar(self, item: object, whole: object) -> Any:
+        if self.own and isinstance(item, type):
+            return f'{item.__module__}:{item.__qualname__}'
         make, accepted = _SCALARS[self.kind.removesuffix('[]')]
         if isinstance(item, accepted) and (make is bool or not isinstance(item, bool)):
             with suppress(OverflowError):
@@ -226,6 +240,17 @@ class Config:
     #: Title of the configuration in the documentation.
     title: ClassVar[str] = ''
     _declared: ClassVar[dict[str, Parameter]]
+
+    def __init_subclass__(cls) -> None:
+        """Describe the parameters, inherited ones as well, in the docstring of the class."""
+        fields = [x for base in cls.__bases__ for x in getattr(
+            base, '__dataclass_fields__', {}).values()]
+        fields += [x for x in vars(cls).values() if isinstance(x, dataclasses.Field)]
+        specs = [x.metadata['parameter'] for x in fields if 'parameter' in x.metadata]
+        cls.__doc__ = '\n'.join((
+            inspect.cleandoc(cls.__doc__ or ''), '', 'Parameters', '----------',
+            *(spec.documentation for spec in specs), '', 'Raises', '------', 'ParameterError',
+            '    For a name that is no parameter, or a value that is not allowed.', ''))
 
     def __new__(cls: type[C], *args: Any, **values: Any) -> C:
         """Refuse an argument that is no parameter."""

@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import cos, sin
 
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering import Model
 
 Vector = Sequence[float]
 

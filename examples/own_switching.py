@@ -24,12 +24,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.evaluation import State
+from ctc_chattering import ControllerConfig, State, switching
 from ctc_chattering.control.perturbation_observer import Perturbation
-from ctc_chattering.control.switching.base import switching
-from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
 
 
 @switching

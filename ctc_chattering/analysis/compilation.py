@@ -25,7 +25,7 @@ import signal
 from typing import Any
 
 from ctc_chattering.analysis.number_format import counted
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.numerics.machine_code import Code

@@ -50,11 +50,30 @@ _NOT_XML = re.compile(rb'[\x00-\x08\x0b\x0c\x0e-\x1f]')
 
 @dataclasses.dataclass(frozen=True)
 class FigureFile:
-    """A figure on disk, its title and its caption."""
+    """
+    A figure on disk.
+
+    Attributes
+    ----------
+    path : Path
+        The file that a page shows.
+    title, caption : str
+        What it shows, and under which condition.
+    others : tuple of Path
+        The same in other formats.
+    size : (float, float), optional
+        Width and height [pixel].
+    group : str
+        Name of the run whose figures are shown together; empty for none.
+
+    """
 
     path: Path
     title: str
     caption: str
+    others: tuple[Path, ...] = ()
+    size: tuple[float, float] | None = None
+    group: str = ''
 
 
 def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Sequence[str]
@@ -89,8 +108,10 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
                 figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
                 (directory / f'{stem}.{kind}').write_bytes(
                     _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
-            files.append(FigureFile(
-                directory / f'{stem}.{kinds[0]}', figure.get_suptitle(), caption))
+            first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
+            width, height = 96.0 * figure.get_size_inches()
+            files.append(FigureFile(first, figure.get_suptitle(), caption, tuple(others),
+                                    (round(width), round(height))))
     return files
 
 
@@ -105,10 +126,9 @@ def _plain(figure: Figure) -> None:
 
 
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
-          left: float = _LEFT, below: float = 0.0) -> tuple[Figure, GridSpec]:
-    """Return a figure with room for rows of panels, and `below` them for more [inch]."""
-    bottom = _BOTTOM + below
-    whole = _TOP + bottom + rows * height + (rows - 1) * _GAP
+          left: float = _LEFT) -> tuple[Figure, GridSpec]:
+    """Return a figure with room for rows of panels of a height [inch]."""
+    whole = _TOP + _BOTTOM + rows * height + (rows - 1) * _GAP
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.15 / _WIDTH, y=1.0 - 0.16 / whole, ha='left', va='top',
@@ -116,7 +136,7 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
     width = (_WIDTH - left - _RIGHT) / len(widths)
     return figure, figure.add_gridspec(
         rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,
-        right=1.0 - _RIGHT / _WIDTH, bottom=bottom / whole, top=1.0 - _TOP / whole,
+        right=1.0 - _RIGHT / _WIDTH, bottom=_BOTTOM / whole, top=1.0 - _TOP / whole,
         hspace=_GAP / height, wspace=_SIDE / (width - _SIDE))
 
 
@@ -187,12 +207,12 @@ def mark(ax: Axes, time: float, name: str = '') -> None:
                     color='#444444', annotation_clip=True)
 
 
-def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
+def log_axis(ax: Axes, y: Array) -> None:
     """Make the axis of y logarithmic if it has positive values, without rare dips towards zero."""
     positive = y[np.isfinite(y) & (y > 0.0)]
     if len(positive):
         low = float(np.percentile(positive, 1.0)) / 5.0
-        ax.set_ylim(max(float(positive.min()) / 1.6, low), float(positive.max()) * room)
+        ax.set_ylim(max(float(positive.min()) / 1.6, low), float(positive.max()) * 1.6)
         ax.set_yscale('log')
         if positive.min() < low:
             note(ax, 'axis cut below')
@@ -205,6 +225,21 @@ def decades(ax: Axes, axis: str, values: Iterable[float]) -> None:
         ax.set(**{f'{axis}lim': (10.0 ** np.floor(np.log10(min(positive) / 1.15)),
                                  10.0 ** np.ceil(np.log10(max(positive) * 1.15)))})
     getattr(ax, f'{axis}axis').set_minor_formatter(NullFormatter())
+
+
+def numbered_dots(ax: Axes, y: float, values: Sequence[float], colour: str) -> None:
+    """Draw a dot with its number for each value in row `y`, one above the other."""
+    asides = np.linspace(-0.5, 0.5, len(values)) * min(0.8, 0.18 * len(values))
+    for i, (x, aside) in enumerate(zip(values, asides.tolist())):
+        if 0.0 < x < np.inf:
+            ax.plot(x, y + aside, 'o', color=colour, markersize=11, markeredgecolor='white')
+            ax.text(x, y + aside, str(i + 1), color='white', fontsize=8, weight='bold',
+                    ha='center', va='center_baseline')
+
+
+def dots_height(joints: int) -> float:
+    """Return the height of a row of `numbered_dots` [inch]."""
+    return max(0.36, 0.14 * joints)
 
 
 def steady_axis(ax: Axes, t: Array, y: Array) -> None:

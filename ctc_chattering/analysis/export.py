@@ -21,10 +21,45 @@ from pathlib import Path
 
 from ctc_chattering.analysis.output import writing
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.arguments import checked
+from ctc_chattering.errors import ParameterError
 import numpy as np
 
 #: Arrays per joint with the suffix of the joint's position unit; None for the torque unit.
 _ARRAYS = {'q': '', 'dq': '/s', 'q_d': '', 'dq_d': '/s', 'ddq_d': '/s²', 'tau': None, 'v': '/s'}
+
+
+@checked(result=Result, path=(str, Path))
+def export(result: Result, path: str | Path) -> None:
+    """
+    Write the samples of a run with names and units of the joints, for other programs.
+
+    Parameters
+    ----------
+    result : Result
+        Of `simulate` or `read_bag`.
+    path : str or Path
+        File to write: ``.npz`` for NumPy, which has the gains as well; ``.csv`` for a column per
+        joint and quantity.
+
+    Raises
+    ------
+    CtcError
+        If the name ends otherwise, or the file cannot be written.
+
+    Examples
+    --------
+    >>> from ctc_chattering import export, load_parameters, simulate
+    >>> result = simulate(load_parameters('friction', {'plant': {'duration': 0.1}}))
+    >>> export(result, 'run.csv')
+    >>> open('run.csv').readline().split(',')[:2]
+    ['t [s]', 'q_joint1 [rad]']
+
+    """
+    path = Path(path)
+    if path.suffix not in ('.npz', '.csv'):
+        raise ParameterError('path', str(path), 'a name that ends in .npz or .csv')
+    (write_csv if path.suffix == '.csv' else write_npz)(result, path)
 
 
 def write_npz(result: Result, path: Path) -> None:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,13 @@ from ctc_chattering.analysis.comparison_figures import (
     error_sums,
     score_comparison,
 )
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.analysis.output import file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, name, names
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.laws.registry import law_class
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -46,6 +49,8 @@ SLICE, SHORT_SLICE = 1.0, 0.2
 #: The chattering term z of each switching.
 _TERMS = {'sign': 'z = Ka sgn(v)', 'boundary_layer': 'z = Ka sat(v/φ)',
           'implicit': 'z ∈ Ka Sgn(v⁺)', 'implicit_observer': 'z ∈ Ka Sgn(v⁺)'}
+#: Figures of a run.
+_PER_RUN = 3
 _THIN: dict[str, Any] = {'linewidth': 0.6, 'alpha': 0.85}
 _WHOLE = slice(None)
 
@@ -68,8 +73,7 @@ def tracking(result: Result, run_name: str = '') -> Figure:
                 ax.set_ylim(bottom=0.0)
             else:
                 drawing.log_axis(ax, error)
-    sheet.figure.axes[0].legend(loc='lower right', bbox_to_anchor=(1.0, 0.97), ncol=2,
-                                frameon=False, fontsize=9.5)
+    legend_of(sheet.figure.axes[0])
     return drawing.fit_titles(sheet.figure)
 
 
@@ -99,7 +103,7 @@ def internals(result: Result, run_name: str = '') -> Figure:
     for i, (joint, position, torque, v, term) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units, terms.v.T,
             terms.robust.T)):
-        ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', v, **_THIN)
+        ax = sheet.panel((i + 1, 0), f'{joint}: v', f'v [{position}/s]', v, **_THIN)
         drawing.steady_axis(ax, result.run.t, v)
         reach = 1.25 * float(np.abs(term).max()) or 1.0
         for column, part, style in ((1, _WHOLE, {**_THIN, 'linewidth': 0.35}),
@@ -125,27 +129,44 @@ def _robust_term(result: Result) -> tuple[str, str]:
     return noun, symbols.pop() if len(symbols) == 1 else f'{noun} z' if symbols else ''
 
 
-def save_figures(results: Sequence[Result], directory: Path, extra: str = 'svg'
+@checked(results=Sequence, directory=(str, Path), extra=str)
+def save_figures(results: Sequence[Result], directory: str | Path, extra: str = 'svg'
                  ) -> list[drawing.FigureFile]:
     """
     Write every figure of `results` as SVG and return them in the order in which to show them.
 
-    Two or more results are also compared. The directory is created if necessary. Nothing is
-    written if a run has no samples; `CtcError` is also raised if a file cannot be written.
+    Two or more results are also compared.
 
     Parameters
     ----------
     results : sequence of Result
         Runs to draw.
-    directory : Path
-        Directory of the files.
-    extra : str
-        A second format for each figure: ``pdf`` or ``png``.
+    directory : str or Path
+        Directory of the files, created if necessary.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+
+    Returns
+    -------
+    list of FigureFile
+        Each with ``path``, ``title`` and ``caption``.
+
+    Raises
+    ------
+    CtcError
+        If a run has no samples, and nothing is written, or a file cannot be written.
 
     """
-    for result in results:
+    if extra not in ('svg', 'pdf', 'png'):
+        raise ParameterError('extra', extra, 'svg | pdf | png')
+    for i, result in enumerate(results):
+        check_type(f'results[{i}]', result, Result)
         _joints(result)
-    return drawing.save(_figures(results), directory, ('svg', extra))
+    files = drawing.save(_figures(results), Path(directory), ('svg', extra))
+    of_runs = [name for name in names(results) for _ in range(_PER_RUN)]
+    first = len(files) - len(of_runs)
+    return [*files[:first], *(
+        dataclasses.replace(file, group=name) for file, name in zip(files[first:], of_runs))]
 
 
 def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
@@ -154,8 +175,7 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
         complete = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
         yield 'comparison_error', error_comparison(results), (
             'Sum of the absolute joint errors over time on a logarithmic axis, one panel per '
-            'experiment.' + (' The legend gives the largest value within the shaded time.'
-                             if complete else ''))
+            'experiment.' + (' Grey: the time that is evaluated.' if complete else ''))
         yield 'comparison_scores', score_comparison(results), (
             'Left: RMS error of each joint. Right: torque variation, Σ |Δτ| per second.')
     for result, run_name in zip(results, names(results)):

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib.resources import files
+import json
 import os
 from typing import Any
 from urllib.parse import quote
@@ -26,7 +27,7 @@ from ctc_chattering.analysis.number_format import in_html
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-__all__ = ['Markup', 'fragment', 'page']
+__all__ = ['Markup', 'fragment', 'page', 'url']
 
 
 def _source(name: str) -> str:
@@ -69,9 +70,9 @@ def page(package: str, template: str, **values: Any) -> Markup:
     return Markup(_ENVIRONMENT.get_template(f'{package}/{template}').render(**values))
 
 
-def _url(path: str) -> str:
+def url(path: str) -> str:
     """Return the address of a file by its path relative to the page; never one with a scheme."""
     return quote(os.fsencode(path))
 
 
-_ENVIRONMENT.filters.update(number=in_html, url=_url)
+_ENVIRONMENT.filters.update(number=in_html, url=url, json=json.dumps)

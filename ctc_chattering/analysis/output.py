@@ -18,9 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+import json
 from pathlib import Path
 import re
 import shutil
+from typing import Any
 
 from ctc_chattering.errors import CtcError
 
@@ -94,3 +96,13 @@ def file_stem(text: str, used: set[str] | None = None) -> str:
     stem = stem if stem not in used else f'{stem}_{len(used) + 1}'
     used.add(stem)
     return stem
+
+
+def write_json(value: Any, path: Path) -> None:
+    """Write a file of strict JSON; numbers that are not finite become null."""
+    write_text(path, json.dumps(finite(value), indent=2, ensure_ascii=False) + '\n')
+
+
+def finite(value: Any) -> Any:
+    """Return `value`, as JSON has it, with None in place of every number that is not finite."""
+    return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)

@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import dataclasses
 
 from ctc_chattering.analysis.time_stamps import Indices, ordered, StampBreak
+from ctc_chattering.arguments import checked
+from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.spline import interpolated
@@ -37,10 +39,13 @@ _DRIFT, _SMOOTH = 0.3, 101
 _FEWEST = 200
 
 
+@checked(name=str, joints=Sequence, t=np.ndarray, q=np.ndarray,
+         **dict.fromkeys(('dq', 'effort', 'command'), (np.ndarray, type(None))), late=Sequence,
+         breaks=Sequence)
 @dataclasses.dataclass(frozen=True)
 class Recording:
     """
-    What a bag has of a robot's motion.
+    What was recorded of a robot's motion; N samples, n joints.
 
     Attributes
     ----------
@@ -61,6 +66,11 @@ class Recording:
     breaks : tuple of StampBreak
         Where the stamps do not go on; known of a checked one.
 
+    Raises
+    ------
+    CtcError
+        If an array has another type or shape.
+
     """
 
     name: str
@@ -72,6 +82,15 @@ class Recording:
     command: Array | None = None
     late: tuple[float, float] = (0.0, 0.0)
     breaks: tuple[StampBreak, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        shape = (*self.t.shape, len(self.joints))
+        for name in ('q', 'dq', 'effort', 'command'):
+            x = getattr(self, name)
+            if x is not None and (self.t.ndim != 1 or x.shape != shape):
+                raise CtcError(f'{name}: an array of shape {x.shape} is not allowed; allowed: '
+                               f'{shape}, a row a sample, a column a joint')
 
     def checked(self) -> Recording:
         """
@@ -109,6 +128,37 @@ class Recording:
         step = np.diff(self.t)
         median = float(np.median(step))
         return float(np.mean(step[np.abs(step - median) < 0.5 * median]))
+
+
+@checked(recording=Recording, description=str, controller=(ControllerConfig, type(None)),
+         notes=Sequence)
+@dataclasses.dataclass(frozen=True)
+class RecordedMotion:
+    """
+    A recorded motion of a robot, with what is known of it.
+
+    Attributes
+    ----------
+    recording : Recording
+        Checked.
+    description : str
+        Text of the URDF; empty for none.
+    controller : ControllerConfig or None
+        Of the first sample, in bags of this package.
+    notes : sequence of str
+        What was chosen, or left out.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is of another type.
+
+    """
+
+    recording: Recording
+    description: str = ''
+    controller: ControllerConfig | None = None
+    notes: Sequence[str] = ()
 
 
 def _known(values: Array | None, keep: Indices) -> Array | None:

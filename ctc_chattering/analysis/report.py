@@ -12,21 +12,24 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""HTML pages of results, without any external resource, and that of an experiment."""
+"""The page of runs: the result, figures that compare them, signals to look into, numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-import os
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis import markup
+from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
-from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.result import finite, Result
+from ctc_chattering.analysis.output import finite
+from ctc_chattering.analysis.page import Card, Cards, Folded, Note, Section, SignalPlots
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colours, gains, names
+from ctc_chattering.analysis.tables import Table
 
 #: Columns of the table, per run and per joint: key, heading, unit.
 RUN_COLUMNS = (('max_error_norm1_rad', 'Largest Σ |eᵢ|', 'rad'),
@@ -40,27 +43,30 @@ _TITLE = 'Computed torque plus compensation plus chattering'
 _LEAD = ('A robot arm with friction that the controller does not know, under computed torque\n'
          'plus compensation, under the same law plus a chattering term Ka sgn(v), or under '
          'others.')
-#: Templates, in this package.
-_PAGE, _RUNS = 'page.html', 'runs.html'
 #: A run under chattering, its metrics, and those of the experiment under compensation.
 Pair = tuple[Result, dict[str, Any], dict[str, Any]]
 
 
 def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: Path,
-               bags: Sequence[str] = ()) -> None:
+               bags: Sequence[str] = (), plots: Sequence[SignalPlots] = (), command: str = ''
+               ) -> None:
     """
-    Write a page with the results: metrics, then all figures.
+    Write a page with the results.
 
     Parameters
     ----------
     results : sequence of Result
         Rows of the table; ``metrics.json`` with their numbers is beside the page.
     figures : sequence of FigureFile
-        As `save_figures` returns them; linked relative to the page, the first at the top.
+        As `save_figures` returns them; linked relative to the page. Those of a run are folded.
     path : Path
         The page, for example ``out/index.html``.
     bags : sequence of str
         Path of each result's bag relative to the page; left out for no links.
+    plots : sequence of SignalPlots
+        As `write_samples` returns them.
+    command : str
+        What was run.
 
     Raises
     ------
@@ -71,50 +77,65 @@ def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: P
     runs = [{**finite(result.metrics()), 'name': name}
             for result, name in zip(results, names(results))]
     pairs = _pairs(results, runs)
-    write_sections(
-        path, _headline(pairs), figures,
+    cards = [*map(_gain, pairs), *_reachings(results, runs)]
+    folded = [Folded(name, list(mine), len(results) == 1) for name, mine in groupby(
+        figures, lambda x: x.group) if name]
+    page.write_page(path, _headline(pairs), _LEAD, [
+        Section('Result', [*([Cards(cards)] if cards else []),
+                           *(x for x in figures if not x.group)]),
+        Section('Signals', plots),
+        Section('Numbers', [_table(results, runs), *(
+            Note(f'{text}.', f'{run["name"]}:') for run in runs for text in run['notes'])]),
+        Section('Figures of each run', folded)],
         [('metrics.json', 'metrics.json'), *(
-            (bag, f'bag of {run["name"]}') for run, bag in zip(runs, bags))],
-        template=_RUNS, pairs=pairs, reachings=list(_reachings(results, runs)), largest=_LARGEST,
-        factor=_factor, run_columns=RUN_COLUMNS, joint_columns=JOINT_COLUMNS, band=f'{BAND:g}',
-        rows=list(zip(results, runs, colours(results), map(gains, results))),
-        window=runs[0]['window_s'] if any(run['rms_error_rad'] for run in runs) else None)
+            (bag, f'bag of {run["name"]}') for run, bag in zip(runs, bags))], command)
 
 
-def write_sections(path: Path, headline: str, figures: Sequence[FigureFile],
-                   links: Sequence[tuple[str, str]], lead: str = _LEAD,
-                   package: str = 'ctc_chattering.analysis', template: str = _PAGE,
-                   **values: Any) -> None:
-    """
-    Write a page; everything is text, and escaped, unless it is `Markup`.
+def _gain(pair: Pair) -> Card:
+    """Return the card of a run under another law than compensation."""
+    result, run, base = pair
+    unit, law = result.position_units[0], result.law
+    return Card(run['name'], _factor(base[_LARGEST], run[_LARGEST]), [fragment(
+        'Largest error: <b class="compensation">{{ a | number }} {{ unit }}</b> under '
+        'compensation → <b class="{{ law }}">{{ b | number }} {{ unit }}</b> with {{ law }}.',
+        a=base[_LARGEST], b=run[_LARGEST], unit=unit, law=law)], [
+        f'{heading}: ' + '; '.join(
+            f'{name} {_factor(before, after)}' for name, before, after in zip(
+                result.joint_names, base[key], run[key]))
+        for heading, key in (('RMS error', 'rms_error_rad'),
+                             ('Torque variation', 'torque_variation_nm_per_s'))])
 
-    Parameters
-    ----------
-    path : Path
-        The page.
-    headline, lead : str
-        Its title, and what it is about.
-    figures : sequence of FigureFile
-        Linked relative to the page, the first at the top.
-    links : sequence of (str, str)
-        To data: path relative to the page, and text.
-    package, template : str
-        What extends ``page.html`` of this package, or that itself.
-    **values : Any
-        What the template names. ``page.html`` shows `attention`, texts, `tables`, as `Table` has
-        them, and `lists`, pairs of title and texts, where they are given.
 
-    Raises
-    ------
-    CtcError
-        If the file cannot be written.
+def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Table:
+    """Return the numbers: a row a joint, those of the whole run in the first of them."""
+    rows: list[list[str]] = []
+    for result, run, colour in zip(results, runs, colours(results)):
+        title = fragment(
+            '<i class="dot" style="background: {{ colour }}"></i>{{ name }}<br><small>'
+            '{% if source %}bag {{ source }}; {% endif %}{{ gains }}</small>', colour=colour,
+            name=run['name'], source=result.source, gains=gains(result))
+        for i, joint in enumerate(result.joint_names):
+            rows.append([
+                '' if i else title, joint,
+                *('' if i else _value(result, 0, run[key], unit) for key, _, unit in RUN_COLUMNS),
+                *(_value(result, i, run[key] and run[key][i], unit)
+                  for key, _, unit in JOINT_COLUMNS)])
+    note = (f'v reached: the time from which every |vᵢ| stays within {BAND:g} rad/s to the end. '
+            'Torque variation: Σ |Δτ| per second; step and rate: from one sample to the next.')
+    if any(run['rms_error_rad'] for run in runs):
+        low, high = runs[0]['window_s']
+        note = f'Errors and torques: over t = {low:g} s to {high:g} s. {note}'
+    return Table('', ['Run', 'Joint', *(
+        fragment('{{ name }}<br><small>[{{ unit }}]</small>', name=heading, unit=unit)
+        for _, heading, unit in (*RUN_COLUMNS, *JOINT_COLUMNS))], rows, 2, note)
 
-    """
-    write_text(path, markup.page(package, template, **{
-        'attention': (), 'tables': (), 'lists': (), 'title': _TITLE, 'headline': headline,
-        'lead': lead, 'links': links, 'figures': [
-            {'url': Path(os.path.relpath(x.path, path.parent)).as_posix(), 'title': x.title,
-             'caption': x.caption} for x in figures], **values}))
+
+def _value(result: Result, joint: int, number: float | None, unit: str) -> Markup:
+    """Return a number, with its unit where a prismatic joint has another than the heading."""
+    other = unit != 's' and result.position_units[joint] != 'rad'
+    return fragment('{{ number | number }}{% if unit %} <small>{{ unit }}</small>{% endif %}',
+                    number=number, unit=unit.replace('rad', 'm').replace('N·m', 'N')
+                    if other else '')
 
 
 def _factor(before: float | None, after: float | None) -> str:
@@ -148,11 +169,13 @@ def _headline(pairs: Sequence[Pair]) -> str:
             f'{_factor(base[_LARGEST], run[_LARGEST])} ({result.experiment})')
 
 
-def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]
-               ) -> Iterator[tuple[str, float, str, float]]:
-    """Yield name, time and law of a change after which v reached 0, and how long that took."""
+def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[Card]:
+    """Yield a card of each run in which v reached 0 after a change of law: how long that took."""
     for result, run in zip(results, runs):
         reached = run['reaching_time_s']
         if result.changes and reached is not None and reached > result.changes[-1][0]:
             time, law = result.changes[-1]
-            yield run['name'], time, law, reached - time
+            yield Card(run['name'], f'{reached - time:#.2g} s', [fragment(
+                'after the change to <b class="{{ law }}">{{ law }}</b> at t&nbsp;=&nbsp;'
+                '{{ time }}&nbsp;s the filtered error v of every joint is within {{ band }}&nbsp;'
+                'rad/s, and stays there.', law=law, time=f'{time:g}', band=f'{BAND:g}')])

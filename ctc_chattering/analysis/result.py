@@ -17,26 +17,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 import dataclasses
 from functools import cached_property
 from itertools import pairwise
-import json
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
-from ctc_chattering.analysis.output import write_text
+from ctc_chattering.analysis.output import write_json
+from ctc_chattering.analysis.run_attributes import RunAttributes
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.arguments import checked
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.errors import ParameterError
+from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation
 from ctc_chattering.numerics.gaps import missing
-from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation import closed_loop
+from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.registry import make_plant
+from ctc_chattering.simulation.simulated_robot import Robot
 import numpy as np
 import numpy.typing as npt
 
@@ -49,9 +53,12 @@ _OF_SWITCHING = {'boundary_layer': 'boundary_layer', 'observer_bandwidth': 'impl
 @checked(experiment=str, configs=Sequence, run=Run, computed=(RunTerms, type(None)),
          description=str, source=str, window=Sequence)
 @dataclasses.dataclass(frozen=True)
-class Result:
+class Result(RunAttributes):
     """
-    One run of one experiment.
+    One run of one experiment: its samples, the law that ran, and its numbers.
+
+    `simulate` and `read_bag` return it. The samples are attributes: ``t``, ``q``, ``dq``, ``q_d``,
+    ``dq_d``, ``ddq_d``, ``e``, ``de``, ``tau``, ``v``.
 
     Attributes
     ----------
@@ -69,6 +76,22 @@ class Result:
         Name of the bag; empty for a simulation.
     window : (float, float)
         Part of the run over which metrics are computed [s].
+
+    Raises
+    ------
+    CtcError
+        If `configs` are no pairs of a time and a `ControllerConfig`.
+
+    Examples
+    --------
+    >>> from ctc_chattering import load_parameters, simulate
+    >>> result = simulate(load_parameters('friction', {'plant': {'duration': 6.0}}))
+    >>> result.joint_names, result.e.shape
+    (('joint1', 'joint2'), (6001, 2))
+    >>> [f'{x:.0e} rad' for x in abs(result.e[5000:]).max(axis=0)]
+    ['1e-04 rad', '9e-04 rad']
+    >>> [f'{x:.1e} rad' for x in result.metrics()['rms_error_rad']]
+    ['6.6e-05 rad', '5.0e-04 rad']
 
     """
 
@@ -136,10 +159,7 @@ class Result:
     @cached_property
     def position_units(self) -> tuple[str, ...]:
         """Return the unit of each joint's position: rad, or m for a prismatic joint."""
-        kinds = {name: joint.kind for name, joint in Tree(self.description).joints.items()
-                 } if self.description else {}
-        return tuple('m' if kinds.get(name) == 'prismatic' else 'rad'
-                     for name in self.joint_names)
+        return position_units(self.joint_names, self.description)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
@@ -184,7 +204,17 @@ class Result:
         return count.found() if count.samples else None
 
     def metrics(self) -> dict[str, Any]:
-        """Return this run's entry of ``metrics.json``."""
+        """
+        Return the numbers of this run, its entry of ``metrics.json``.
+
+        Returns
+        -------
+        dict
+            What `analysis.metrics.metrics` returns for `window`, such as ``rms_error_rad``, a
+            number per joint; experiment, bag, law, switching, period, joints, units and gains;
+            ``term_at_bound``, how often the chattering term of each joint is at its bound.
+
+        """
         numbers = metrics(self.run, self.window, period=self.config.control_period)
         mixed = len(set(self.position_units)) > 1
         if mixed:
@@ -211,26 +241,55 @@ class Result:
                 yield f'{name}: {found}'
 
 
-@checked(setup=Setup, truth=bool)
-def simulated(setup: Setup, progress: Callable[[float], None] | None = None,
-              truth: bool = False) -> Result:
+@checked(setup=Setup, progress=(Callable, type(None)), truth=bool, robot=(Robot, type(None)),
+         model=(Model, type(None)))
+def simulate(setup: Setup, progress: Callable[[float], None] | None = None, truth: bool = False,
+             robot: Robot | None = None, model: Model | None = None) -> Result:
     """
-    Simulate what a parameter file describes.
+    Simulate the closed loop without ROS: the same run as that of the nodes in lockstep.
 
     Parameters
     ----------
     setup : Setup
-        As `parameter_file.load` returns it.
+        As `load_parameters` returns it.
     progress : callable, optional
         Called at intervals with the simulated time [s].
     truth : bool
         Record the true state in place of the one that the sensors show.
+    robot : Robot, optional
+        At its start, such as a `Plant`; in place of the one that `setup.plant` describes.
+    model : Model, optional
+        Of the controller, in place of the one that its configuration names.
+
+    Returns
+    -------
+    Result
+        From t = 0 to the plant's `duration`, both included; without the samples whose state is
+        lost on the way to the controller.
+
+    Raises
+    ------
+    CtcError
+        If `duration` is 0, the motion diverges, the law has no finite torque, a position error
+        exceeds `error_limit`, or the waypoints are not allowed.
+
+    Examples
+    --------
+    >>> from ctc_chattering import load_parameters, simulate
+    >>> setup = load_parameters('friction', {'plant': {'duration': 6.0}})
+    >>> for law in ('compensation', 'chattering'):
+    ...     result = simulate(setup.changed({'controller': {'law': law}}))
+    ...     print(law, f"{result.metrics()['rms_error_rad'][1]:.1e} rad")
+    compensation 4.6e-02 rad
+    chattering 5.0e-04 rad
 
     """
-    run = simulate(setup.plant, setup.controller, setup.reference, setup.events, progress, truth,
-                   route=setup.route,
-                   robot=make_plant(setup.plant, setup.descriptions.get('plant', ''), kept=True),
-                   model=kept_model_of(setup.controller, setup.descriptions.get('controller', '')))
+    run = closed_loop.simulate(
+        setup.plant, setup.controller, setup.reference, setup.events, progress, truth,
+        route=setup.route, robot=robot or make_plant(
+            setup.plant, setup.descriptions.get('plant', ''), kept=True),
+        model=model or kept_model_of(
+            setup.controller, setup.descriptions.get('controller', '')))
     configs = [(0.0, setup.controller)]
     for event in setup.events:
         if event.node == 'controller':
@@ -241,9 +300,7 @@ def simulated(setup: Setup, progress: Callable[[float], None] | None = None,
 
 def write_metrics(results: Sequence[Result], path: Path) -> None:
     """
-    Write ``{"runs": [...]}``, an object per run, as strict JSON.
-
-    Numbers that are not finite, for which JSON has no form, become null.
+    Write ``{"runs": [...]}``, an object per run, as strict JSON; null for what is not finite.
 
     Raises
     ------
@@ -254,11 +311,9 @@ def write_metrics(results: Sequence[Result], path: Path) -> None:
     write_json({'runs': [result.metrics() for result in results]}, path)
 
 
-def write_json(value: Any, path: Path) -> None:
-    """Write a file of strict JSON; numbers that are not finite become null."""
-    write_text(path, json.dumps(finite(value), indent=2, ensure_ascii=False) + '\n')
-
-
-def finite(value: Any) -> Any:
-    """Return `value`, as JSON has it, with None in place of every number that is not finite."""
-    return json.loads(json.dumps(value, default=lambda x: x.item()), parse_constant=lambda _: None)
+def position_units(names: Sequence[str], description: str) -> tuple[str, ...]:
+    """Return the unit of each joint's position: m if a URDF says that it is prismatic, or rad."""
+    kinds = {}
+    with suppress(CtcError):
+        kinds = {name: joint.kind for name, joint in Tree(description).joints.items()}
+    return tuple('m' if kinds.get(name) == 'prismatic' else 'rad' for name in names)

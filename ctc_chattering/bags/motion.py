@@ -24,11 +24,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
-import dataclasses
 from pathlib import Path
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.analysis.recording import RecordedMotion, Recording
 from ctc_chattering.analysis.time_stamps import Indices
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.bags.command_times import answers
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import (
@@ -61,38 +61,15 @@ _LIKE_MOTION = 0.05
 _COMPARED = 20_000
 
 
-@dataclasses.dataclass(frozen=True)
-class RecordedMotion:
-    """
-    What a bag has of a robot.
-
-    Attributes
-    ----------
-    recording : Recording
-        Checked.
-    description : str
-        Text of the URDF; empty for none.
-    controller : ControllerConfig or None
-        Of the first sample, in bags of this package.
-    notes : tuple of str
-        What was chosen, or left out.
-
-    """
-
-    recording: Recording
-    description: str
-    controller: ControllerConfig | None
-    notes: tuple[str, ...] = ()
-
-
-def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
+@checked(path=(str, Path), joints=Sequence, description=str, states=str, commands=str)
+def read_motion(path: str | Path, joints: Sequence[str] = (), description: str = '',
                 states: str = JOINT_STATES, commands: str = COMMANDS) -> RecordedMotion:
     """
-    Return the motion that a bag holds.
+    Return the motion that a bag of any recorder holds, for `identify`.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         Directory of the bag.
     joints : sequence of str
         Joints in the order of the model, and of the commands if these have no names; empty for
@@ -105,12 +82,20 @@ def read_motion(path: Path, joints: Sequence[str] = (), description: str = '',
         namespace. Behind a colon may be the field that has the numbers. In place of the defaults,
         the only topic that fits is taken.
 
+    Returns
+    -------
+    RecordedMotion
+        States and torques, the robot's description, and notes on what was chosen.
+
     Raises
     ------
     CtcError
         If there is no bag, it cannot be read, or `Recording.checked` refuses it.
 
     """
+    path = Path(path)
+    for i, name in enumerate(joints):
+        check_type(f'joints[{i}]', name, str)
     if len(set(joints)) < len(joints):
         twice = next(name for name, count in Counter(joints).items() if count > 1)
         raise CtcError(f'--joints: {twice} is given more than once')

@@ -57,7 +57,12 @@ def read_bag(path: str | Path) -> Result:
     Parameters
     ----------
     path : str or Path
-        Directory of the bag.
+        Directory of a bag of this package, as ``bringup --record`` writes it.
+
+    Returns
+    -------
+    Result
+        As `simulate` returns it. Torques and terms that the bag lacks are nan, or computed.
 
     Raises
     ------

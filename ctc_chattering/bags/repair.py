@@ -23,6 +23,7 @@ import sys
 import tempfile
 import weakref
 
+from ctc_chattering.arguments import checked
 from ctc_chattering.bags.bag_reader import BagReader, damaged
 from ctc_chattering.bags.recovery import recover, Recovery
 from ctc_chattering.errors import CtcError
@@ -75,9 +76,15 @@ def is_whole(bag: Path) -> bool:
         return False
 
 
-def repair(bag: Path) -> tuple[Recovery, Path] | None:
+@checked(bag=(str, Path))
+def repair(bag: str | Path) -> tuple[Recovery, Path] | None:
     """
     Replace a damaged bag by one with all messages that can be read; keep the damaged one.
+
+    Parameters
+    ----------
+    bag : str or Path
+        Directory of the bag.
 
     Returns
     -------
@@ -90,6 +97,7 @@ def repair(bag: Path) -> tuple[Recovery, Path] | None:
         If there is no bag, or nothing can be recovered.
 
     """
+    bag = Path(bag)
     if not bag.exists():
         raise CtcError(f'{bag}: no such bag')
     if is_whole(bag):

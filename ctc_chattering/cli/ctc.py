@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Collection, Sequence
 from importlib import import_module
+import shlex
 import sys
 
 from ctc_chattering import __version__
@@ -74,7 +75,7 @@ def _run(arguments: list[str]) -> int:
         first = arguments.index('--ros-args')
         arguments, ros = arguments[:first], arguments[first:]
     options = make_parser(arguments).parse_args(arguments)
-    options.ros_args = ros
+    options.ros_args, options.said = ros, shlex.join(['ctc', *arguments])
     return int(options.run(options))
 
 

@@ -23,11 +23,11 @@ from typing import Any
 
 from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare, writing
-from ctc_chattering.analysis.result import Result, simulated
-from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
+from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.cli.presentation import present, PRESENTED
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import changed, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness import chunks
 from ctc_chattering.robustness.point import find_run
@@ -52,7 +52,7 @@ def explain(runs: Runs, options: argparse.Namespace) -> int:
         print('in the map: ' + (f'{row["failure"]}: {row["reason"]}' if row['failure'] else
                                 f'no failure, error {row["error"]:.3g} rad'))
     out = prepare(options.out / _FOLDER / str(run), (
-        _PARAMETERS, _SAMPLES, FIGURES, METRICS, PAGE), options.overwrite)
+        _PARAMETERS, _SAMPLES, *PRESENTED), options.overwrite)
     setup = _written(runs.setup(run), f'run_{run}', out / _PARAMETERS)
     print(f'its parameters: {out / _PARAMETERS}')
     result, failure = _simulated(setup)
@@ -62,7 +62,7 @@ def explain(runs: Runs, options: argparse.Namespace) -> int:
         return 0
     result = dataclasses.replace(result, window=runs.spec.window)
     write_npz(result, out / _SAMPLES)
-    return present([result], [], out)
+    return present([result], [], out, options.format, options.said)
 
 
 def _row(runs: Runs, run: int, directory: Path) -> dict[str, Any] | None:
@@ -107,11 +107,11 @@ def _simulated(setup: Setup) -> tuple[Result | None, str]:
 
     with Progress(setup.plant.experiment, setup.plant.duration) as bar:
         try:
-            result = simulated(setup, progress)
+            result = simulate(setup, progress)
             bar(setup.plant.duration)
             return result, ''
         except CtcError as error:
             failure = str(error)
     if not reached:
         return None, failure
-    return simulated(changed(setup, {'plant': {'duration': reached}})), failure
+    return simulate(setup.changed({'plant': {'duration': reached}})), failure

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -69,6 +70,12 @@ def add_output(parser: argparse.ArgumentParser, default: str | None = None) -> N
                         help='replace the output of an earlier run of this command')
 
 
+def add_format(parser: argparse.ArgumentParser, first: str = 'svg') -> None:
+    """Add the option of a second format of all figures; the `first` is that of the page."""
+    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default=first,
+                        help=f'figures in this format as well; the page has them as {first}')
+
+
 def add_jobs(parser: argparse.ArgumentParser, more: str = '') -> None:
     """Add the option of the number of processes; `more` is what its help says besides."""
     parser.add_argument('--jobs', type=int, metavar='N',
@@ -90,7 +97,7 @@ def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     return result
 
 
-def load_setup(options: argparse.Namespace) -> tuple[Path, Any, parameter_file.Setup]:
+def load_setup(options: argparse.Namespace) -> tuple[Path, Any, Setup]:
     """Return the parameter file, the values that override it, and both, checked."""
     file, over = find_file(options.params_file), overrides(options)
     with given_by_user(name for values in over.values() for name in values):

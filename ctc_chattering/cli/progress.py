@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 import io
 import queue
 import sys
@@ -101,6 +102,16 @@ def progress_bar(*iterable: Any, **options: Any) -> Any:
     form = options.pop('bar_format', '{desc}: {n_fmt}/{total_fmt} {unit} [{elapsed}]')
     return tqdm(*iterable, file=_Lines(), mininterval=_SELDOM, maxinterval=_SELDOM,
                 bar_format=form.replace('{bar} ', ''), **options)
+
+
+@contextmanager
+def counting_bar(**options: Any) -> Iterator[Callable[[int, int], None]]:
+    """Yield a function of what is done and of all there is, which a bar shows."""
+    with progress_bar(total=0, **options) as bar:
+        def moved(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+        yield moved
 
 
 class _Lines(io.TextIOBase):

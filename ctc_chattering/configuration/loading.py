@@ -19,33 +19,46 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.arguments import checked
+from ctc_chattering.configuration.loop_setup import check_overrides, Overrides, Setup
 from ctc_chattering.configuration.node_parameters import NODES
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.parameter_file import EVERY_NODE, load, Overrides, Setup
-from ctc_chattering.errors import ParameterError
+from ctc_chattering.configuration.parameter_file import EVERY_NODE, load
 
 
 @checked(path=(str, Path), overrides=(Mapping, type(None)))
-def load_parameters(path: str | Path, overrides: Overrides | None = None) -> Setup:
+def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None) -> Setup:
     """
     Return the configurations of plant, controller and reference, and the events, of a file.
 
     Parameters
     ----------
     path : str or Path
-        A file, or ``friction``, ``disturbance``, … for the package's own.
+        A parameter file, or the name of one of the package: ``friction``, ``disturbance``,
+        ``switch``, ``switching`` (the paper's arm), ``panda``, ``ur5``.
     overrides : mapping, optional
-        Values by node and parameter that override the file's.
+        Values by node and parameter that override the file's. Nodes are ``plant``,
+        ``controller``, ``reference``, …, or ``/**`` for all that have the parameter; the
+        parameters are in docs/parameters.md.
+
+    Returns
+    -------
+    Setup
+        For `simulate`.
 
     Raises
     ------
     CtcError
         If the file cannot be read, or something in it is not allowed.
 
+    Examples
+    --------
+    >>> from ctc_chattering import load_parameters
+    >>> setup = load_parameters('friction', {
+    ...     'plant': {'duration': 6.0}, 'controller': {'law': 'integral', 'ki': 50.0}})
+    >>> setup.controller.law, setup.controller.ki
+    ('integral', (50.0, 50.0))
+
     """
-    for node, values in (overrides or {}).items():
-        if node not in (*NODES, EVERY_NODE):
-            raise ParameterError('overrides', node, ' | '.join((*NODES, EVERY_NODE)))
-        check_type(f'overrides of {node}', values, Mapping)
+    check_overrides('overrides', overrides or {}, (*NODES, EVERY_NODE))
     return load(find_config(path) if isinstance(path, str) else path, overrides)

@@ -182,24 +182,33 @@ def parameter_help(node: str) -> str:
 
 
 def parameter_table() -> str:
-    """Return all parameters of all executables as Markdown."""
-    lines = ['| node | parameter | type | default | unit | while running | meaning |',
-             '|---|---|---|---|---|---|---|']
+    """Return all parameters of all executables as Markdown, under the nodes that have them."""
+    nodes: dict[str, list[str]] = {}
     for node in NODES:
         for spec in parameters_of(node).values():
-            shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
-            meaning = spec.description
-            if spec.choices:
-                meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
-            elif spec.minimum > -math.inf:
-                meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
-            if spec.laws:
-                meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
-            lines.append(
-                f'| {node} | `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | '
-                f'{spec.unit.replace("*", "·").replace("^2", "²").replace("^3", "³")} | '
-                f'{"" if spec.read_only else "yes"} | {meaning} |')
-    return '\n'.join(lines)
+            nodes.setdefault(_row(spec), []).append(node)
+    sections: dict[str, list[str]] = {}
+    for row, names in nodes.items():
+        sections.setdefault(', '.join(names), []).append(row)
+    return '\n\n'.join(
+        '\n'.join((f'## {title}\n',
+                   '| parameter | type | default | unit | while running | meaning |',
+                   '|---|---|---|---|---|---|', *rows)) for title, rows in sections.items())
+
+
+def _row(spec: Parameter) -> str:
+    """Return the cells of a parameter in the tables."""
+    shape = {'n': ' (n)', 'nn': ' (n or n·n)'}.get(spec.shape, '')
+    meaning = spec.description
+    if spec.choices:
+        meaning += ' One of: ' + ', '.join(f'`{x}`' for x in spec.choices) + '.'
+    elif spec.minimum > -math.inf:
+        meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
+    if spec.laws:
+        meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
+    unit = spec.unit.replace('*', '·').replace('^2', '²').replace('^3', '³')
+    return (f'| `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | {unit} | '
+            f'{"" if spec.read_only else "yes"} | {meaning} |')
 
 
 def _shown(value: object) -> str:

@@ -49,23 +49,33 @@ class Sample(NamedTuple):
 
     e, de and v belong to the state; what follows to the torque, which under an input delay is for
     the state predicted over it.
+
+    Attributes
+    ----------
+    tau : list of float
+        Torque to send, within the limits [N·m].
+    e, de : list of float
+        Errors q_d - q [rad] and dq_d - dq [rad/s].
+    v : list of float
+        Filtered error [rad/s].
+    nominal : list of float
+        What model and feedback ask for: M [ddq_d + Kv de + Kp e] + C dq + G under most laws [N·m].
+    compensation : list of float
+        C v, which the laws (2) and (6) subtract; 0 under the others [N·m].
+    robust : list of float
+        What is subtracted against the perturbation: Ka sgn(v) under (6), however switched [N·m].
+    saturation_error : list of float, or None
+        What the limits have taken from the torque [N·m]; None for nothing.
+
     """
 
-    #: Torque to send, within the limits [N·m].
     tau: Vector
-    #: Position error e = q_d - q [rad].
     e: Vector
-    #: Velocity error de = dq_d - dq [rad/s].
     de: Vector
-    #: Filtered error [rad/s].
     v: Vector
-    #: What model and feedback ask for: M [ddq_d + Kv de + Kp e] + C dq + G under most laws [N·m].
     nominal: Vector
-    #: C v, which the laws (2) and (6) subtract; 0 under the others [N·m].
     compensation: Vector
-    #: What is subtracted against the perturbation: Ka sgn(v) under (6), however switched [N·m].
     robust: Vector
-    #: What the limits have taken from the torque [N·m]; None for nothing.
     saturation_error: Vector | None
 
 

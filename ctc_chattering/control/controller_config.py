@@ -52,18 +52,19 @@ class ControllerConfig(RobotConfig):
         'Control law: docs/laws.md.', choices=LAWS, own=True)
     kp: tuple[float, ...] = parameter(
         'kp', 'float[]', 100.0, 'Position gain Kp.', unit='1/s^2', minimum=0.0, exclusive=True,
-        shape='nn')
+        shape='nn', usual=(1.0, 1e4))
     kv: tuple[float, ...] = parameter(
         'kv', 'float[]', 50.0, 'Velocity gain Kv.', unit='1/s', minimum=0.0, exclusive=True,
-        shape='nn')
+        shape='nn', usual=(1.0, 1e3))
     ka: tuple[float, ...] = parameter(
         'ka', 'float[]', 10.0,
         'Chattering gain Ka; must exceed friction plus disturbance. Under laws that observe '
         'a state, the bound of the estimate; must also exceed the error of the model.',
-        unit='N*m', minimum=0.0, shape='n', laws=('chattering', *_OBSERVING))
+        unit='N*m', minimum=0.0, shape='n', usual=(0.1, 1e3),
+        laws=('chattering', *_OBSERVING))
     lambda_: float = parameter(
         'lambda', 'float', 10.0, 'Pole of the filter (3).', unit='1/s', minimum=0.0,
-        exclusive=True, laws=(*_PAPER, 'super_twisting'))
+        exclusive=True, usual=(0.1, 1e3), laws=(*_PAPER, 'super_twisting'))
     b: float = parameter(
         'b', 'float', 1.0, 'Gain of the filter (3); 1 in the paper.', minimum=1e-3,
         maximum=1e3, laws=(*_PAPER, 'super_twisting'))

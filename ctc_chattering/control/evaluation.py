@@ -74,29 +74,45 @@ class Models(NamedTuple):
 
 @record
 class State(NamedTuple):
-    """A state and a reference; arrays of shape (n,), or (n, n)."""
+    """
+    A state and a reference, with what all laws need of them; arrays of shape (n,), or (n, n).
 
-    #: Position [rad] and velocity [rad/s].
+    Attributes
+    ----------
+    q, dq : ndarray
+        Position [rad] and velocity [rad/s].
+    dq_d, ddq_d : ndarray
+        Desired velocity [rad/s] and acceleration [rad/s²].
+    e, de : ndarray
+        Errors [rad, rad/s].
+    u : ndarray
+        Kv de + Kp e [rad/s²].
+    v : ndarray
+        Filtered error [rad/s].
+    M, C : ndarray, shape (n, n)
+        Mass matrix [kg·m²] and Coriolis matrix [kg·m²/s] of the model.
+    G, bias : ndarray
+        Gravity, and C dq + G [N·m].
+    N : ndarray
+        M (ddq_d + u) + C dq + G [N·m].
+    zero : ndarray
+        n zeros, for terms that a law does not have.
+
+    """
+
     q: Array
     dq: Array
-    #: Desired velocity [rad/s] and acceleration [rad/s²].
     dq_d: Array
     ddq_d: Array
-    #: Errors [rad, rad/s].
     e: Array
     de: Array
-    #: Kv de + Kp e [rad/s²].
     u: Array
-    #: Filtered error [rad/s].
     v: Array
-    #: M [kg·m²], C [kg·m²/s], G and C dq + G [N·m].
     M: Array
     C: Array
     G: Array
     bias: Array
-    #: M (ddq_d + u) + C dq + G [N·m].
     N: Array
-    #: n zeros, for terms that a law does not have.
     zero: Array
 
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from ctc_chattering.arguments import checked, whole
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 import numpy as np
@@ -88,9 +89,10 @@ class _SampledState:
         return slope
 
 
+@checked(model=Model)
 def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[PropertyCheck]:
     """
-    Test a model at random states.
+    Test a model at random states: M, C, G and the products that the laws rest on.
 
     Parameters
     ----------
@@ -104,9 +106,22 @@ def check_dynamics(model: Model, seed: int = 0, samples: int = 20) -> list[Prope
     Returns
     -------
     list of PropertyCheck
-        One for each check; if values are missing or not finite, for that alone.
+        One for each check, with ``name``, ``passed``, ``worst`` and ``tolerance``; if values are
+        missing or not finite, for that alone.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is not allowed; what the model raises is in the result.
+
+    Examples
+    --------
+    >>> from ctc_chattering import check_dynamics, TwoLink
+    >>> all(x.passed for x in check_dynamics(TwoLink(9.81)))
+    True
 
     """
+    seed, samples = whole('seed', seed, 0), whole('samples', samples, 1)
     rng = np.random.default_rng(seed)
     n = model.n
     states = [_SampledState(model, rng.uniform(-np.pi, np.pi, n), rng.uniform(-2.0, 2.0, n),

@@ -26,8 +26,8 @@ import tempfile
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.configuration.node_parameters import LOOP
-from ctc_chattering.configuration.parameter_file import Overrides
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch import child_process
 from ctc_chattering.ros import signals
@@ -98,15 +98,15 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
             with graph_monitor(setup.events, lockstep, ros_args) as look:
                 _watch(children, look, caught, setup.plant.duration > 0.0, progress)
         finally:
-            child_process.stop(pages)
             child_process.stop([children[x] for x in LOOP if x in children])
+            child_process.stop(pages)  # Later: they show how the graph has ended.
             child_process.stop(list(children.values()), patience=20.0)
     for child in children.values():
         if child.status:
             raise CtcError(child.exit_report())
 
 
-def node_values(setup: parameter_file.Setup, record: Path | None, with_bringup: bool = True
+def node_values(setup: Setup, record: Path | None, with_bringup: bool = True
                 ) -> dict[str, dict[str, Any]]:
     """
     Return the parameters of the nodes that are to run, in the order of their start.

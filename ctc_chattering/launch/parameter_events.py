@@ -19,12 +19,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
+import signal
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.launch.requests import Requests
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros.messages import read_stamp
 from ctc_chattering.ros.node import BaseNode, Executor, qos
+from ctc_chattering.ros.run import wait_for_all_acked
 from ctc_chattering.ros.subscription import ValidatedSubscription
 from ctc_chattering.ros.topics import CLOCK, PARAMETERS
 from ctc_chattering.simulation.closed_loop import Event
@@ -101,6 +103,8 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
     """
     Run a `ParameterEventScheduler` in this process, between other work.
 
+    At the end it says on ``/diagnostics`` why the graph ends.
+
     Parameters
     ----------
     events, lockstep
@@ -138,7 +142,12 @@ def graph_monitor(events: Sequence[Event], lockstep: bool, ros_args: Sequence[st
 
     try:
         yield look
+        node.report_end('the experiment has ended')
+    except CtcError as error:
+        node.report_end(' '.join(str(error).split()))
+        raise
     finally:
+        wait_for_all_acked(node, [signal.SIGTERM])
         executor.remove_node(node)
         node.destroy_node()
         rclpy.try_shutdown()

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from hmac import compare_digest
+import re
 from secrets import token_urlsafe
 import socket
 from typing import Any
@@ -24,11 +25,17 @@ from urllib.parse import parse_qsl
 
 #: Addresses that stand for all of this machine.
 _ALL = ('', '0.0.0.0', '::')
+#: What the client of viser takes from its address that shows nothing but the arm: view.js.
+_VIEW = re.compile('darkMode|logCamera|initialCamera(Position|LookAt|Up|Fov|Near|Far)')
+_NUMBERS = re.compile('[-+.,e0-9]{0,80}')
 #: For every answer: no page of others frames this one, and its address is told to nobody.
 HEADERS = {
     'Cache-Control': 'no-store', 'Referrer-Policy': 'no-referrer',
-    'Content-Security-Policy': "frame-ancestors 'none'; frame-src 'none'; object-src 'none'; "
+    'Content-Security-Policy': "frame-ancestors 'none'; frame-src 'self'; object-src 'none'; "
                                "base-uri 'none'; form-action 'none'"}
+#: For viser's view: our page alone frames it, and it frames nothing.
+VIEW_HEADERS = {**HEADERS, 'Content-Security-Policy': HEADERS['Content-Security-Policy'].replace(
+    "frame-ancestors 'none'; frame-src 'self'", "frame-ancestors 'self'; frame-src 'none'")}
 
 
 class Access:
@@ -86,9 +93,10 @@ class Access:
             return 'Origin is another page'
         query = parse_qsl(path.partition('?')[2], keep_blank_values=True)
         # Others are for the client of viser: `websocket` would connect the page to another server.
-        if [name for name, _ in query if name != 'token']:
+        if [name for name, value in query if name != 'token' and not (
+                _VIEW.fullmatch(name) and _NUMBERS.fullmatch(value))]:
             return 'the address takes no more than the token'
-        given = [value for _, value in query] + [
+        given = [value for name, value in query if name == 'token'] + [
             value for line in cookies for word in line.split(';')
             for name, _, value in [word.strip().partition('=')] if name == self._name]
         if not any(map(self._is_token, given)):

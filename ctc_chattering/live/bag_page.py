@@ -16,19 +16,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+import math
 import time
 from typing import Any
 
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.errors import CtcError
+from ctc_chattering.live.arm_view import View
 from ctc_chattering.live.page import Page
-from ctc_chattering.live.plot_panel import PlotPanel
 from ctc_chattering.live.recorded import check_comparable, Player, RecordedRun
 from ctc_chattering.live.samples import table
+from ctc_chattering.live.samples_socket import Message, word
+import numpy as np
 
-#: Between two pictures of the arm, and between two of the plots [s].
-_FRAME, _PLOTS = 1 / 30, 0.15
+#: Between two pictures of the arm, and between two of the numbers [s].
+_FRAME, _NUMBERS = 1 / 30, 0.15
+#: Samples of a run, evenly spaced, that the camera shows.
+_SEEN = 40
+#: What "fit the view" shows before and after now [s].
+_AROUND = 0.5
 _SPEEDS = ('0.1', '0.25', '0.5', '1', '2', '5', '10')
 
 
@@ -53,28 +60,50 @@ class BagPage:
         if reason := check_comparable(runs):
             raise CtcError(reason)
         self._page, self._runs = page, runs
-        self._player = Player(max(run.duration for run in runs))
+        self._player = Player(max(run.end for run in runs), min(run.begin for run in runs))
         self._arms = page.show_arms([run.skeleton for run in runs])
+        self._look()
         gui = page.server.gui
         with page.main:
+            begin, end = self._player.begin, self._player.end
             self._slider = gui.add_slider(
-                'time [s]', 0.0, max(self._player.duration, 1e-3), 0.001, 0.0)
+                'time [s]', begin, max(end, begin + 1e-3), 0.001, begin)
             self._play = gui.add_button('play')
             self._speed = gui.add_dropdown('speed', _SPEEDS, initial_value='1')
-            self._window = gui.add_number('window [s]', 5.0, min=0.1, max=3600.0, step=0.1)
-        with page.plots:
-            self._plots = PlotPanel(gui, runs[0].result.joint_names,
-                                    [run.name for run in runs] if len(runs) > 1 else [''])
-        self._shown: tuple[float, float, Any] | None = None
-        self._plotted = 0.0
+            self._view = View(gui, self._fit)
+        self._shown: tuple[Any, ...] | None = None
+        self._numbered = 0.0
         self._wanted: float | None = None
         self._slider.on_update(self._on_slider)
         self._play.on_click(self._on_play)
         self._speed.on_update(self._on_speed)
+        page.samples.on('seek', self._seek)
+
+    def _look(self, seconds: float = math.inf) -> None:
+        """Have cameras show the motion of so many seconds before and after now."""
+        t = self._player.t
+        drawn = [(arm, run.at(t).q, run.result.run.q[
+            run.index(t - seconds):run.index(t + seconds) + 1])
+            for arm, run in zip(self._arms, self._runs) if arm is not None]
+        if drawn:
+            self._page.cameras.look(
+                np.concatenate([arm.points([q]) for arm, q, _ in drawn]),
+                np.concatenate([arm.points(q[::len(q) // _SEEN + 1]) for arm, _, q in drawn]),
+                len(drawn))
+
+    def _fit(self, event: Any) -> None:
+        self._look(_AROUND)
+        self._page.cameras.fit(event.client)
 
     def _on_slider(self, event: Any) -> None:
         if event.client_id is not None:
             self._wanted = float(self._slider.value)
+
+    def _seek(self, t: Any) -> None:
+        """Go to a time that was clicked in a plot, if it is one."""
+        if isinstance(t, int | float) and math.isfinite(t):
+            self._wanted = min(max(self._player.begin, float(t)), self._player.end)
+            self._slider.value = round(self._wanted, 3)
 
     def _on_play(self, _event: Any) -> None:
         if self._player.playing:
@@ -87,6 +116,8 @@ class BagPage:
 
     def update(self, elapsed: float) -> None:
         """Go on by `elapsed` seconds and show what has changed."""
+        self._page.samples.poll(self._greeting)
+        self._page.cameras.follow()
         player = self._player
         if self._wanted is not None:
             player.seek(self._wanted)
@@ -96,16 +127,15 @@ class BagPage:
         label = 'pause' if player.playing else 'play'
         if self._play.label != label:
             self._play.label = label
-        shown = player.t, float(self._window.value), self._plots.joint
+        shown = player.t, self._view.magnified
         if shown == self._shown:
             return
-        moved = self._shown is None or shown[0] != self._shown[0]
+        self._show_arms(was_playing)
+        self._page.samples.tell(mark=player.t)
         now = time.monotonic()
-        if moved:
-            self._show_arms(was_playing)
-        if not player.playing or now - self._plotted > _PLOTS:
-            self._plotted = now
-            self._show_plots()
+        if not player.playing or now - self._numbered > _NUMBERS:
+            self._numbered = now
+            self._show_numbers()
             self._shown = shown
 
     def _show_arms(self, follow: bool) -> None:
@@ -113,18 +143,31 @@ class BagPage:
             for arm, run in zip(self._arms, self._runs):
                 if arm is not None:
                     instant = run.at(self._player.t)
+                    arm.magnified = self._view.magnified
                     arm.show(instant.q, instant.q_d)
             if follow:
                 self._slider.value = round(self._player.t, 3)
 
-    def _show_plots(self) -> None:
+    def _greeting(self) -> Iterator[Message]:
+        """Yield what a new page gets: all samples."""
+        first = self._runs[0].result
+        yield word(show={
+            'joints': first.joint_names, 'units': first.position_units,
+            'runs': [run.name for run in self._runs],
+            'options': {'signals': ('e', 'V', 'torque'), 'seek': True,
+                        'settled': max(run.settled for run in self._runs)},
+            'note': 'Drawn: every sample.'})
+        for r, run in enumerate(self._runs):
+            yield from run.packed(r)
+        yield word(mark=self._player.t)
+
+    def _show_numbers(self) -> None:
         t = self._player.t
-        parts = [run.before(t, float(self._window.value)) for run in self._runs]
+        parts = [run.before(t, 1.0) for run in self._runs]
         with self._page.server.atomic():
             self._page.numbers.content = str(Markup().join(
                 table(run.result.joint_names, run.at(t), part, f'{run.name}: {run.law(t)},')
                 for run, part in zip(self._runs, parts)))
-            self._plots.show(parts)
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""

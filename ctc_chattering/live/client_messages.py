@@ -20,6 +20,9 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
+#: How many numbers each part of a camera has.
+_CAMERA = {'wxyz': 4, 'position': 3, 'look_at': 3, 'up_direction': 3, 'fov': 1, 'near': 1,
+           'far': 1, 'image_height': 1, 'image_width': 1}
 #: Longest text of a field.
 _CHARACTERS = 10_000
 
@@ -42,9 +45,10 @@ def is_allowed(message: Any, widgets: Mapping[str, Any]) -> bool:
         return False
     fields = dict(message)
     kind = fields.pop('type', None)
-    if kind == 'ViewerCameraMessage':  # Nothing uses it; viser counts its sender as present.
-        return all(map(_is_number, (
-            x for field in fields.values() for x in (field if _is_vector(field) else (field,)))))
+    if kind == 'ViewerCameraMessage':
+        return fields.keys() == _CAMERA.keys() and all(
+            len(x) == count and all(map(_is_number, x)) for x, count in (
+                (x if isinstance(x, list) else [x], _CAMERA[name]) for name, x in fields.items()))
     if kind != 'GuiUpdateMessage' or set(fields) != {'uuid', 'updates'}:
         return False
     uuid, updates = fields['uuid'], fields['updates']
@@ -68,10 +72,6 @@ def fits(widget: Any, value: Any) -> bool:
     least, most = getattr(widget, 'min', None), getattr(widget, 'max', None)
     return ((least is None or value >= least) and (most is None or value <= most)
             and (isinstance(now, float) or value == int(value)))
-
-
-def _is_vector(value: Any) -> bool:
-    return isinstance(value, list) and len(value) <= 4
 
 
 def _is_number(value: Any) -> bool:

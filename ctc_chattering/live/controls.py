@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page's buttons and fields; each click becomes a command, and nothing else does."""
+"""Buttons and fields beside the view; each click becomes a command, and nothing else does."""
 
 from __future__ import annotations
 
@@ -23,12 +23,10 @@ from typing import Any
 
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.number_format import in_field
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.switching import SWITCHINGS
 
 #: Parameters with a field of their own: title, node, name.
 FIELDS = (
-    ('ka [N·m]', 'controller', 'ka'), ('observer_bandwidth', 'controller', 'observer_bandwidth'),
+    ('observer_bandwidth', 'controller', 'observer_bandwidth'),
     ('Coulomb friction [N·m]', 'plant', 'coulomb_friction'),
     ('viscous friction', 'plant', 'viscous_friction'),
     ('disturbance [N·m]', 'plant', 'disturbance.amplitude'),
@@ -68,16 +66,10 @@ class Controls:
         self._folder = gui.add_folder('controls')
         with self._folder:
             self._log_view = gui.add_html('')
-            self._group('law', 'controller', 'law', LAWS)
-            self._group('switching', 'controller', 'switching', SWITCHINGS)
             self._torques()
             self._send()
             self._push(names)
             self._time()
-
-    def _group(self, label: str, node: str, name: str, choices: Sequence[str]) -> None:
-        group = self._gui.add_button_group(label, tuple(choices))
-        group.on_click(lambda event: self._ask('set', node, name, event.target.value))
 
     def _torques(self) -> None:
         group = self._gui.add_button_group('torques', ('enable', 'disable', 'reset'))

@@ -16,23 +16,19 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis.interactive_plots import coded, component
 from ctc_chattering.analysis.markup import page
 from ctc_chattering.analysis.output import write_text
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.recorded import check_comparable, RecordedRun
 from ctc_chattering.live.skeleton import as_json, places, stage
-from ctc_chattering.numerics.linear_algebra import Array
-import numpy as np
 
 #: Most samples of a run in the file; of more, every so many-th is taken.
-_MOST = 20_000
-#: Time after which an error that was large at the start is small [s].
-_SETTLED = 1.0
+_MOST = 60_000
 
 
 def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
@@ -60,7 +56,8 @@ def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
     if reason := check_comparable(runs):
         raise CtcError(reason)
     text = page('ctc_chattering.live', 'export.html',
-                title=' and '.join(run.name for run in runs), data=_data(runs))
+                title=' and '.join(run.name for run in runs), data=_data(runs),
+                component=component())
     write_text(path, text)
     return len(text.encode())
 
@@ -69,23 +66,23 @@ def _data(runs: Sequence[RecordedRun]) -> dict[str, Any]:
     """Return what the script of the page reads."""
     reach, middle, floor = stage(run.skeleton for run in runs)
     return {
-        'names': runs[0].result.joint_names, 'reach': reach, 'middle': middle, 'floor': floor,
-        'settled': min(_SETTLED, 0.2 * max(run.duration for run in runs)),
+        'names': runs[0].result.joint_names, 'units': runs[0].result.position_units,
+        'reach': reach, 'middle': middle, 'floor': floor, 'begin': min(run.begin for run in runs),
+        'end': max(run.end for run in runs), 'settled': max(run.settled for run in runs),
+        'every': [_every(run) for run in runs],
         'runs': [_run(run, place) for run, place in zip(runs, places(len(runs), reach))]}
 
 
+def _every(run: RecordedRun) -> int:
+    """Return that every so many-th sample is in the file."""
+    return -(-len(run.samples.t) // _MOST)
+
+
 def _run(run: RecordedRun, place: Sequence[float]) -> dict[str, Any]:
-    samples, poses = run.samples, run.result.run
-    part = slice(None, None, -(-len(samples.t) // _MOST))
+    part = slice(None, None, _every(run))
     return {
         'name': run.name, 'place': place,
         'laws': [(t, run.law(t)) for t, _ in run.result.configs],
         'bodies': [] if run.skeleton is None else as_json(run.skeleton),
-        't': _coded(samples.t[part]), 'q': _coded(poses.q[part]), 'q_d': _coded(poses.q_d[part]),
-        'e': _coded(samples.e[part]), 'v': _coded(samples.v[part]),
-        'V': _coded(samples.lyapunov[part]), 'torques': _coded(samples.torques[part])}
-
-
-def _coded(values: Array) -> str:
-    """Return numbers as the script reads them: 32 bits each, the first byte the least."""
-    return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()
+        'packed': coded(run.samples.t[part], {
+            name: values[part] for name, values in run.signals.items()})}

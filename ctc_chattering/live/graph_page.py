@@ -18,7 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 import os
+from pathlib import Path
 from queue import Empty, SimpleQueue
 import time
 from typing import Any
@@ -26,16 +28,16 @@ from typing import Any
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.launch.requests import Requests
-from ctc_chattering.live.arm_view import ArmView
-from ctc_chattering.live.controls import Controls, numbers
+from ctc_chattering.live.arm_view import View
+from ctc_chattering.live.controls import Controls
+from ctc_chattering.live.graph_arm import GraphArm
+from ctc_chattering.live.graph_commands import GraphCommands
+from ctc_chattering.live.graph_plots import GraphPlots
 from ctc_chattering.live.graph_reader import GraphReader
 from ctc_chattering.live.health import counted, light, NodeReport, SILENT
+from ctc_chattering.live.law_panel import LawPanel
 from ctc_chattering.live.page import Page
-from ctc_chattering.live.plot_panel import PlotPanel
-from ctc_chattering.live.samples import since_now, table
-from ctc_chattering.live.skeleton import skeleton_of
-from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
+from ctc_chattering.live.samples import table
 from ctc_chattering.ros.exit_deadline import end_after
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import Executor
@@ -44,13 +46,11 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 #: Between two pictures of the arm, two of the numbers and the light, and two of the plots [s].
-_FRAME, _NUMBERS, _PLOTS = 1 / 30, 0.2, 0.3
+_FRAME, _NUMBERS = 1 / 30, 0.2
 #: Between two questions for the parameters, where they did not come by themselves [s].
 _ASK = 2.0
 #: Time for callbacks in each frame [s].
 _SERVE = 0.001
-#: Time to wait for a service and its answer [s].
-_PATIENCE = 3.0
 #: What is left out of the tables of the nodes' reports.
 _LONG = 'histogram'
 _REPORTS = """{% for name, report in reports %}<div style="padding:2px 12px;font-size:0.8em">
@@ -72,23 +72,36 @@ class GraphPage:
     ----------
     page : Page
     reader : GraphReader
+    bags : Path
+        Where bags are recorded.
+    ros_args : sequence of str
+        Arguments for ROS of the recorder.
     controls : bool
         Whether the page has any.
 
     """
 
-    def __init__(self, page: Page, reader: GraphReader, controls: bool = True) -> None:
+    def __init__(self, page: Page, reader: GraphReader, bags: Path, ros_args: Sequence[str] = (),
+                 controls: bool = True) -> None:
         self._page, self._reader = page, reader
-        self._with_controls = controls
         self._executor = Executor()
         self._executor.add_node(reader)
-        self._requests = Requests(reader, self._show_answer, _PATIENCE)
         self._clicks: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
+        self._commands = GraphCommands(reader, bags, ros_args, self._show_answer)
         self._controls: Controls | None = None
-        self._plots: PlotPanel | None = None
-        self._arm: ArmView | None = None
+        self._panel = LawPanel(self._click) if controls else None
+        if self._panel is not None:
+            page.samples.on('ask', self._panel.receive)
+        self._plots = GraphPlots(page.samples, reader)
+        self._arm = GraphArm(page, reader)
         self._made_of: Any = None
-        self._due = {'numbers': 0.0, 'plots': 0.0, 'parameters': 0.0}
+        self._due = {'numbers': 0.0, 'parameters': 0.0}
+        with page.main:
+            self._view = View(page.server.gui, partial(self._click, 'fit'))
+
+    def _click(self, *command: Any) -> None:
+        """Have `update` carry out a word with its arguments; from any thread."""
+        self._clicks.put(command)
 
     def run(self, stop: Sequence[int]) -> None:
         """Serve until a signal is in `stop`."""
@@ -97,7 +110,9 @@ class GraphPage:
                 begin = time.monotonic()
                 self.update(begin)
                 time.sleep(max(0.2 * _FRAME, begin + _FRAME - time.monotonic()))
+            self.update(time.monotonic())  # How a graph has ended, with which this page ends.
         finally:
+            self._commands.recording.close()
             self._executor.remove_node(self._reader)
 
     def update(self, now: float) -> None:
@@ -109,16 +124,16 @@ class GraphPage:
                 self._carry_out(*self._clicks.get_nowait())
             except Empty:
                 break
-        self._requests.poll()
-        self._make()
+        self._commands.poll()
+        self._make(now)
+        self._plots.update(now)
         if not self._page.watched:
             return
         with self._page.server.atomic():
-            self._show_arm()
+            self._arm.show(self._view.magnified, now)
+            self._page.cameras.follow()
             if self._is_due('numbers', now, _NUMBERS):
                 self._show_numbers()
-            if self._is_due('plots', now, _PLOTS) and self._plots is not None:
-                self._plots.show([since_now(self._reader.samples())])
 
     def _is_due(self, what: str, now: float, period: float) -> bool:
         if now < self._due[what]:
@@ -126,45 +141,29 @@ class GraphPage:
         self._due[what] = now + period
         return True
 
-    def _make(self) -> None:
+    def _make(self, now: float) -> None:
         """Make the parts of the page that depend on the robot, when it is known or changes."""
         config, description = self._reader.config, self._reader.description
         if config is None:
-            if self._reader.incomplete and self._is_due('parameters', time.monotonic(), _ASK):
-                self._requests.get('controller', list(ControllerConfig.parameters()),
-                                   self._take_parameters)
+            if self._reader.incomplete and self._is_due('parameters', now, _ASK):
+                self._commands.requests.get('controller', list(ControllerConfig.parameters()),
+                                            self._take_parameters)
             return
         made_of = config.model, config.joint_names, config.locked, description
         if made_of == self._made_of:
             return
         self._made_of = made_of
-        try:
-            skeleton = skeleton_of(config, description)
-        except CtcError as error:
-            skeleton = None
-            self._reader.get_logger().warning(f'no picture of the arm: {error}')
-        (self._arm,) = self._page.show_arms([skeleton])
-        for part in (self._plots, self._controls):
-            if part is not None:
-                part.remove()
-        gui = self._page.server.gui
-        with self._page.plots:
-            self._plots = PlotPanel(gui, config.joint_names)
-        if self._with_controls:
+        self._arm.make(config, description, now)
+        if self._controls is not None:
+            self._controls.remove()
+        if self._panel is not None:
             with self._page.main:
-                self._controls = Controls(gui, config.joint_names,
-                                          lambda *command: self._clicks.put(command))
+                self._controls = Controls(
+                    self._page.server.gui, config.joint_names, self._click)
 
     def _take_parameters(self, values: Mapping[str, Any]) -> None:
         with suppress(CtcError):  # Of a controller that is not ours.
             self._reader.take_parameters('controller', values)
-
-    def _show_arm(self) -> None:
-        instant = self._reader.instant()
-        if self._arm is not None and instant is not None:
-            self._arm.show(instant.q, instant.q_d)
-        elif self._arm is not None:  # The controller waits, or is disabled.
-            self._arm.show(self._reader.position, None)
 
     def _show_numbers(self) -> None:
         reader = self._reader
@@ -172,8 +171,8 @@ class GraphPage:
         horizon = reader.parameters['reference'].get('horizon')
         patience = 0.5 * horizon if isinstance(horizon, int | float) else 0.0
         self._page.show_light(
-            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience}),
-            self._summary(reports))
+            light(reports, reader.silence(), reader.simulated, {'reference': SILENT + patience},
+                  time.time()), self._summary(reports))
         instant = reader.instant()
         if instant is not None:
             self._page.numbers.content = str(table(
@@ -182,6 +181,9 @@ class GraphPage:
             _REPORTS, reports=sorted(reports.items()), long=_LONG))
         if self._controls is not None:
             self._controls.update(reader.parameters)
+        if self._panel is not None:
+            self._page.samples.tell(controls=self._panel.state(
+                reader.names, reader.parameters['controller'], self._commands.recording.shown()))
 
     def _summary(self, reports: Mapping[str, NodeReport]) -> Markup:
         """Return law, switching, period, misses and refused messages."""
@@ -198,49 +200,19 @@ class GraphPage:
     def _show_answer(self, what: str, done: bool, answer: str) -> None:
         if self._controls is not None:
             self._controls.log(what, done, answer)
+        if self._panel is not None:
+            self._panel.answer(what, done, answer)
 
     def _carry_out(self, what: str, *arguments: Any) -> None:
-        """Ask the graph for what was clicked."""
-        if what == 'set':
-            node, name, value = arguments
-            self._requests.set(node, {name: self._typed(node, name, value)})
-        elif what == 'enable':
-            self._requests.enable(*arguments)
-        elif what == 'reset':
-            self._requests.reset()
-        elif what == 'push':
-            joint, torque, lasts = arguments
-            none = [0.0] * len(self._reader.names)
-            torques = [torque if i == joint else x for i, x in enumerate(none)]
-            # Only a change pushes: the same push again is one after none.
-            self._requests.set('plant', {'disturbance.push_duration': lasts},
-                               {'disturbance.push': none}, {'disturbance.push': torques})
+        if what == 'fit':
+            self._arm.look()
+            self._page.cameras.fit(*(event.client for event in arguments))
         else:
-            self._requests.set('plant', {'hold_at': self._hold(what, *arguments)})
-
-    def _typed(self, node: str, name: str, value: str) -> Any:
-        """Return what a field says, with the type that the parameter has now."""
-        known = self._reader.parameters[node].get(name)
-        if isinstance(known, str) or known is None:
-            return value
-        found = numbers(value, len(self._reader.names))
-        if isinstance(known, (int, float)) and isinstance(found, list):
-            return found[0] if len(set(found)) == 1 else value
-        return found
-
-    def _hold(self, what: str, samples: int) -> float:
-        """Return ``hold_at`` for a click on hold, step or run [s]."""
-        if what == 'run' or self._reader.config is None:
-            return 0.0
-        period = round(self._reader.config.control_period * NANOSECONDS)
-        instant = self._reader.instant()
-        latest = max(self._reader.clock, instant.t if instant is not None else 0.0)
-        k = round(latest * NANOSECONDS / period) + (samples if what == 'step' else 1)
-        return seconds(k * period)
+            self._commands.carry_out(what, *arguments)
 
 
 def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args: Sequence[str],
-                   controls: bool = True) -> None:
+                   controls: bool = True, bags: Path = Path()) -> None:
     """
     Serve the page of a running graph until a signal comes.
 
@@ -254,6 +226,8 @@ def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args:
         Arguments for ROS, such as a namespace.
     controls : bool
         Whether the page has any.
+    bags : Path
+        Where the page records bags.
 
     Raises
     ------
@@ -273,7 +247,7 @@ def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args:
     try:
         page = make_page()
         try:
-            GraphPage(page, reader, controls).run(stop)
+            GraphPage(page, reader, bags, ros_args, controls).run(stop)
             status = 0
         finally:
             page.close()

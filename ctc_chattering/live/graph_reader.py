@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node that follows a graph without ever slowing it: small queues, read at its own rate."""
+"""A node that follows a graph without slowing it: best effort, read at its own rate."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from typing import Any
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
-from ctc_chattering.live.history import History
+from ctc_chattering.live.history import Track
 from ctc_chattering.live.samples import Instant, PARTS, Samples
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
@@ -44,10 +44,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-#: Messages of a signal that are kept between two looks; older ones are lost, which is no harm.
-_KEPT = 8
-#: Messages of a topic that are taken at one look.
-_MOST = 200
+#: Messages of a signal that are kept between two looks, and taken at one; older ones are lost.
+_KEPT = 1000
 #: Nodes whose parameters are followed.
 _NODES = ('plant', 'controller', 'reference')
 #: Age of what the controller tracks, against the state, from which it is old [s].
@@ -66,8 +64,6 @@ class GraphReader(BaseNode):
     ----------
     name : str
         Of the node; by default one of this process alone.
-    window : float
-        Time that the signals reach back [s].
 
     Attributes
     ----------
@@ -81,25 +77,25 @@ class GraphReader(BaseNode):
         The URDF in use; empty for none.
     clock, start : float
         Last time on the topic ``clock``, and stamp of the plant's first state [s].
+    tracks : dict of str to Track
+        The signals of the last seconds, by topic.
 
     """
 
-    def __init__(self, name: str = '', window: float = 10.0) -> None:
+    def __init__(self, name: str = '') -> None:
         #: Subscriptions, and who receives their messages.
         self._polled: list[tuple[MatchingSubscription, Any]] = []
         super().__init__(name or f'ctc_live_{os.getpid()}')
         self.parameters: dict[str, dict[str, Any]] = {node: {} for node in _NODES}
-        self.names: tuple[str, ...] = ()
         self.config: ControllerConfig | None = None
         self.description = ''
         self.clock = self.start = 0.0
-        self._window = window
         self._heard: dict[str, float] = {}
         self._reports: dict[str, tuple[float, int, str, dict[str, str]]] = {}
-        self.clear()
+        self._take_names(())
         fast = QoSProfile(depth=_KEPT, reliability=ReliabilityPolicy.BEST_EFFORT)
         once = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._follow(topics.JOINT_STATES, StateReader().read, self._on_state, once,
+        self._follow(topics.JOINT_STATES, StateReader().read, self._on_state, fast,
                      lambda: self.names)
         for topic, take in ((topics.TRACKING, self._on_tracking), (topics.FILTER, self._on_filter),
                             (topics.TORQUES, self._on_torques)):
@@ -117,11 +113,11 @@ class GraphReader(BaseNode):
             self._on_diagnostics))
 
     def clear(self) -> None:
-        """Forget the signals, as for other joints."""
-        n = len(self.names)
-        self._errors, self._filter = History(n, self._window), History(n, self._window)
-        self._torques = History(3 * n + 1, self._window)
+        """Forget the signals, as at a new start of simulated time."""
+        for track in self.tracks.values():
+            track.clear()
         self._state: tuple[float, Any] | None = None
+        self._first = 0.0
         self._tracked: Instant | None = None
 
     def _follow(self, topic: str, read: Any, take: Any, profile: QoSProfile,
@@ -150,7 +146,7 @@ class GraphReader(BaseNode):
         """Take what has come."""
         for matching, receive in self._polled:
             current = matching.current
-            for _ in range(_MOST):
+            for _ in range(_KEPT):
                 taken = current.handle.take_message(current.msg_type, True)
                 if taken is None:
                     break
@@ -195,12 +191,20 @@ class GraphReader(BaseNode):
         """Return the last position that was heard, shape (n,); None before."""
         return None if self._state is None else self._state[1]
 
-    def samples(self) -> Samples:
-        """Return the signals of the window, at the times of the errors."""
-        t, e = self._errors.read()
-        v, torques = (_at(t, *x.read()) for x in (self._filter, self._torques))
-        parts = torques[:, :-1].reshape(len(t), len(PARTS), len(self.names))
-        return Samples(t, e, v, torques[:, -1],
+    @property
+    def begin(self) -> float:
+        """Return the time from which the page counts [s]."""
+        if not self.start and not self._first and self._state is not None:
+            self._first = self._state[0]
+        return self.start or self._first
+
+    def samples(self, last: float = 1.0) -> Samples:
+        """Return the signals of the `last` seconds, at the times of the errors."""
+        t, rows = self.tracks[topics.TRACKING].read(last)
+        n = len(self.names)
+        v, torques = (_at(t, *self.tracks[x].read(last)) for x in (topics.FILTER, topics.TORQUES))
+        parts = torques[:, :-1].reshape(len(t), len(PARTS), n)
+        return Samples(t, rows[:, n:], v, torques[:, -1],
                        np.concatenate((parts.sum(axis=1, keepdims=True), parts), axis=1))
 
     def _select(self, names: Sequence[str], state: StateMessage, *rows: Sequence[float]) -> Any:
@@ -209,8 +213,19 @@ class GraphReader(BaseNode):
         return np.array(select(names, state.names, *rows), float)
 
     def _on_state(self, state: StateMessage) -> None:
-        (q,) = self._select(self.names, state, state.position)
-        self._state = seconds(state.t), q
+        t = seconds(state.t)
+        if self._state is not None and t < self._state[0]:
+            self.clear()  # Time has begun anew.
+        # Drivers may leave out velocities and efforts.
+        count = len(state.names)
+        unknown = [0.0] * count
+        rows = self._select(self.names, state, state.position, *(
+            x if len(x) else unknown for x in (state.velocity, state.effort)))
+        for row, known in zip(rows[1:], (state.velocity, state.effort)):
+            if not len(known):
+                row[:] = np.nan
+        self._state = t, rows[0]
+        self.tracks[topics.JOINT_STATES].add(t, rows.ravel())
 
     def _on_tracking(self, state: StateMessage) -> None:
         names = [f'{joint}/{x}' for x in ('desired', 'error') for joint in self.names]
@@ -219,14 +234,16 @@ class GraphReader(BaseNode):
         with np.errstate(over='raise'):
             q = row[:n] - row[n:]
         self._tracked = Instant(t, q, row[:n])
-        self._errors.add(t, row[n:])
+        self.tracks[topics.TRACKING].add(t, row)
 
     def _on_filter(self, state: StateMessage) -> None:
-        self._filter.add(seconds(state.t), self._select(self.names, state, state.velocity)[0])
+        self.tracks[topics.FILTER].add(
+            seconds(state.t), self._select(self.names, state, state.velocity)[0])
 
     def _on_torques(self, state: StateMessage) -> None:
         names = [*(f'{joint}/{part}' for part in PARTS for joint in self.names), 'V']
-        self._torques.add(seconds(state.t), self._select(names, state, state.effort)[0])
+        self.tracks[topics.TORQUES].add(
+            seconds(state.t), self._select(names, state, state.effort)[0])
 
     def _on_clock(self, now: int) -> None:
         self.clock = seconds(now)
@@ -236,7 +253,7 @@ class GraphReader(BaseNode):
         with suppress(Exception):  # Of arbitrary bytes.
             for status in deserialize_message(data, DiagnosticArray).status:
                 above, _, name = status.name.rpartition('/')
-                if above == space and name in (*_NODES, 'recorder'):
+                if above == space and name in (*_NODES, 'recorder', 'bringup'):
                     self._reports[name] = (time.monotonic(), status.level[0], status.message,
                                            {x.key: x.value for x in status.values})
 
@@ -245,6 +262,7 @@ class GraphReader(BaseNode):
                   for item in (*event.new_parameters, *event.changed_parameters)}
         if event.new_parameters:
             self.parameters[node] = {}
+            self._reports.pop('bringup', None)  # How an earlier graph has ended.
             if node == 'plant':
                 self.start = event.stamp.sec + event.stamp.nanosec / NANOSECONDS
         self.take_parameters(node, values)
@@ -262,9 +280,16 @@ class GraphReader(BaseNode):
             except CtcError as error:
                 raise RejectedMessage('parameters', str(error)) from None
             if self.config.joint_names != self.names:
-                self.names = self.config.joint_names
-                self.clear()
+                self._take_names(self.config.joint_names)
         self.parameters[node] = values
+
+    def _take_names(self, names: tuple[str, ...]) -> None:
+        """Begin again with other joints."""
+        self.names, n = names, len(names)
+        self.tracks = {
+            topics.JOINT_STATES: Track(q=n, dq=n, effort=n), topics.TRACKING: Track(q_d=n, e=n),
+            topics.FILTER: Track(v=n), topics.TORQUES: Track(**dict.fromkeys(PARTS, n), V=1)}
+        self.clear()
 
     def _on_description(self, message: String) -> None:
         self.description = message.data

@@ -18,15 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
+import math
 import re
+import time
 
 #: Levels of the light. `OK`, `WARN` and `ERROR` are those of /diagnostics.
-OK, WARN, ERROR, UNKNOWN = range(4)
+OK, WARN, ERROR, UNKNOWN, ENDED = range(5)
 #: Sign and word of each level: who does not see colours reads these.
-SIGNS = ('● OK', '▲ warning', '■ error', '○ no graph')
-#: Colours of the levels: bluish green, orange, vermilion and grey, of the palette of Okabe and
-#: Ito, which people with any colour vision can distinguish.
-COLOURS = ('#009e73', '#e69f00', '#d55e00', '#808080')
+SIGNS = ('● OK', '▲ warning', '■ error', '○ no graph', '◆ the graph has ended')
+#: Colours of the levels: bluish green, orange, vermilion, grey and reddish purple, of the palette
+#: of Okabe and Ito, which people with any colour vision can distinguish.
+COLOURS = ('#009e73', '#e69f00', '#d55e00', '#808080', '#cc79a7')
 #: Silence on a topic after which it is reported, and age of a report that is too old [s].
 SILENT, STALE = 0.5, 2.5
 #: What each node publishes all the time.
@@ -53,6 +55,11 @@ class NodeReport:
     age: float
     values: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
+    @property
+    def ended(self) -> str:
+        """Return why the node has ended; empty if it has not said so."""
+        return self.values.get('ended', '')
+
 
 @dataclasses.dataclass(frozen=True)
 class Light:
@@ -63,7 +70,8 @@ class Light:
 
 
 def light(reports: Mapping[str, NodeReport], silence: Mapping[str, float],
-          lockstep: bool = False, patience: Mapping[str, float] | None = None) -> Light:
+          lockstep: bool = False, patience: Mapping[str, float] | None = None,
+          now: float = 0.0) -> Light:
     """
     Return the light of a graph.
 
@@ -80,26 +88,64 @@ def light(reports: Mapping[str, NodeReport], silence: Mapping[str, float],
         Whether simulated time may stand still: silence of all topics is then a warning.
     patience : mapping of str to float, optional
         Silence allowed on a topic, where it is more than `SILENT` [s].
+    now : float
+        Time of the clock on the wall [s].
 
     """
     if not silence and not reports:
         return Light(UNKNOWN, ('waiting for a graph',))
+    if ends := _ends(reports, silence, now):
+        return Light(ENDED, ends)
     found: list[tuple[int, str]] = []
     quiet = {topic: silence.get(topic) for topic in SIGNALS.values()
              if not silence.get(topic, float('inf')) <= (patience or {}).get(topic, SILENT)}
     for node, topic in SIGNALS.items():
         report = reports.get(node)
-        if report is None or report.age > STALE:
-            found.append((ERROR, f'{node}: ' + (
-                'no report' if report is None else f'silent for {report.age:.1f} s')))
+        if report is None:
+            found.append((ERROR, f'{node}: no report'))
+        elif report.ended:
+            found.append((ERROR, _ended(node, report, now)))
+        elif report.age > STALE:
+            found.append((ERROR, f'{node}: {_silent(report.age, now)}'))
         else:
             found.append((min(report.level, ERROR), f'{node}: {report.message}'))
         if topic in quiet:
             since = quiet[topic]
             found.append((WARN if lockstep and since is not None else ERROR, f'{topic}: ' + (
-                'nothing heard' if since is None else f'silent for {since:.1f} s')))
+                'nothing heard' if since is None else _silent(since, now))))
     level = max(x for x, _ in found)
     return Light(level, tuple(text for _, text in found))
+
+
+def _ends(reports: Mapping[str, NodeReport], silence: Mapping[str, float],
+          now: float) -> tuple[str, ...]:
+    """Return how the nodes have ended, the first one first; nothing while the graph runs."""
+    whole = reports.get('bringup')
+    told = whole is not None and bool(whole.ended)
+    ends = [(math.inf, f'bringup: {whole.ended}')] if whole is not None and told else []
+    for node, topic in SIGNALS.items():
+        report = reports.get(node)
+        heard = min(silence.get(topic, math.inf), math.inf if report is None else report.age)
+        if report is not None and report.ended:
+            ends.append((report.age, _ended(node, report, now)))
+        elif STALE < heard < math.inf:
+            ends.append((heard, f'{node}: silent since {_at(now - heard)}'))
+        elif heard < math.inf and not told:
+            return ()
+    return tuple(text for _, text in sorted(ends, reverse=True))
+
+
+def _ended(node: str, report: NodeReport, now: float) -> str:
+    return f'{node}: ended at {_at(now - report.age)}: {report.ended}'
+
+
+def _silent(since: float, now: float) -> str:
+    return f'silent for {since:.1f} s, since {_at(now - since)}'
+
+
+def _at(t: float) -> str:
+    """Return a time of the clock on the wall as this machine's zone has it."""
+    return time.strftime('%H:%M:%S', time.localtime(t))
 
 
 def counted(name: str, report: NodeReport) -> tuple[str, str, str]:

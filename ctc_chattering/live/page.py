@@ -12,27 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page: scene, light, numbers, plots, and the server behind it."""
+"""The page: plots, and a view with scene, light and numbers; and the server behind it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 import errno
+from importlib.resources import files
 import logging
 import socket
 from typing import Any
 
+from ctc_chattering.analysis.interactive_plots import component
 from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.live.access import is_local
-from ctc_chattering.live.health import COLOURS, Light, SIGNS
+from ctc_chattering.live.cameras import Cameras
+from ctc_chattering.live.health import COLOURS, ENDED, Light, SIGNS
+from ctc_chattering.live.samples_socket import SamplesSocket
 from ctc_chattering.live.server import serve, stop
-from ctc_chattering.live.skeleton import places, Skeleton, stage
+from ctc_chattering.live.skeleton import Skeleton, stage
 
 #: Where the page is by default, and how many ports after it are tried.
 HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
-#: Widths of the panels [px].
-_PLOTS_WIDTH, _MAIN_WIDTH = 420, 430
+#: Width of the panel [px].
+_MAIN_WIDTH = 430
 _LIGHT = """<div class="ctc-light" data-level="{{ level }}" style="padding:8px 12px">
 <b style="color:{{ colour }};font-size:1.25em">{{ sign }}</b><div style="font-size:0.8em">
 {%- for line in lines %}<div>{{ line }}</div>{% endfor %}{{ more }}</div></div>"""
@@ -59,10 +64,14 @@ class Page:
     server : ViserServer
     url : str
         What to open, with the token without which nothing is shown.
-    main, plots : container of GUI elements
-        The first tab, and the panel on the left.
+    main : container of GUI elements
+        The first tab.
+    samples : SamplesSocket
+        The WebSocket of the plots.
     numbers, reports : handle
         Of HTML above the tabs, and in the second tab.
+    cameras : Cameras
+        Of the browsers.
 
     Raises
     ------
@@ -73,13 +82,13 @@ class Page:
 
     def __init__(self, title: str, host: str = HOST, port: int | None = None,
                  dark: bool = False, main: str = 'run', reports: str = '') -> None:
-        self.server, self.url = serve(require_viser(), host, free_port(host, port), title)
+        self.samples = SamplesSocket()
+        around = page_of('ctc_chattering.live', 'live.html', title=title, dark=dark,
+                         component=component(), parts=_parts())
+        self.server, self.url = serve(
+            require_viser(), host, free_port(host, port), title, around, self.samples)
         gui = self.server.gui
         gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
-        panel = gui.add_panel()
-        self.plots = panel.add_tab('plots')
-        panel.dock_left()
-        panel.set_width(_PLOTS_WIDTH)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_MAIN_WIDTH)
         self.server.scene.set_up_direction('+z')
@@ -96,6 +105,7 @@ class Page:
                 self.reports = gui.add_html('')
         self._arms: list[Any] = []
         self._grid: Any = None
+        self.cameras = Cameras(self.server)
 
     @property
     def watched(self) -> bool:
@@ -108,29 +118,40 @@ class Page:
                             sign=SIGNS[light.level], lines=light.lines, more=more))
         if text != self._light_text:
             self._light_text = self._light.content = text
+        self.samples.tell(ended='' if light.level != ENDED else (
+            f'{SIGNS[ENDED]}. {"; ".join(light.lines)}'))
 
     def show_arms(self, skeletons: Sequence[Skeleton | None]) -> list[Any]:
         """Put arms side by side into the scene, in place of those there."""
         for arm in self._arms:
             arm.remove()
         from ctc_chattering.live.arm_view import ArmView
-        (reach, middle, floor), count = stage(skeletons), len(skeletons)
+        from ctc_chattering.live.framing import roots
+        (reach, _, floor), count = stage(skeletons), len(skeletons)
         views = [None if skeleton is None else ArmView(self.server, skeleton, f'arm{i}', place)
-                 for i, (skeleton, place) in enumerate(zip(skeletons, places(count, reach)))]
+                 for i, (skeleton, place) in enumerate(zip(skeletons, roots(count, reach)))]
         self._arms = [view for view in views if view is not None]
         if self._grid is not None:
             self._grid.remove()
+        self.samples.tell(scene=' '.join(
+            f'{len(x.bodies)}:{x.n}:{x.reach:.3f}' for x in skeletons if x is not None))
         self._grid = self.server.scene.add_grid(
             '/grid', 4.0 * reach, 4.0 * reach, cell_size=reach / 4, section_size=reach,
             position=(0.0, 0.0, floor))
-        camera = self.server.initial_camera
-        camera.position = (0.3 * reach, -1.6 * reach * (0.4 + 0.7 * count), middle + 0.4 * reach)
-        camera.look_at = (0.0, 0.0, middle)
         return views
 
     def close(self) -> None:
         """Stop serving."""
         stop(self.server)
+
+
+def _parts() -> Markup:
+    """Return the scripts and the style of the page's own controls and of the frame of the view."""
+    def read(name: str) -> Markup:
+        return Markup((files('ctc_chattering.live') / 'web' / name).read_text('utf-8'))
+    return fragment('<style>{{ style }}</style>{% for x in scripts %}<script>{{ x }}</script>'
+                    '{% endfor %}', style=read('controls.css'),
+                    scripts=[read('controls.js'), read('view.js')])
 
 
 def _grey(level: int) -> Any:

@@ -16,13 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
+from ctc_chattering.analysis.interactive_plots import packed
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.samples import Instant, Samples
+from ctc_chattering.live.samples import Instant, PARTS, Samples
 from ctc_chattering.live.skeleton import Skeleton, skeleton_of
 import numpy as np
+
+#: What is taken for it at most [s].
+_SETTLED = 1.0
+#: Signals that are sent together: those that are drawn first come first.
+_TOGETHER = (('e',), ('V',), ('torque', *PARTS), ('q', 'q_d'), ('dq',), ('v',))
 
 
 class RecordedRun:
@@ -43,8 +50,12 @@ class RecordedRun:
         None for a model without a description, or with one that cannot be drawn.
     remark : str
         Why it cannot; else empty.
-    duration : float
-        Time of the last sample [s].
+    signals : dict of str to ndarray, shape (N,) or (N, n)
+        All of them, by the names that plots.js has.
+    begin, end : float
+        Times of the first and of the last sample [s].
+    settled : float
+        Time after which errors and torques that were large at the start are small [s].
 
     """
 
@@ -59,11 +70,21 @@ class RecordedRun:
             self.skeleton = skeleton_of(result.config, result.description)
         except CtcError as error:
             self.remark = f'no picture of the arm: {error}'
-        self.duration = float(run.t[-1])
+        self.begin, self.end = float(run.t[0]), float(run.t[-1])
+        self.settled = self.begin + min(_SETTLED, 0.2 * (self.end - self.begin))
         self._run = run
         self.samples = Samples(
             run.t, run.q_d - run.q, terms.v, terms.lyapunov, np.stack(
                 (run.tau, terms.nominal, -terms.compensation, -terms.robust), axis=1))
+        self.signals: dict[str, Any] = {
+            'q': run.q, 'q_d': run.q_d, 'dq': run.dq, 'e': self.samples.e, 'v': terms.v,
+            'V': terms.lyapunov,
+            **{name: self.samples.torques[:, i] for i, name in enumerate(('torque', *PARTS))}}
+
+    def packed(self, r: int) -> Iterator[bytes]:
+        """Yield all samples for the plots, as those of run number `r`, in parts."""
+        for signals in _TOGETHER:
+            yield packed(self._run.t, {name: self.signals[name] for name in signals}, run=r)
 
     def index(self, t: float) -> int:
         """Return the number of the last sample at or before a time [s], or of the first one."""
@@ -96,8 +117,8 @@ class Player:
 
     Parameters
     ----------
-    duration : float
-        [s].
+    end, begin : float
+        Of the recording [s].
 
     Attributes
     ----------
@@ -109,27 +130,27 @@ class Player:
 
     """
 
-    def __init__(self, duration: float) -> None:
-        self.duration = duration
-        self.t = 0.0
+    def __init__(self, end: float, begin: float = 0.0) -> None:
+        self.begin, self.end = begin, end
+        self.t = begin
         self.playing = False
         self.speed = 1.0
 
     def play(self) -> None:
         """Go on; from the beginning if this is the end."""
-        if self.t >= self.duration:
-            self.t = 0.0
+        if self.t >= self.end:
+            self.t = self.begin
         self.playing = True
 
     def seek(self, t: float) -> None:
         """Go to a time [s]."""
-        self.t = min(max(0.0, t), self.duration)
+        self.t = min(max(self.begin, t), self.end)
 
     def advance(self, elapsed: float) -> None:
         """Go on by an elapsed time of the clock on the wall [s], and stop at the end."""
         if self.playing:
             self.seek(self.t + self.speed * elapsed)
-            self.playing = self.t < self.duration
+            self.playing = self.t < self.end
 
 
 def check_comparable(runs: Sequence[RecordedRun]) -> str:

@@ -65,12 +65,6 @@ class Samples:
         """Return some of the samples."""
         return Samples(*(x[rows] for x in vars(self).values()))
 
-    def at(self, t: Array) -> Samples:
-        """Return the last samples at other times, or the first one; nan without any."""
-        k = np.clip(np.searchsorted(self.t, t, side='right') - 1, 0, None)
-        return Samples(t, *(x[k] if len(x) else np.full((len(t), *x.shape[1:]), np.nan)
-                            for x in (self.e, self.v, self.lyapunov, self.torques)))
-
 
 @dataclasses.dataclass(frozen=True)
 class Instant:
@@ -89,12 +83,6 @@ class Instant:
     t: float
     q: Array
     q_d: Array
-
-
-def since_now(samples: Samples) -> Samples:
-    """Return samples whose last time is 0."""
-    t = samples.t
-    return dataclasses.replace(samples, t=t - t[-1]) if len(t) else samples
 
 
 def rms(samples: Samples, last: float = 1.0) -> Array:

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""viser's server behind a door: every request and every message of a browser is checked."""
+"""
+viser's server behind a door: every request and every message of a browser is checked.
+
+At ``/`` is a page of ours, which frames what viser serves below ``/view/``; ``/samples`` is our
+WebSocket.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +30,21 @@ from io import StringIO
 from typing import Any
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.access import Access, HEADERS
+from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
 from ctc_chattering.live.client_messages import is_allowed
+from ctc_chattering.live.samples_socket import SamplesSocket
 
 #: Patience of the check at the start [s].
 _PATIENCE = 10.0
+#: Where viser's page is, and our WebSocket.
+_VIEW, _SAMPLES = '/view/', '/samples'
 
 
 class _Door:
     """What is put around viser's handlers of requests and of connections."""
 
-    def __init__(self, access: Access) -> None:
-        self._access = access
+    def __init__(self, access: Access, page: str, samples: SamplesSocket) -> None:
+        self._access, self._page, self._samples = access, page, samples
         #: The page's inputs by their identifiers; none before there is a page.
         self.widgets: Callable[[], Any] = dict
 
@@ -45,16 +53,20 @@ class _Door:
         async def checked(connection: Any, request: Any) -> Any:
             reason = self._access.refusal(
                 request.path, request.headers, connection.local_address[0])
+            view = request.path.startswith(_VIEW)
             if reason:
                 response = connection.respond(HTTPStatus.FORBIDDEN, f'ctc live: {reason}\n')
-            else:
+            elif 'Upgrade' in request.headers or view:
+                request.path = request.path.replace(_VIEW, '/', int(view))
                 response = answer(connection, request) if answer is not None else None
                 if inspect.isawaitable(response):
                     response = await response
-                if response is not None:
-                    response.headers['Set-Cookie'] = self._access.cookie
+            else:
+                response = self._own(connection, request)
             if response is not None:
-                response.headers.update(HEADERS)
+                if not reason:
+                    response.headers['Set-Cookie'] = self._access.cookie
+                response.headers.update(VIEW_HEADERS if view else HEADERS)
             return response
         return checked
 
@@ -62,6 +74,9 @@ class _Door:
                    ) -> Callable[[Any], Awaitable[None]]:
         """Return a handler of connections that receives messages only that are allowed."""
         async def checked(connection: Any) -> None:
+            if _path(connection.request) == _SAMPLES:
+                await self._samples.serve(connection)
+                return
             receive = connection.recv
 
             async def allowed() -> Any:
@@ -73,6 +88,15 @@ class _Door:
             await handle(connection)
         return checked
 
+    def _own(self, connection: Any, request: Any) -> Any:
+        """Return the page around viser's view; nothing else is ours."""
+        if _path(request) != '/':
+            return connection.respond(HTTPStatus.NOT_FOUND, 'ctc live: no such page\n')
+        response = connection.respond(HTTPStatus.OK, self._page)
+        del response.headers['Content-Type']
+        response.headers['Content-Type'] = 'text/html; charset=utf-8'
+        return response
+
     def _is_allowed(self, data: Any) -> bool:
         from msgspec.msgpack import decode
         with suppress(Exception):  # Of arbitrary bytes.
@@ -80,7 +104,12 @@ class _Door:
         return False
 
 
-def serve(viser: Any, host: str, port: int, title: str) -> tuple[Any, str]:
+def _path(request: Any) -> str:
+    return str(request.path.partition('?')[0])
+
+
+def serve(viser: Any, host: str, port: int, title: str, page: str = '',
+          samples: SamplesSocket | None = None) -> tuple[Any, str]:
     """
     Start viser's server.
 
@@ -93,7 +122,11 @@ def serve(viser: Any, host: str, port: int, title: str) -> tuple[Any, str]:
     port : int
         A free port.
     title : str
-        Of the page.
+        Of viser's view.
+    page : str
+        HTML of the page around it.
+    samples : SamplesSocket, optional
+        Who serves our WebSocket.
 
     Returns
     -------
@@ -107,7 +140,7 @@ def serve(viser: Any, host: str, port: int, title: str) -> tuple[Any, str]:
 
     """
     access = Access(host, port)
-    door = _Door(access)
+    door = _Door(access, page, samples or SamplesSocket())
     with _behind(door), redirect_stdout(StringIO()):  # It prints its address in a frame.
         server = viser.ViserServer(host, port, label=title, verbose=False)
     try:

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import time
 
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerSettings
-from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
 from ctc_chattering.controller.settings_check import missing_limits

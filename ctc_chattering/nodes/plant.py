@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import time
 
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import PlantSettings
-from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.controller.pacing import LockstepExchange, TimerGrid
 from ctc_chattering.controller.watchdog import Watchdog
 from ctc_chattering.errors import CtcError, UsageError
@@ -297,9 +297,9 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
         if k != self._last or not k:
             return False
         if not self.done.done():
-            self.get_logger().info(
-                f'the experiment has ended at t = {self._robot.t:g} s after {k + 1} samples')
-            self.done.set_result(None)
+            over = f'the experiment has ended at t = {self._robot.t:g} s after {k + 1} samples'
+            self.get_logger().info(over)
+            self.done.set_result(over)
         return True
 
 

@@ -26,8 +26,8 @@ from typing import Any
 
 from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.writer import BagWriter
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import RecorderSettings
-from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.monitoring.log_clock import LogTime
 from ctc_chattering.monitoring.message_loss import SequenceTracker
 from ctc_chattering.numerics.time_grid import NANOSECONDS

@@ -57,13 +57,36 @@ def function(marked: F) -> F:
 
 
 def record(marked: type[T]) -> type[T]:
-    """Mark a NamedTuple whose methods may be compiled; return it as it is."""
+    """
+    Mark a NamedTuple whose methods may be compiled; return it as it is.
+
+    Parameters
+    ----------
+    marked : type
+        Its fields are numbers, arrays and other records; its methods change nothing.
+
+    """
     RECORDS.append(marked)
     return marked
 
 
 def dot(matrix: Array, x: Array) -> Array:
-    """Return the product, shape (n,)."""
+    """
+    Return the product of a matrix and a vector, also in compiled code.
+
+    Parameters
+    ----------
+    matrix : ndarray
+        Shape (n, n).
+    x : ndarray
+        Shape (n,).
+
+    Returns
+    -------
+    ndarray
+        Shape (n,).
+
+    """
     product: Array = matrix.dot(x)
     return product
 

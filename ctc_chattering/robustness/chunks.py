@@ -29,7 +29,7 @@ from typing import Any
 
 import ctc_chattering
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness import columns
 from ctc_chattering.robustness.evaluation import evaluate, refused

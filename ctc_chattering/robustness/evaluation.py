@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness.columns import of_results
 from ctc_chattering.robustness.spec import Failure

@@ -21,8 +21,8 @@ import dataclasses
 from itertools import pairwise
 from typing import Any
 
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
-from ctc_chattering.configuration.parameter_file import changed, Setup
 from ctc_chattering.configuration.yaml_file import mapping
 from ctc_chattering.errors import CtcError, near, ParameterError
 from ctc_chattering.parameters import LARGEST, Parameter
@@ -151,7 +151,7 @@ def applied(setup: Setup, settings: Iterable[tuple[Quantity, float]], noise_seed
             values[node][spec.name] = quantity.value(spec, x, now, len(config.joint_names))
     if noise_seed is not None:
         values['plant']['noise_seed'] = noise_seed
-    return changed(setup, values)
+    return setup.changed(values)
 
 
 def read_axis(name: str, tree: object) -> Axis:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ctc_chattering.configuration.parameter_file import changed, Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.robustness.quantity import applied, Quantity
 from ctc_chattering.robustness.sampling import draws
@@ -140,7 +140,7 @@ class Runs:
         last, setup = self._of_laws.get(index, (None, self.spec.setup))
         if last is None or (variant.recommended and last != known):
             recommended = self._recommended(variant.law, known) if variant.recommended else {}
-            setup = changed(changed(self.spec.setup, recommended), {'controller': variant.values})
+            setup = self.spec.setup.changed(recommended).changed({'controller': variant.values})
             self._of_laws[index] = known, setup
         return setup
 

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.configuration.yaml_file import mapping, read_yaml
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config, Parameter, parameter

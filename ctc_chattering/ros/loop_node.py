@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from typing import Any, cast, Generic, TypeVar
 
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES, RealTimeSettings
-from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import Config

@@ -17,10 +17,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import signal
 import time
 from typing import Any, NamedTuple
 
-from ctc_chattering.configuration.parameter_file import OF_ROS, Values
+from ctc_chattering.configuration.loop_setup import Values
+from ctc_chattering.configuration.parameter_file import OF_ROS
 from ctc_chattering.monitoring.loop_statistics import LoopStatistics
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.matching import qos
@@ -39,7 +41,7 @@ try:
 except ImportError:  # An rclpy from before it was there: slower, but the same.
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ['ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'BaseNode', 'Executor', 'Status', 'qos']
+__all__ = ['ENDED', 'ERROR', 'NAP', 'OK', 'TICK', 'WARN', 'BaseNode', 'Executor', 'Status', 'qos']
 
 #: Levels of a `Status`, as `DiagnosticStatus` has them.
 OK, WARN, ERROR = range(3)
@@ -48,6 +50,8 @@ OK, WARN, ERROR = range(3)
 TICK = 0.05
 #: Sleep between two batches [s].
 NAP = 0.02
+#: Key of the value of a node's last report that says why it ends.
+ENDED = 'ended'
 #: Time between two messages on /diagnostics [ns].
 _REPORT = NANOSECONDS
 
@@ -149,6 +153,10 @@ class BaseNode(Node):
             return
         self._report_due = max(self._report_due + _REPORT, now + _REPORT // 2)
         self.statistics.rotate(now)
+        self._publish(*self._report())
+
+    def _report(self) -> Status:
+        """Return all that there is to report."""
         level, message, values = self.status()
         if self.get_parameter('use_sim_time').value and not self.get_clock().now().nanoseconds:
             level = max(level, WARN)
@@ -173,11 +181,25 @@ class BaseNode(Node):
             if contention:
                 told = subscription.ownership.owner is not None
                 level, message = max(level, WARN if told else ERROR), f'{message}; {contention}'
+        return Status(level, message, everything)
+
+    def report_end(self, why: str = '') -> None:
+        """
+        Publish on ``/diagnostics`` that the node ends, and why.
+
+        By default that is its failure, the signal that has come, or what `done` holds.
+        """
+        signals = [signal.Signals(number).name for number in self.stop]
+        result = self.done.result() if self.done.done() else None
+        why = why or self.failure or ', '.join(signals) or str(result or 'done')
+        self._publish(ERROR if self.failure else OK, f'ended: {why}',
+                      {**self._report().values, ENDED: why})
+
+    def _publish(self, level: int, message: str, values: Mapping[str, object]) -> None:
         name = self.get_fully_qualified_name()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=bytes([level]), name=name, message=message, hardware_id=name,
-            values=[KeyValue(key=key, value=_shown(value))
-                    for key, value in everything.items()])])
+            values=[KeyValue(key=key, value=_shown(value)) for key, value in values.items()])])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 

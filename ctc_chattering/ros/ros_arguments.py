@@ -31,8 +31,8 @@ import re
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
-from ctc_chattering.configuration.parameter_file import Values
 from ctc_chattering.configuration.yaml_file import parse_value
 from ctc_chattering.errors import CtcError, near, UsageError
 from ctc_chattering.ros.topics import TOPICS

@@ -77,6 +77,7 @@ def run(make_node: Callable[[], BaseNode], name: str,
         status = 0
     except CtcError as error:
         status = _failed(name, error)
+        node.failure = node.failure or str(error)
     finally:
         shut_down(node, status)
     return 1 if node.failure else status
@@ -114,6 +115,7 @@ def spin_until_stopped(node: BaseNode) -> None:
 def shut_down(node: BaseNode, status: int) -> None:
     """Have a node send its last messages and leave the graph; `status` if that hangs."""
     node.finish()
+    node.report_end()
     if node.scheduling:  # Whatever holds the end up must not hold up others.
         node.scheduling.update(False)
     wait_for_all_acked(node, node.stop)

@@ -78,7 +78,9 @@ class Event:
 @dataclasses.dataclass(frozen=True)
 class Run:
     """
-    A run sample by sample; arrays of shape (N,) and (N, n).
+    The samples of a run; N samples, n joints.
+
+    For a prismatic joint rad is m, and N·m is N.
 
     Attributes
     ----------
@@ -94,6 +96,11 @@ class Run:
         Filtered error of equation (3) [rad/s].
     compiled : bool
         Whether machine code computed it.
+
+    Raises
+    ------
+    CtcError
+        If an array has another shape.
 
     """
 
@@ -116,6 +123,16 @@ class Run:
                 raise CtcError(f'{name}: an array of shape {x.shape} is not allowed; allowed: '
                                f'(N,) for t, and the same (N, n) for all others')
 
+    @property
+    def e(self) -> Array:
+        """Return the position error q_d - q [rad], shape: (N, n)."""
+        return self.q_d - self.q
+
+    @property
+    def de(self) -> Array:
+        """Return the velocity error dq_d - dq [rad/s], shape: (N, n)."""
+        return self.dq_d - self.dq
+
 
 @checked(plant=PlantConfig, controller=ControllerConfig, reference=ReferenceConfig,
          events=Sequence, truth=bool, route=(Route, type(None)), robot=(Robot, type(None)),
@@ -127,7 +144,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
              route: Route | None = None, robot: Robot | None = None,
              model: Model | None = None) -> Run:
     """
-    Run the closed loop from t = 0 to the plant's `duration`, both samples included.
+    Return the samples of the closed loop from t = 0 to the plant's `duration`, both included.
 
     At every sample the controller answers the state, and the plant takes that torque until the
     next; that is the lockstep of the nodes. A sample whose state is lost is not in the result.

@@ -22,8 +22,8 @@ import math
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.configuration.parameter_file import Setup
 
 #: Groups of cases.
 BASIC = 'Basic cases'

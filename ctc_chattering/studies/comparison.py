@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Overrides, Setup
+from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError

@@ -19,10 +19,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import file_stem, write_text, writing
-from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.analysis.output import file_stem, prepare, write_text, writing
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.errors import ParameterError
 from ctc_chattering.studies.comparison import Outcome
 from ctc_chattering.studies.comparison_figures import save_comparison_figures
 from ctc_chattering.studies.comparison_tables import held_out_csv, tables, to_csv, to_markdown
@@ -32,21 +34,54 @@ TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS = (
     'compare.md', 'compare.csv', 'held_out.csv', 'index.html', 'figures', 'parameters')
 NAMES = (TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS)
 
+_LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
+         'joint, by the settings and under the conditions that the tables name.')
 
-def write_comparison(outcomes: Sequence[Outcome], out: Path) -> None:
-    """Write everything into `out`; raise `CtcError` if that cannot be done."""
+
+@checked(outcomes=Sequence, out=(str, Path), command=str)
+def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 'svg',
+                     command: str = '') -> None:
+    """
+    Write tables, figures, page, and a parameter file of every run.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        What `compare` has returned.
+    out : str or Path
+        Directory for ``compare.md``, ``compare.csv``, ``figures``, ``index.html``,
+        ``parameters``.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If there is no outcome, a file exists already, or cannot be written.
+
+    """
+    for i, outcome in enumerate(outcomes):
+        check_type(f'outcomes[{i}]', outcome, Outcome)
+    if not len(outcomes):
+        raise ParameterError('outcomes', outcomes, 'one or more')
+    out = prepare(Path(out), NAMES)
     write_text(out / TABLE, to_markdown(outcomes))
     write_text(out / CSV, to_csv(outcomes))
     if any(x.judged for x in outcomes):
         write_text(out / HELD_OUT, held_out_csv(outcomes))
     write_parameters(outcomes, out / PARAMETERS)
-    write_page(outcomes, save_comparison_figures(outcomes, out / FIGURES), out / PAGE)
+    write_page(outcomes, save_comparison_figures(outcomes, out / FIGURES, extra), out / PAGE,
+               command)
 
 
-def write_page(outcomes: Sequence[Outcome], figures: Sequence[FigureFile], path: Path) -> None:
+def write_page(outcomes: Sequence[Outcome], figures: Sequence[FigureFile], path: Path,
+               command: str = '') -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
-    write_sections(path, 'The laws compared', figures,
-                   [(name, name) for name in (CSV, TABLE, PARAMETERS)], tables=tables(outcomes))
+    page.write_page(path, 'The laws compared', _LEAD, [
+        page.Section('Figures', figures), page.Section('Numbers', list(tables(outcomes)))],
+        [(name, name) for name in (CSV, TABLE, PARAMETERS)], command)
 
 
 def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]:

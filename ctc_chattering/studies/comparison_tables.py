@@ -24,7 +24,7 @@ from math import inf
 from statistics import median
 
 from ctc_chattering.analysis.markup import Markup
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite
 from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
 from ctc_chattering.studies.comparison import BASE, BEST, Outcome, Variant
 

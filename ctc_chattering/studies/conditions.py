@@ -24,15 +24,17 @@ Coulomb friction, the controller is given; a law takes of it what it can use.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 from math import inf
 from typing import Any, TYPE_CHECKING
 
+from ctc_chattering.arguments import check_type
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import near, UsageError
 
 if TYPE_CHECKING:
-    from ctc_chattering.configuration.parameter_file import Overrides, Setup
+    from ctc_chattering.configuration.loop_setup import Overrides, Setup
 
 #: Name of all conditions that a robot can have.
 ALL = 'all'
@@ -174,6 +176,14 @@ def condition(name: str) -> Condition:
         raise UsageError(f'no condition is called {name}; allowed: '
                          f'{", ".join((*CONDITIONS, ALL))}{near(name, CONDITIONS)}')
     return CONDITIONS[name]
+
+
+def check_conditions(names: Sequence[str]) -> None:
+    """Raise `CtcError` unless each is `ALL` or the name of a condition."""
+    for i, name in enumerate(names):
+        check_type(f'conditions[{i}]', name, str)
+        if name != ALL:
+            condition(name)
 
 
 def torque_rates(setup: Setup) -> tuple[float, ...]:

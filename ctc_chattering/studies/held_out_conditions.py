@@ -45,7 +45,7 @@ from ctc_chattering.studies.conditions import torque_rates
 import numpy as np
 
 if TYPE_CHECKING:
-    from ctc_chattering.configuration.parameter_file import Overrides, Setup
+    from ctc_chattering.configuration.loop_setup import Overrides, Setup
 
 #: Error by which a run is lost [rad or m].
 LOST = 1.0

@@ -22,7 +22,7 @@ import tempfile
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.launch.graph import run_graph, Stopped
 from ctc_chattering.ros.domain import own_domain
 

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 import dataclasses
 from typing import Any
 
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,

@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.compilation import COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics, WINDOW, within
-from ctc_chattering.analysis.result import Result, simulated
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError, MachineError, refused_as
 from ctc_chattering.simulation.closed_loop import Array, Run
@@ -90,7 +90,7 @@ class Score(NamedTuple):
 
 def over_simulation(setup: Setup) -> Result:
     """Simulate without ROS, and return what happens; the states are the true ones."""
-    return simulated(setup, truth=True)
+    return simulate(setup, truth=True)
 
 
 def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over_simulation,

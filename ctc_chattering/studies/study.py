@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.tables import bold, csv_text, Table
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.studies.cases import Case, KA
 from ctc_chattering.studies.pool import in_parallel

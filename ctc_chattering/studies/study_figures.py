@@ -23,8 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend
 from ctc_chattering.analysis.metrics import within
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.studies import study
@@ -58,7 +59,6 @@ def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xl
           ) -> Figure:
     """Draw both quantities against the abscissa of the cases in `groups`, one panel row each."""
     figure, grid = drawing.sheet(title, len(groups), (1.0, 1.0), 3.1)
-    _legend(figure, outcomes)
     for (k, group), (column, (key, name, unit)) in itertools.product(
             enumerate(groups), enumerate(QUANTITIES)):
         mine = [o for o in outcomes if o.case.group == group]
@@ -79,6 +79,7 @@ def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xl
             drawing.label(ax, 0.01, 0.04, 'diverged: ' + ', '.join(failed))
     for column in (0, 1):
         _same_ordinate(figure.axes[column::2])
+    _legend(figure, outcomes)
     return figure
 
 
@@ -87,7 +88,6 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     table, look = study.rows(outcomes), _styles(outcomes)
     figure, grid = drawing.sheet(title, 1, (1.0, 1.0),
                                  (0.21 + 0.02 * len(look)) * len(table) + 0.3, left=3.9)
-    _legend(figure, outcomes)
     cases = [row[0].case for row in table]
     names = [case.name if case.group == BASIC else f'{case.group}: {case.name}'
              for case in cases]
@@ -114,6 +114,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
         drawing.decades(ax, 'x', [x[1] for o in outcomes if (x := getattr(o.score, key))])
         ax.set_yticks(range(len(table)), [''] * len(table) if column else names)
         ax.tick_params(axis='y', length=0, labelsize=8)
+    _legend(figure, outcomes)
     return figure
 
 
@@ -128,7 +129,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     for column, switching in enumerate(switchings):
         setup = setup_of(case, switching)
         plant = setup.plant.changed({'duration': round(SLICE[1] + 0.01, 3)})
-        result = simulated(dataclasses.replace(setup, plant=plant))
+        result = simulate(dataclasses.replace(setup, plant=plant))
         run = result.run
         part = within(run.t, SLICE)
         t, v = run.t[part], run.v[part, 1]
@@ -151,7 +152,7 @@ def chattering(case: Case, switchings: Sequence[str] = SWITCHINGS) -> Figure:
     return figure
 
 
-def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path
+def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path, extra: str = 'png'
                        ) -> list[drawing.FigureFile]:
     """
     Write the figures of a study as PNG; return them in the order in which to show them.
@@ -162,6 +163,8 @@ def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path
         Result of `run_cases`; a figure without any of its cases is left out.
     directory : Path
         Created if necessary.
+    extra : str
+        A second format: ``svg`` or ``pdf``.
 
     Raises
     ------
@@ -169,7 +172,7 @@ def save_study_figures(outcomes: Sequence[CaseOutcome], directory: Path
         If a file cannot be written.
 
     """
-    return drawing.save(_all(outcomes), directory, ('png',))
+    return drawing.save(_all(outcomes), directory, ('png', extra))
 
 
 def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:
@@ -203,10 +206,8 @@ def _styles(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, Any]]:
 
 
 def _legend(figure: Figure, outcomes: Sequence[CaseOutcome]) -> None:
-    handles = [Line2D([], [], label=name, **style) for name, style in _styles(outcomes).items()]
-    few = len(handles) <= 5
-    figure.legend(handles=handles, loc='upper right', ncol=len(handles) if few else 5,
-                  frameon=False, fontsize=9 if few else 8, columnspacing=2.0 if few else 1.2)
+    legend(figure, [Line2D([], [], label=name, **style)
+                    for name, style in _styles(outcomes).items()])
 
 
 def _same_ordinate(panels: Sequence[Axes], room: float = 0.0) -> None:

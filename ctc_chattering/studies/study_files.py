@@ -23,7 +23,7 @@ from types import ModuleType
 
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.analysis.page import Section, write_page
 from ctc_chattering.analysis.tables import markdown, markdown_table
 from ctc_chattering.control.controller_config import LAWS as ALL_LAWS
 from ctc_chattering.control.controller_config import RIVALS
@@ -67,14 +67,20 @@ SWITCHINGS = StudyKind('switching', EVERY_SWITCHING, 'study', 'figures', study)
 LAWS = StudyKind('law', EVERY_LAW, 'laws', 'laws_figures', law_study)
 
 
-def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path) -> Path:
-    """Write everything into `out` and return the page; raise `CtcError` if that cannot be done."""
+def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path, extra: str = 'png',
+                command: str = '') -> Path:
+    """
+    Write everything into `out` and return the page; raise `CtcError` if that cannot be done.
+
+    Figures are written as PNG, and as `extra`; `command` is what was run.
+    """
     text, table, page = (out / name for name in kind.names[:3])
     write_text(table, to_csv(outcomes, kind.what))
-    figures = save_study_figures(outcomes, out / kind.figures)
+    figures = save_study_figures(outcomes, out / kind.figures, extra)
     write_text(text, to_markdown(kind, outcomes, figures, out))
-    write_sections(page, _title(kind), figures, [(x, x) for x in kind.names[:2]],
-                   kind.module.about(outcomes), tables=kind.module.tables(outcomes))
+    write_page(page, _title(kind), kind.module.about(outcomes), [
+        Section('Figures', figures), Section('Numbers', list(kind.module.tables(outcomes)))],
+        [(x, x) for x in kind.names[:2]], command)
     return page
 
 

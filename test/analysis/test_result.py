@@ -19,10 +19,11 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from ctc_chattering.analysis.result import finite, Result, simulated
+from ctc_chattering.analysis.output import finite
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller
-from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation import closed_loop
 import numpy as np
 import pytest
 
@@ -34,7 +35,7 @@ KEYS = ['experiment', 'law', 'switching', 'control_period_s', 'window_s', 'rms_e
 
 
 def result_of(duration: float, *events: str, **controller: object) -> Result:
-    return simulated(parameter_file.load(None, {
+    return simulate(parameter_file.load(None, {
         'plant': {'duration': duration, 'experiment': 'trial'}, 'controller': controller,
         '/**': {'control_period': 0.002}, 'bringup': {'events': list(events)}}))
 
@@ -97,8 +98,8 @@ def test_simulated_is_the_core_s_simulation() -> None:
     setup = parameter_file.load(None, {'plant': {'duration': 0.1}, 'bringup': {
         'events': ['0.03 controller law compensation', '0.05 plant coulomb_friction [1, 2]']}})
     seen: list[float] = []
-    result = simulated(setup, seen.append)
-    expected = simulate(setup.plant, setup.controller, setup.reference, setup.events)
+    result = simulate(setup, seen.append)
+    expected = closed_loop.simulate(setup.plant, setup.controller, setup.reference, setup.events)
     for field in dataclasses.fields(expected):
         np.testing.assert_array_equal(
             getattr(result.run, field.name), getattr(expected, field.name))
@@ -127,6 +128,6 @@ def test_marks_name_every_change_of_law_or_switching() -> None:
         'plant': {'duration': 0.05},
         'bringup': {'events': ['0.01 controller switching implicit', '0.02 controller ka [3, 4]',
                                '0.03 controller law compensation']}})
-    result = simulated(setup)
+    result = simulate(setup)
     assert result.marks == [(0.01, 'implicit'), (0.03, 'compensation')]
     assert result.changes == [(0.03, 'compensation')]

@@ -34,7 +34,7 @@ from bags import (
     stamped,
     write_bag,
 )
-from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
@@ -49,7 +49,7 @@ SETUP = parameter_file.load(None, {
     'plant': {'duration': 0.2, 'experiment': 'trial', 'initial_position': [0.3, -0.2]},
     'controller': {'law': 'compensation', 'kp': [90.0, 5.0, 5.0, 80.0], 'lambda': 7.0},
     'bringup': {'events': ['0.1 controller law chattering', '0.15 controller ka [8, 9]']}})
-RESULT = simulated(SETUP)
+RESULT = simulate(SETUP)
 
 
 def messages(**how: object) -> list[Entry]:

@@ -32,7 +32,7 @@ import time
 from typing import Any
 
 from bags import entries, write_bag
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.recovery import recover
@@ -66,7 +66,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a bag of many chunks."""
     source = tmp_path_factory.mktemp('source') / 'bag'
     setup = parameter_file.load(CONFIG / 'friction.yaml', {'plant': {'duration': 0.3}})
-    write_bag(source, entries(simulated(setup), setup.plant))
+    write_bag(source, entries(simulate(setup), setup.plant))
     target = tmp_path_factory.mktemp('whole') / 'bag'
     recording = BagWriter(target)
     with closing(open_bag(source)) as reader:
@@ -386,7 +386,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     assert status == 1
     assert 'Traceback' not in output
     run = read_bag(bag).run
-    expected = simulated(parameter_file.load(
+    expected = simulate(parameter_file.load(
         CONFIG / 'friction.yaml', {'plant': {'duration': 3.0}})).run
     assert 100 < len(run.t) < len(expected.t)
     assert np.array_equal(run.q, expected.q[:len(run.t)])

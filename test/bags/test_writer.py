@@ -32,7 +32,7 @@ from typing import Any
 from unittest.mock import Mock
 
 from bags import entries, Entry, serialized, write_bag
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.qos import offered_qos
 from ctc_chattering.bags.recovery import recover
 from ctc_chattering.bags.repair import open_bag
@@ -58,7 +58,7 @@ SEQUENCES = {'/joint_states': 'sensor_msgs/msg/JointState', '/reference':
 def messages() -> list[Entry]:
     """Return the messages of a run, serialized."""
     return [entry._replace(message=serialized(entry.message))
-            for entry in entries(simulated(SETUP), SETUP.plant)]
+            for entry in entries(simulate(SETUP), SETUP.plant)]
 
 
 @pytest.fixture(scope='module')

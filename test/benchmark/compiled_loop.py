@@ -36,10 +36,10 @@ from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.analysis.metrics import rms, within
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.robustness.evaluation import evaluate
 from ctc_chattering.robustness.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
@@ -131,11 +131,11 @@ def contestants(case: Case) -> dict[str, Contestant]:
     """Return what is measured for a row, by column."""
     setup = case.setup
     compile_setups([setup], partial(print, flush=True))
-    run = simulated(setup, truth=True).run
+    run = simulate(setup, truth=True).run
     plain = dataclasses.replace(setup, plant=setup.plant.changed({'compiled': False}))
 
     def by(setup: Setup) -> float:
-        return float(simulated(setup).run.t[-1])
+        return float(simulate(setup).run.t[-1])
 
     def row() -> float:
         evaluate(setup, WINDOW, Failure())
@@ -143,7 +143,7 @@ def contestants(case: Case) -> dict[str, Contestant]:
 
     found = {COLUMNS[0]: Contestant(partial(by, setup)),
              COLUMNS[1]: Contestant(partial(by, plain), largest_difference(
-                 simulated(plain).run.q, simulated(setup).run.q)), COLUMNS[2]: Contestant(row)}
+                 simulate(plain).run.q, simulate(setup).run.q)), COLUMNS[2]: Contestant(row)}
     for column, make in case.others.items():
         try:
             found[column] = make(setup, run)
@@ -182,12 +182,12 @@ def replay(setup: Setup, run: Run) -> Contestant:
 
 def by_mujoco(setup: Setup, run: Run) -> Contestant:
     """Return the loop of `ctc simulate` with MuJoCo's plant."""
-    setup = parameter_file.changed(setup, {'plant': {'plant_backend': 'mujoco'}})
+    setup = setup.changed({'plant': {'plant_backend': 'mujoco'}})
 
     def closed_loop() -> float:
-        return float(simulated(setup).run.t[-1])
+        return float(simulate(setup).run.t[-1])
 
-    return Contestant(closed_loop, difference(errors_of(simulated(setup, truth=True).run), run))
+    return Contestant(closed_loop, difference(errors_of(simulate(setup, truth=True).run), run))
 
 
 def by_drake(setup: Setup, run: Run) -> Contestant:

@@ -21,7 +21,7 @@ from math import pi
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ElementTree
 
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.mujoco_plant import MujocoPlant

@@ -28,12 +28,13 @@ from typing import Any
 from bags import entries, write_bag
 from ctc_chattering import __version__
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.cli.ctc import make_parser
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation import closed_loop
+from ctc_chattering.simulation.closed_loop import Run
 from ctc_commands import ctc, ctc_process, python, refused
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_simulate(tmp_path: Path) -> None:
     assert arrays['t'].shape == (10001,)
     assert {arrays[name].shape for name in ARRAYS[1:]} == {(10001, 2)}
     setup = parameter_file.load(FRICTION, {'controller': {'law': 'compensation'}})
-    run = simulate(setup.plant, setup.controller, setup.reference)
+    run = closed_loop.simulate(setup.plant, setup.controller, setup.reference)
     same(arrays, run)
     assert {key: entry.pop(key) for key in metrics(run)} == metrics(run)
     assert entry == {
@@ -105,7 +106,7 @@ def test_control_period_and_switching(tmp_path: Path, short: Path, switching: st
     assert arrays['t'].shape == (51,)
     setup = parameter_file.load(short, {'/**': {'control_period': 0.002},
                                 'controller': {'switching': switching}})
-    same(arrays, simulate(setup.plant, setup.controller, setup.reference))
+    same(arrays, closed_loop.simulate(setup.plant, setup.controller, setup.reference))
 
 
 def test_without_a_file_it_is_the_paper_s_first_experiment(tmp_path: Path) -> None:
@@ -219,7 +220,7 @@ def test_plot(tmp_path: Path) -> None:
     for law in ('compensation', 'chattering'):
         setup = parameter_file.load(None, {'plant': {'duration': 0.1}, 'controller': {'law': law}})
         bags.append(tmp_path / law)
-        write_bag(bags[-1], entries(simulated(setup), setup.plant))
+        write_bag(bags[-1], entries(simulate(setup), setup.plant))
     result = ctc('plot', *bags, '--out', tmp_path / 'out')
     assert result.returncode == 0, result.stderr
     assert {x.name for x in (tmp_path / 'out').iterdir()} == {
@@ -238,7 +239,7 @@ def test_plot(tmp_path: Path) -> None:
 def test_plot_of_a_directory_and_export(tmp_path: Path) -> None:
     """Check that all its bags are taken, others named and left out; PDF; and a bag as CSV."""
     setup = parameter_file.load(None, {'plant': {'duration': 0.05}})
-    expected = simulated(setup)
+    expected = simulate(setup)
     for name in ('a', 'below/b', 'old.damaged'):
         path = tmp_path / 'bags' / name
         path.parent.mkdir(exist_ok=True, parents=True)

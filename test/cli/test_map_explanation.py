@@ -58,7 +58,7 @@ def test_a_run_is_written_drawn_and_named(tmp_path: Path) -> None:
     assert entry['rms_error_rad'] is not None
     setup = Runs(read_spec(spec)).setup(RUN)
     loaded = parameter_file.load(folder / 'run.yaml')
-    named = parameter_file.changed(setup, {'plant': {'experiment': f'run_{RUN}'}})
+    named = setup.changed({'plant': {'experiment': f'run_{RUN}'}})
     assert loaded.values == named.values
     assert ctc('simulate', '--params-file', folder / 'run.yaml', '--out', tmp_path / 'simulated'
                ).returncode == 0

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError
@@ -43,7 +44,7 @@ def section(node: str, body: str) -> str:
         f'    {line}\n' for line in body.splitlines())
 
 
-def loaded(file: Path, *sections: tuple[str, str]) -> parameter_file.Setup:
+def loaded(file: Path, *sections: tuple[str, str]) -> Setup:
     file.write_text(''.join(section(*x) for x in sections), encoding='utf-8')
     return parameter_file.load(file)
 
@@ -351,7 +352,7 @@ reference:
     {'reference': {'amplitude': [0.1, 0.2]}, 'plant': {'initial_position': [1, 2]}}])
 def test_what_is_changed_is_as_if_loaded(file: Path, values: dict[str, Any]) -> None:
     setup = loaded(file, ('plant', 'duration: 1.0'), ('bringup', 'one_processor: false'))
-    assert parameter_file.changed(setup, values) == parameter_file.load(file, values)
+    assert setup.changed(values) == parameter_file.load(file, values)
 
 
 def test_what_is_changed_is_checked() -> None:
@@ -361,4 +362,4 @@ def test_what_is_changed_is_checked() -> None:
             ('controller', {'ka': [-1.0] * 7}, ('controller: ka', '-1.0', '>= 0')),
             ('plant', {'initial_position': [9.0] * 7}, ('panda_joint1', 'limits')),
             ('reference', {'amplitude': [9.0] * 7}, ('reference', 'panda_joint1', 'limits'))):
-        refused(lambda: parameter_file.changed(setup, {node: values}), *words)
+        refused(lambda: setup.changed({node: values}), *words)

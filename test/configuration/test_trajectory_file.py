@@ -20,7 +20,7 @@ from pathlib import Path
 import runpy
 from typing import Any
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.errors import CtcError
@@ -167,7 +167,7 @@ def test_a_parameter_file_names_it() -> None:
         'plant': {'duration': 4.5}, 'reference': {'trajectory_file': str(EXAMPLE)},
         'controller': {'ka': [12.0, 12.0], 'switching': 'implicit_observer'}})
     assert setup.route == read_trajectory(EXAMPLE, NAMES)
-    run = simulated(setup).run
+    run = simulate(setup).run
     for k, q in ((0, [0.0, 0.0]), (2000, [1.0, 0.5]), (4000, [2.0, 1.5])):
         assert run.q_d[k].tolist() == q
         np.testing.assert_allclose(run.q[k], q, atol=1e-3)

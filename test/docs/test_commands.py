@@ -62,7 +62,7 @@ ELSEWHERE = {
     'ros2 run ctc_chattering controller --ros-args --enclave': 'a keystore',
     'ros2 run ctc_chattering plant --ros-args --enclave': 'a keystore'}
 #: What takes long here.
-SLOW = ('ctc compare', 'ctc map', 'ctc plot', 'ctc tune',
+SLOW = ('ctc compare', 'ctc excite', 'ctc map', 'ctc plot', 'ctc tune',
         'ros2 run ctc_chattering bringup --p',
         'ros2 run ctc_chattering controller --ros-args --params-file $P -p',
         'ros2 run ctc_chattering reference --ros-args --params-file $P -p')

@@ -21,10 +21,10 @@ from pathlib import Path
 import re
 from typing import Any
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.parameter_file import changed, Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.evaluation import FADE
 from ctc_chattering.control.laws.registry import law_class
@@ -100,10 +100,10 @@ def test_the_pole_of_integral_on_the_paper_s_arm(factor: float) -> None:
     p = 0.24 / (2e-3 + 1e-3 * (1 + 1) + 9.9 / 1000.0)
     assert integral_pole(like_a_real_arm(4.0, factor, {})) == pytest.approx(p)
     assert f'this is {p:.0f} rad/s' in PAGE
-    run = simulated(like_a_real_arm(4.0, factor, triple_pole(p))).run
+    run = simulate(like_a_real_arm(4.0, factor, triple_pole(p))).run
     assert np.abs(run.q_d - run.q)[2500:].max() < 0.05
     with pytest.raises(CtcError, match='exceeds error_limit'):
-        simulated(like_a_real_arm(4.0, factor, triple_pole(60.0)))
+        simulate(like_a_real_arm(4.0, factor, triple_pole(60.0)))
 
 
 @pytest.mark.slow
@@ -111,7 +111,7 @@ def test_what_a_lag_costs_that_observer_feedback_is_not_told() -> None:
     """The factors of docs/theory.md, on joint 2, with the model 10 % too light and too heavy."""
     def error(factor: float, lag: float) -> float:
         setup = recommended_setup(like_a_real_arm(10.0, factor, {}), 'observer_feedback')
-        run = simulated(changed(setup, {'controller': {'actuator_lag': [lag] * 2}})).run
+        run = simulate(setup.changed({'controller': {'actuator_lag': [lag] * 2}})).run
         return float(np.sqrt(np.mean((run.q_d - run.q)[5000:, 1] ** 2)))
 
     told = {factor: error(factor, 2e-3) for factor in (0.9, 1.1)}

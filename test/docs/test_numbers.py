@@ -21,7 +21,7 @@ import itertools
 from pathlib import Path
 
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.paper import EXPERIMENTS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -139,7 +139,7 @@ def test_the_experiments_of_the_paper_page() -> None:
     rows = table(PAPER, '| experiment | law |')
     for (name, law, *columns), x in zip(rows, experiments, strict=True):
         assert (name, law.split()[0].strip(',')) == (x.file, x.values['law'])
-        found = metrics(simulated(parameter_file.load(x.path, x.overrides)).run)
+        found = metrics(simulate(parameter_file.load(x.path, x.overrides)).run)
         for column, key in zip(columns, ('rms_error_rad', 'torque_variation_nm_per_s'),
                                strict=True):
             assert [float(number) for number in column.split(', ')] == pytest.approx(

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control.controller import Controller, ControllerConfig
@@ -46,7 +46,7 @@ def test_the_same_run_compiled(values: dict[str, object]) -> None:
             'plant': {'duration': 0.5, 'compiled': not plain},
             'controller': {**values, 'compiled': not plain}})
         compile_runs(setup)
-        found = simulated(setup).run
+        found = simulate(setup).run
         assert found.compiled != plain
         return found
     plain, found, without = run(values, True), run(values), run({'law': 'compensation'})

@@ -23,6 +23,7 @@ import signal
 import subprocess
 import time
 
+from bags import reports_of
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.launch.parameter_events import graph_monitor
 from ctc_chattering.simulation.closed_loop import Event
@@ -67,6 +68,8 @@ def test_a_signal_stops_all_of_them_cleanly(
     assert 'Traceback' not in output
     assert alive(list(pids.values())) == []
     assert (bag / 'metadata.yaml').exists()
+    assert reports_of(bag, 'plant')[-1]['ended'] == 'SIGINT'
+    assert reports_of(bag, 'bringup')[-1]['ended'] == f'stopped by {numbers[0].name}'
 
 
 @pytest.mark.parametrize('victim', [
@@ -81,6 +84,9 @@ def test_the_death_of_any_is_reported_and_ends_all(tmp_path: Path, victim: str) 
     assert f'bringup: {victim} ended with signal SIGKILL; its last output:' in output
     assert 'Traceback' not in output
     assert alive(list(pids.values())) == []
+    if victim != 'recorder':
+        assert reports_of(bag, 'bringup')[-1]['ended'].startswith(
+            f'{victim} ended with signal SIGKILL')
 
 
 def test_no_process_outlives_a_killed_bringup(tmp_path: Path) -> None:

@@ -27,8 +27,9 @@ from typing import Any
 
 from browser import browser_page, ctc_live
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.access import Access, HEADERS
+from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
 from ctc_chattering.live.page import free_port, require_viser
+from ctc_chattering.live.samples_socket import SamplesSocket
 from ctc_chattering.live.server import serve, stop
 from ctc_chattering.ros.domain import own_domain
 import pytest
@@ -120,7 +121,9 @@ def test_every_page_has_a_token_of_its_own() -> None:
 def served() -> Iterator[str]:
     """Yield the address of a page."""
     viser = require_viser()
-    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), 'test')
+    samples = SamplesSocket()
+    server, url = serve(viser, '127.0.0.1', free_port('127.0.0.1', 0), 'test',
+                        '<!doctype html><iframe src="/view/"></iframe>', samples)
     server.gui.add_html('content of the page')
     yield url
     stop(server)
@@ -136,7 +139,9 @@ def ask(url: str, path: str, **headers: str) -> tuple[http.client.HTTPResponse, 
 
 def test_without_the_token_one_plain_line_is_shown(served: str) -> None:
     query = f'/?{served.partition("?")[2]}'
-    for path, headers in (('/', {}), ('/index.html', {}), ('/?token=wrong', {}),
+    for path, headers in (('/', {}), ('/index.html', {}), ('/?token=wrong', {}), ('/view/', {}),
+                          ('/samples', {}), ('/view/?token=wrong', {}),
+                          (f'/view{query}', {'Origin': 'http://evil.example'}),
                           (query, {'Host': 'evil.example'}),
                           (query, {'Origin': 'http://evil.example'})):
         answer, text = ask(served, path, **headers)
@@ -144,22 +149,28 @@ def test_without_the_token_one_plain_line_is_shown(served: str) -> None:
         assert answer.getheader('Content-Type') == 'text/plain; charset=utf-8'
         assert re.fullmatch(rb'ctc live: [^\n<]+\n', text)
         assert answer.getheader('Set-Cookie') is None
-    answer, text = ask(served, query)
-    assert answer.status == 200
-    assert b'<!doctype html>' in text[:100]
-    assert all(answer.getheader(name) == value for name, value in HEADERS.items())
+    for path, wanted in ((query, HEADERS), (f'/view{query}', VIEW_HEADERS)):
+        answer, text = ask(served, path)
+        assert answer.status == 200
+        assert b'<!doctype html>' in text[:100].lower()
+        assert all(answer.getheader(name) == value for name, value in wanted.items())
+    assert "frame-ancestors 'none'" in HEADERS['Content-Security-Policy']
+    assert "frame-ancestors 'self'" in VIEW_HEADERS['Content-Security-Policy']
+    for path in ('/index.html', '/viewer/', '/view/../setup.py', '/view/%2e%2e/%2e%2e/x'):
+        assert ask(served, path + query[1:])[0].status == 404
     cookie = str(answer.getheader('Set-Cookie')).partition(';')[0]
     assert ask(served, '/', Cookie=cookie)[0].status == 200
 
 
+@pytest.mark.parametrize('path', ['view', 'samples'])
 @pytest.mark.parametrize(('right', 'headers'), [
     (False, {}), (False, {'Origin': 'OWN'}), (True, {'Origin': 'http://evil.example'}),
     (True, {'Origin': 'null'}), (True, {'Origin': 'http://127.0.0.1:1'}),
     (True, {'Host': 'evil.example'})])
 def test_a_web_socket_opens_with_token_and_origin_of_the_page_alone(
-        served: str, right: bool, headers: dict[str, str]) -> None:
+        served: str, right: bool, headers: dict[str, str], path: str) -> None:
     viser = require_viser()
-    address = served.replace('http://', 'ws://')
+    address = served.replace('http://', 'ws://').replace('/?', f'/{path}?')
     protocol: Any = [f'viser-v{viser.__version__}']
 
     def open_it(url: str, **given: str) -> Any:
@@ -169,7 +180,8 @@ def test_a_web_socket_opens_with_token_and_origin_of_the_page_alone(
             url, sock=socket.create_connection((ip, int(port))), subprotocols=protocol,
             additional_headers={k: v.replace('OWN', own) for k, v in given.items() if k != 'Host'})
     with open_it(address) as it, open_it(address, Origin='OWN'):
-        assert it.recv(timeout=30.0)
+        if path == 'view':
+            assert it.recv(timeout=30.0)
     url = address if right else address.partition('?')[0] + '?token=wrong'
     if 'Host' in headers:
         url = url.replace('127.0.0.1', headers['Host'])
@@ -228,32 +240,35 @@ def test_a_page_of_somebody_else_reaches_nothing_in_a_browser_that_has_the_cooki
     file = tmp_path / 'evil.html'
     file.write_text('<!doctype html>')
     with browser_page(arguments=['--host-resolver-rules=MAP evil.example 127.0.0.1']) as page:
+        view = page.frame_locator('iframe')
         page.goto(served)
-        page.get_by_text('content of the page').wait_for()
+        view.get_by_text('content of the page').wait_for()
         page.goto(own)  # The cookie stands for the token.
-        page.get_by_text('content of the page').wait_for()
-        assert _reached(page, own) == [True, True]
+        view.get_by_text('content of the page').wait_for()
+        assert _reached(page, own) == [True, True, True]
         for other in (elsewhere, file.as_uri()):
             page.goto(other)
-            assert _reached(page, own) == [False, False]
-            page.evaluate('own => { document.body.innerHTML = `<iframe src="${own}">`; }', own)
-            page.wait_for_function('() => frames.length')
-            page.frames[1].wait_for_load_state()
-            assert page.frames[1].get_by_text('content of the page').count() == 0
-            assert not page.frames[1].url.startswith('http')
+            assert _reached(page, own) == [False, False, False]
+            for it in (own, f'{own}view/'):
+                page.evaluate('it => { document.body.innerHTML = `<iframe src="${it}">`; }', it)
+                page.wait_for_function('() => frames.length')
+                page.frames[1].wait_for_load_state()
+                assert page.frames[1].get_by_text('content of the page').count() == 0
+                assert not page.frames[1].url.startswith('http')
         for query in (f'?{token}', ''):  # As if the name of its server now stood for this machine.
             answer = page.goto(own.replace('127.0.0.1', 'evil.example') + query)
             assert answer.status == 403
-            assert _reached(page, page.url.partition('?')[0]) == [False, False]
+            assert _reached(page, page.url.partition('?')[0]) == [False, False, False]
         page.goto(served)
-        page.get_by_text('content of the page').wait_for()
+        view.get_by_text('content of the page').wait_for()
 
 
 def _reached(page: Any, own: str) -> list[bool]:
-    """Return whether a script of the page opens a WebSocket there, and reads what is there."""
+    """Return whether a script of the page opens the WebSockets there, and reads what is there."""
     script = """([own, protocol]) => Promise.all([
-        new Promise(done => { const it = new WebSocket(own.replace('http', 'ws'), [protocol]);
-                              it.onopen = () => done(true); it.onerror = () => done(false); }),
+        ...[['view', [protocol]], ['samples', []]].map(([path, protocols]) => new Promise(done => {
+            const it = new WebSocket(own.replace('http', 'ws') + path, protocols);
+            it.onopen = () => done(true); it.onerror = () => done(false); })),
         fetch(own, {credentials: 'include'}).then(it => it.ok, () => false)])"""
     found: list[bool] = page.evaluate(script, [own, f'viser-v{require_viser().__version__}'])
     return found

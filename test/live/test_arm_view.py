@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The arm is not drawn where it is not known to be."""
+"""The arm is not drawn where it is not known to be; its ghost may be magnified, and says so."""
 
 from __future__ import annotations
 
@@ -54,5 +54,18 @@ def test_arm_and_ghost_are_hidden_until_their_positions_are_known() -> None:
             for i, pose in enumerate(skeleton.poses(at)):
                 assert np.allclose(made[f'/arm0/{part}/{i}'].wxyz, quaternion(pose[:3, :3]))
                 assert np.allclose(made[f'/arm0/{part}/{i}'].position, pose[:3, 3])
+        # A small error, and one that would turn a joint by more than 1 rad.
+        view.magnified = 100
+        view.show(q, q + np.array([1e-3, -0.5]))
+        for i, pose in enumerate(skeleton.poses(q + np.array([0.1, -1.0]))):
+            assert np.allclose(made[f'/arm0/ghost/{i}'].position, pose[:3, 3])
+            assert np.allclose(made[f'/arm0/ghost/{i}'].wxyz, quaternion(pose[:3, :3]))
+        label = server.scene._handle_from_node_name['/arm0/ghost/label']
+        assert (label.visible, label.text) == (True, 'ghost: error × 100')
+        view.magnified = 1
+        view.show(q, 2.0 * q)
+        assert not label.visible
+        last = skeleton.poses(2.0 * q)[-1, :3, :3]
+        assert np.allclose(list(made.values())[-1].wxyz, quaternion(last))
     finally:
         stop(server)

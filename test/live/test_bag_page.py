@@ -25,8 +25,8 @@ import time
 from typing import Any
 
 from bags import entries, write_bag
-from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
-from ctc_chattering.analysis.result import Result, simulated
+from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene, view
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.analysis.terms import RunTerms
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
@@ -37,6 +37,7 @@ from ctc_chattering.simulation.closed_loop import Run
 from ctc_commands import ctc, refused
 from markupsafe import escape
 import numpy as np
+from PIL import Image
 from processes import CONFIG, PATIENCE
 import pytest
 
@@ -46,7 +47,7 @@ LAWS = ('chattering', 'compensation')
 def result(law: str) -> tuple[Result, Any]:
     setup = parameter_file.load(CONFIG / 'friction.yaml', {
         'controller': {'law': law}, 'plant': {'duration': 0.5}})
-    return simulated(setup), setup.plant
+    return simulate(setup), setup.plant
 
 
 @pytest.fixture(scope='module')
@@ -65,8 +66,8 @@ def shows(page: Any, angles: list[list[str]]) -> bool:
 @pytest.mark.browser
 def test_slider_moves_both_arms_to_the_recorded_poses(bags: list[Path]) -> None:
     runs = [read_bag(bag).run for bag in bags]
-    with ctc_live('--port', 0, *bags) as (process, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0, *bags) as (process, url), browser_page() as tab:
+        page = view(tab, url)
         slider = field(page, 'time [s]')
         pictures = []
         for k in (0, 300, 499, 137):
@@ -76,16 +77,21 @@ def test_slider_moves_both_arms_to_the_recorded_poses(bags: list[Path]) -> None:
                       for a, b in zip(run.q[k], run.q_d[k])]
             eventually(partial(shows, page, wanted), f'sample {k}', page)
             pictures.append(scene(page))
-        assert min(inked(page)) > 300
+        assert min(inked(tab)) > 300
         for first, second in zip(*pictures[:2]):
             assert first.any()
             assert second.any()
             assert (first != second).any()
 
+        with tab.expect_download() as saved:
+            tab.get_by_role('button', name='picture of the arm').dispatch_event('click')
+        assert saved.value.suggested_filename.endswith('.png')
+        assert np.ptp(np.array(Image.open(saved.value.path()).convert('L'))) > 100
         before = numbers(page)
         press(page, 'play')
         eventually(lambda: numbers(page)[0][2] != before[0][2], 'the arm to move', page)
-        press(page, 'pause')
+        eventually(lambda: page.get_by_role('button', name='play', exact=True).count(),
+                   'the end of the run', page)
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
 
@@ -111,15 +117,71 @@ def test_export_works_without_a_network(bags: list[Path], tmp_path: Path) -> Non
         q, q_d = (np.concatenate([getattr(run, name)[k] for run in runs])
                   for name in ('q', 'q_d'))
         angles = np.array([row[1:3] for row in shown if row], float)
-        assert angles == pytest.approx(np.stack((q, q_d), axis=1), abs=2e-6)  # 32 bits
+        assert angles == pytest.approx(np.stack((q, q_d), axis=1), abs=6e-7)
         assert arm.screenshot() != before
         page.locator('#play').click()
         page.wait_for_function(f'() => Number(document.getElementById("time").value) > {k}e-3')
-        drawn = page.evaluate(
-            '() => [...document.querySelectorAll(".plot")].map(canvas => canvas.getContext("2d")'
-            '.getImageData(0, 0, canvas.width, canvas.height).data.some(x => x > 0))')
-        assert drawn == [True] * 4
+        assert len(inked(page)) == 5
+        assert min(inked(page)) > 300
+        page.evaluate('() => { if (playing) toggle(); }')
+        check_plots(page)
     assert asked == [file.as_uri()]
+
+
+def check_plots(page: Any) -> None:
+    """Check the plots by samples that are known: in the same browser, for that takes long."""
+    def shown(values: str, *signals: str) -> Any:
+        """Draw 50 s at 1 kHz of an error, an expression of the time t; return a handle."""
+        page.evaluate("""([values, signals]) => {
+            document.body.innerHTML = '<div id="here" style="width:600px"></div>';
+            const t = Array.from({length: 50001}, (_, k) => k / 1000);
+            const e = [t.map(new Function('t', `return ${values}`))];
+            window.made = ctcPlots.mount(document.getElementById('here'), {
+                joints: ['a'], runs: [{t, signals: {e}}]}, {signals, wheel: 'always'});
+        }""", [values, signals])
+        page.wait_for_function('() => made.panels.every(panel => panel.lines[0].t?.length)')
+        return page.evaluate_handle('() => made.panels[0]')
+
+    def labels(panel: Any) -> list[str]:
+        """Return the numbers at the vertical axis, and the title."""
+        page.wait_for_function('panel => panel.u.axes[1]._values?.length', arg=panel)
+        found: list[str] = panel.evaluate(
+            'it => [...it.u.axes[1]._values, it.title.textContent]')
+        return found
+    for values, title in (
+            ('1e-4 * Math.sin(t)', 'error of a [10⁻⁶ rad]'), ('3e-9 * t', 'error of a [10⁻⁹ rad]'),
+            ('2e5 * t', 'error of a [10⁶ rad]'), ('2', 'error of a [rad]'),
+            ('0.5234567 + 1e-9 * t', 'error of a, less 0.5234567 [10⁻⁹ rad]')):
+        *numbers_, shown_title = labels(shown(values, 'e'))
+        assert len(set(numbers_)) == len(numbers_) > 2, numbers_
+        assert not {'-0', '−0', '−0.0'} & set(numbers_)
+        assert max(map(len, numbers_)) < 8
+        assert shown_title.startswith(title.partition(' less')[0].partition(' [')[0])
+        assert shown_title.endswith(title.partition(' [')[2])
+
+    # A single sample is seen among 50 000, and alone after zooming to it.
+    panel = shown('Math.abs(t - 20) < 1e-6 ? 1 : 0', 'e')
+    ink = """(it, share) => { const {left, top, width, height} = it.u.bbox;
+        const data = it.u.ctx.getImageData(left + share * width - 2, top + height / 3, 5, 3).data;
+        return data.some((x, i) => i % 4 === 3 && x > 100); }"""
+    assert panel.evaluate(ink, 0.4)
+    assert not panel.evaluate(ink, 0.5)
+    box = page.locator('.u-over').bounding_box()
+    for _ in range(12):
+        page.mouse.move(box['x'] + 0.4 * box['width'], box['y'] + 30)
+        page.mouse.wheel(0, -120)
+    page.wait_for_function('() => made.view && made.view[1] - made.view[0] < 0.5')
+    low, high = page.evaluate('() => made.view')
+    assert low < 20 < high
+    page.mouse.dblclick(box['x'] + 9, box['y'] + 30)
+    page.wait_for_function('() => made.view === null')
+
+    panel = shown('0.3 * Math.sin(2 * Math.PI * 50 * t) + 5', 'spectrum_e')
+    frequency, amplitude = panel.evaluate("""it => { const {t, at} = it.lines[0];
+        let best = 0; t.forEach((_, i) => { if (at(i) > at(best)) best = i; });
+        return [t[best], at(best)]; }""")
+    assert frequency == pytest.approx(50.0, abs=0.1)
+    assert 10 ** amplitude == pytest.approx(0.3, rel=0.2)  # Between two lines of the spectrum.
 
 
 def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
@@ -131,7 +193,7 @@ def test_nothing_of_a_bag_is_html_in_its_pages(tmp_path: Path) -> None:
     assert run.remark == 'no picture of the arm: URDF: a link is not named'
     write_export([run], tmp_path / 'page.html')
     text = (tmp_path / 'page.html').read_text(encoding='utf-8')
-    assert text.count('</script>') == 2
+    assert text.count('</script>') == 3
     assert '<iframe' not in text
     title = evil.replace('\udcff', '?')
     assert text.count(str(escape(title))) == 2

@@ -55,7 +55,9 @@ def test_a_widget_has_values_of_its_kind_within_its_limits(
 
 def test_only_what_the_page_can_send_is_allowed() -> None:
     update = {'type': 'GuiUpdateMessage', 'uuid': 'law', 'updates': {'value': 'compensation'}}
-    camera = {'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0, 0, 0], 'fov': 1, 'near': 0.1}
+    camera = {'type': 'ViewerCameraMessage', 'wxyz': [1.0, 0, 0, 0], 'fov': 1, 'near': 0.1,
+              'far': 10, 'image_height': 500, 'image_width': 400, 'position': [1.0, 2, 3],
+              'look_at': [0, 0, 0], 'up_direction': [0, 0, 1.0]}
     assert is_allowed(update, WIDGETS)
     assert is_allowed(camera, WIDGETS)
     others: tuple[dict[str, Any], ...] = (
@@ -66,8 +68,10 @@ def test_only_what_the_page_can_send_is_allowed() -> None:
         {'type': 'FileTransferStartUpload'}, {'type': 'GuiFormDirtyMessage'}, {'type': 1})
     for other in others:
         assert not is_allowed({**update, **other}, WIDGETS)
-    for wrong in (math.nan, math.inf, 'x', [math.nan], [1] * 5, [[1]], None, {'x': 1}):
+    for wrong in (math.nan, math.inf, 'x', [math.nan] * 3, [1] * 5, [[1]], None, 1.0, [1, 2]):
         assert not is_allowed({**camera, 'position': wrong}, WIDGETS)
+    assert not is_allowed({**camera, 'more': 1}, WIDGETS)
+    assert not is_allowed({k: v for k, v in camera.items() if k != 'far'}, WIDGETS)
     messages: tuple[Any, ...] = (None, 1, 'x', [], {}, [update])
     assert [x for x in messages if is_allowed(x, WIDGETS)] == []
 

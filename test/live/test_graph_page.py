@@ -24,7 +24,7 @@ import re
 import signal
 from typing import Any
 
-from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene
+from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene, view
 from ctc_chattering.ros.node import qos
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from faults import nodes_of
@@ -99,23 +99,32 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
     graph.node.create_subscription(
         ParameterEvent, 'controller/parameters', note, qos(100, latched=True))
     graph.until(lambda: laws, 'the law at the start')
-    with ctc_live('--port', 0) as (process, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0) as (process, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'a green light', page)
-        eventually(lambda: min(inked(page), default=0) > 300, 'plots', page)
+        eventually(lambda: min(inked(tab), default=0) > 300, 'plots', page)
         for law in ('compensation', 'chattering', 'compensation'):
-            _click(graph, laws, page, law)
+            _click(graph, laws, tab, law)
         eventually(lambda: 'compensation' in said(page), 'the law on the page', page)
+        assert tab.locator('[aria-pressed=true]', has_text='compensation').is_visible()
         eventually(lambda: rms(page) > 1e-2, 'the error to grow', page)
-        _click(graph, laws, page, 'chattering')
+        _click(graph, laws, tab, 'chattering')
         eventually(partial(is_near, page, 2e-3), 'the error to fall', page)
 
-        field(page, 'ka [N·m]').fill('-5')
-        press(page, 'set what was edited')
-        eventually(lambda: 'refused' in page.locator('.ctc-log').inner_text(), 'a reason', page)
-        assert re.search(r'ka.*allowed.*0', page.locator('.ctc-log').inner_text())
+        ka = tab.get_by_label('ka as a number')
+        ka.fill('-5')
+        ka.press('Enter')
+        eventually(lambda: re.search(r'ka.*allowed.*0', tab.locator('.ctc-answers').inner_text()),
+                   'a reason', page)
+        eventually(lambda: ka.input_value() == '25', 'the value in force again', page)
         assert graph.get('controller', 'ka') == [25.0, 25.0]
+        graph.set('controller', 'ka', [25.0, 30.0])
+        eventually(lambda: ka.input_value() == '30', 'a change made elsewhere', page)
+        tab.get_by_label('gains of', exact=True).select_option(label='joint2')
+        tab.get_by_label('ka', exact=True).press('ArrowRight')
+        graph.until(lambda: graph.get('controller', 'ka')[1] > 30.0, 'the slider')
+        assert graph.get('controller', 'ka')[0] == 25.0
 
         before = scene(page)
         press(page, 'disable')  # The arm falls, and the ghost goes on.
@@ -148,8 +157,8 @@ def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
 
     def rests() -> bool:
         return len(errors) > 50 and max(errors[-50:]) < 1e-3
-    with ctc_live('--port', 0) as (_, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0) as (_, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and rms(page) < 2e-3,
                    'a small error', page)
         field(page, 'torque [N·m]').fill('150')
@@ -165,8 +174,8 @@ def test_a_push_moves_the_arm_and_ends_by_itself(graph: Probe) -> None:
 
 @pytest.mark.slow
 def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
-    with ctc_live('--port', 0, '--read-only') as (process, url), browser_page() as page:
-        page.goto(url)
+    with ctc_live('--port', 0, '--read-only') as (process, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'a green light', page)
         assert page.get_by_role('button', name='chattering').count() == 0
@@ -180,12 +189,19 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
             argv: Any = child.process.args
             graph.start(name, *argv[argv.index('--ros-args') + 1:])
             eventually(lambda: level(page) == 0, f'{name} again', page)
-        page.reload()
+        page = view(tab, url)
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'the page again', page)
-        process.kill()  # The page ends, and the graph goes on.
+        for child in graph.children:
+            child.signal(signal.SIGINT)
+        eventually(lambda: 'plant: ended at' in tab.locator('#ended').inner_text(),
+                   'how the graph has ended', page)
+        assert re.search('controller: ended at .*: SIGINT', tab.locator('#ended').inner_text())
+        assert level(page) == 4
+        process.kill()
         process.wait()
-        assert all(x.status is None for x in graph.children[-2:])
+        eventually(lambda: 'ctc live has ended' in tab.locator('#note').inner_text(),
+                   'the end of the page', tab)
 
 
 @pytest.mark.slow
@@ -194,8 +210,8 @@ def test_bringup_shows_its_graph_and_outlives_the_page() -> None:
                  '--live') as process:
         assert process.stdout is not None
         line = next(line for line in process.stdout if '[live] open http' in line)
-        with browser_page() as page:
-            page.goto(line.split()[2])
+        with browser_page() as tab:
+            page = view(tab, line.split()[2])
             eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                        'a green light', page)
             # Simulated time stands while it is held, and goes on by steps.
@@ -222,8 +238,8 @@ EVIL = '<iframe srcdoc="<script>parent.hacked = 1</script>"></iframe><img src=x 
 
 def test_a_hostile_graph_neither_runs_a_script_nor_ends_the_page() -> None:
     """Check with a controller that never tracks, too: it waits, or is disabled."""
-    with probe() as it, ctc_live('--port', 0) as (process, url), browser_page() as page:
-        page.goto(url)
+    with probe() as it, ctc_live('--port', 0) as (process, url), browser_page() as tab:
+        page = view(tab, url)
         eventually(lambda: mentions(page, 'waiting for a graph'), 'the page without one', page)
         said_by = {name: it.node.create_publisher(
             ParameterEvent, f'{name}/parameters', qos(100, latched=True)) for name in LOOP}

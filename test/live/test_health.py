@@ -17,11 +17,14 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 
 from ctc_chattering.live.health import (
     COLOURS,
     counted,
+    ENDED,
     ERROR,
+    Light,
     light,
     NodeReport,
     OK,
@@ -70,12 +73,37 @@ def test_simulated_time_may_stand_still() -> None:
     assert light(REPORTS, still).level == ERROR
 
 
+def ended(why: str, age: float) -> NodeReport:
+    return NodeReport(OK, f'ended: {why}', age, {'ended': why})
+
+
+def test_says_what_ended_and_why() -> None:
+    """Check one node, all of them, by their own words or by silence, and what bringup says."""
+    now = time.mktime((2026, 1, 2, 12, 0, 10, 0, 0, -1))
+    one = light(REPORTS | {'controller': ended('SIGINT', 1.0)}, HEARD, now=now)
+    assert one.level == ERROR
+    assert 'controller: ended at 12:00:09: SIGINT' in one.lines
+    dead = {node: dataclasses.replace(report, age=age)
+            for (node, report), age in zip(REPORTS.items(), (4.2, 6.0, 4.9))}
+    quiet = dict(zip(HEARD, (4.0, 5.0, 4.5)))
+    assert light(dead, quiet, now=now) == Light(ENDED, (
+        'controller: silent since 12:00:05', 'reference: silent since 12:00:05',
+        'plant: silent since 12:00:06'))
+    over = light(dead | {'plant': ended('the experiment has ended', 3.0)}, quiet, now=now)
+    assert over.level == ENDED
+    assert over.lines[-1] == 'plant: ended at 12:00:07: the experiment has ended'
+    whole = light(REPORTS | {'bringup': ended('stopped by SIGINT', 0.1)}, HEARD, now=now)
+    assert whole == Light(ENDED, ('bringup: stopped by SIGINT',))
+    held = dict.fromkeys(HEARD, 60.0)
+    assert light(REPORTS, held, lockstep=True, now=now).level == WARN
+
+
 def test_nothing_heard_is_no_error() -> None:
     assert light({}, {}).level == UNKNOWN
 
 
 def test_levels_are_distinguished_without_colour() -> None:
-    assert len({sign[0] for sign in SIGNS}) == len(SIGNS) == len(set(COLOURS)) == 4
+    assert len({sign[0] for sign in SIGNS}) == len(SIGNS) == len(set(COLOURS)) == 5
 
 
 def test_counts_misses_and_refused_messages_once() -> None:

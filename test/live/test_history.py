@@ -12,14 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Signals of the last seconds, and the part of them that a plot shows."""
+"""Signals of the last seconds, and what of them is sent to pages."""
 
 from __future__ import annotations
 
-from ctc_chattering.live.history import envelope, History
-from ctc_chattering.live.samples import rms, Samples, since_now
-from hypothesis import given
-from hypothesis import strategies as st
+import json
+from typing import Any
+
+from ctc_chattering.live.history import History, Track
+from ctc_chattering.live.samples import rms, Samples
 import numpy as np
 import pytest
 
@@ -50,16 +51,42 @@ def test_begins_again_where_time_does() -> None:
     assert History(1).read()[0].tolist() == []
 
 
-@given(st.integers(0, 700), st.integers(1, 60), st.integers(0, 2 ** 31))
-def test_no_peak_is_lost(count: int, buckets: int, seed: int) -> None:
-    rows = np.random.default_rng(seed).normal(size=(count, 3))
-    t, shown = envelope(np.arange(count, dtype=float), rows, buckets)
-    assert len(t) == len(shown) <= max(2 * buckets, 1)
-    assert (np.diff(t) >= 0.0).all()
-    if count:
-        assert shown.max(axis=0).tolist() == rows.max(axis=0).tolist()
-        assert shown.min(axis=0).tolist() == rows.min(axis=0).tolist()
-        assert t[0] == 0.0
+def unpacked(message: bytes) -> tuple[dict[str, Any], dict[str, list[list[float]]]]:
+    """Return head and columns of a message as plots.js reads it."""
+    size = int.from_bytes(message[:4], 'little')
+    head = json.loads(message[4:4 + size])
+    at = -(-(4 + size) // 8) * 8
+    columns: dict[str, list[list[float]]] = {}
+    for name, _, length in head['columns']:
+        values = np.frombuffer(message, f'<f{length}', head['count'], at)
+        columns.setdefault(name, []).append(values.tolist())
+        at += -(-length * head['count'] // 8) * 8
+    assert at == len(message)
+    return head, columns
+
+
+def test_pages_get_each_sample_once_and_all_where_time_begins_again() -> None:
+    track, got = Track(q=2, e=1), []
+    since = None
+    for k in range(25):
+        track.add(1e9 + k / 1000, (k, 3.0 + 1e-9 * k, 1e-9 * k))
+        track.add(1e9 + k / 1000, (9.0, 9.0, 9.0))  # The same sample again.
+        if k % 10 == 4:
+            head, columns = unpacked(track.packed(since, 1e9))
+            assert head['fresh'] == (k == 4)
+            got += columns['t'][0]
+            assert columns['q'][1][-1] == 3.0 + 1e-9 * k
+            assert columns['e'][0][-1] == pytest.approx(1e-9 * k, rel=1e-6)
+            since = track.mark(1e9)
+            assert track.packed(since, 1e9) == b''
+    assert got == pytest.approx(np.arange(25) / 1000, abs=2e-7)
+    assert unpacked(track.packed(since, 1e9 - 5.0))[0] == {
+        'count': 25, 'columns': [['t', 0, 8], ['q', 0, 8], ['q', 1, 8], ['e', 0, 4]], 'run': 0,
+        'fresh': True}
+    track.add(5.0, (1.0, 2.0, 3.0))
+    head, columns = unpacked(track.packed(since, 0.0))
+    assert head['fresh']
+    assert columns == {'t': [[5.0]], 'q': [[1.0], [2.0]], 'e': [[3.0]]}
 
 
 def test_rms_is_over_the_last_second() -> None:
@@ -67,7 +94,5 @@ def test_rms_is_over_the_last_second() -> None:
     e = np.where(t > 2.0, 3.0, 100.0)[:, None]
     samples = Samples(t, e, e, e[:, 0], np.zeros((3001, 4, 1)))
     assert rms(samples) == pytest.approx([3.0])
-    assert since_now(samples).t[[0, -1]].tolist() == [-3.0, 0.0]
     none = Samples(t[:0], e[:0], e[:0], t[:0], np.zeros((0, 4, 1)))
     assert np.isnan(rms(none)).all()
-    assert since_now(none) is none

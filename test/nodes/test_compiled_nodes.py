@@ -19,7 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.launch.child_process import Child
 from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
@@ -50,9 +50,9 @@ bringup:
 """)
     setup = parameter_file.load(file)
     compile_setups([setup], print)
-    expected = simulated(setup)
+    expected = simulate(setup)
     assert_equal(record(tmp_path / 'bag', '--params-file', str(file)), expected)
-    rounding = simulated(parameter_file.load(file, {'/**': {'compiled': not compiled}})).run
+    rounding = simulate(parameter_file.load(file, {'/**': {'compiled': not compiled}})).run
     assert (rounding.tau != expected.run.tau).any()
     np.testing.assert_allclose(rounding.tau, expected.run.tau, rtol=1e-9, atol=1e-9)
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 import numpy as np
 from processes import CONFIG
@@ -39,7 +39,7 @@ def test_the_law_is_switched_at_its_time_as_in_the_simulation(tmp_path: Path) ->
     arguments = ('--params-file', str(file), '--duration', '1.8')
     first = record(tmp_path / 'first', *arguments)
     assert first.changes == [(1.5, 'chattering')]
-    assert_equal(first, simulated(parameter_file.load(file, {'plant': {'duration': 1.8}})))
+    assert_equal(first, simulate(parameter_file.load(file, {'plant': {'duration': 1.8}})))
     at = int(np.flatnonzero(first.run.t == 1.5)[0])
     assert not first.terms.robust[:at].any()
     assert np.abs(first.terms.robust[at]).tolist() == [10.0, 10.0]
@@ -65,7 +65,7 @@ reference:
 """)
     result = record(tmp_path / 'bag', '--params-file', str(file), '--ros-args', '-r',
                     '__ns:=/robot1')
-    assert_equal(result, simulated(parameter_file.load(file)))
+    assert_equal(result, simulate(parameter_file.load(file)))
     assert result.joint_names == ('shoulder', 'elbow')
     assert np.abs(result.run.tau[:, 0]).max() == 300.0
     assert len(result.run.t) == 251

@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 from bags import chunk, efforts, state
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.ros.messages import read_stamp
@@ -205,7 +205,7 @@ def test_a_second_publisher_of_everything_changes_nothing_in_lockstep(tmp_path: 
     assert process.returncode == 0, output
     assert 'Traceback' not in output and 'sequence size' not in output
     run = read_bag(bag).run
-    expected = simulated(parameter_file.load(file, {'plant': {'duration': 0.8}})).run
+    expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.8}})).run
     for field in FIELDS:  # Of the last torque there is no state that says that it was applied.
         end = -1 if field == 'tau' else None
         assert np.array_equal(getattr(run, field)[:end], getattr(expected, field)[:end]), field

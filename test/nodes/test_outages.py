@@ -16,21 +16,18 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 import os
 from pathlib import Path
 import signal
 import time
-from typing import Any
 
+from bags import reports_of
 from controller_process import after_an_outage
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
-from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.numerics.linear_algebra import Vector
-from ctc_chattering.ros.topics import DIAGNOSTICS
 from faults import Diagnostics, ERROR, nodes_of, OK, WARN
 from processes import bringup, CONFIG, PATIENCE, Probe, probe, wait_for
 import pytest
@@ -93,16 +90,6 @@ def test_every_outage_restarts_the_law_and_a_motion_at_rest_is_held() -> None:
             assert [list(m.data) for m in plant.commands[sent:]] == [ZERO]
 
 
-def recorded(bag: Path, node: str) -> list[dict[str, str]]:
-    """Return what a node said in the diagnostics that a bag holds."""
-    with closing(open_bag(bag)) as reader:
-        connections = [x for x in reader.connections if x.topic == DIAGNOSTICS]
-        arrays: list[Any] = [reader.deserialize(data, connection.msgtype)
-                             for connection, _, data in reader.messages(connections)]
-    found = [status for array in arrays for status in array.status if status.name == f'/{node}']
-    return [{x.key: x.value for x in status.values} for status in found]
-
-
 @pytest.mark.slow
 def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
     """Hold each process still for half a second, as long as 25 timeouts."""
@@ -117,8 +104,8 @@ def test_in_lockstep_nothing_trips_and_nothing_changes(tmp_path: Path) -> None:
             os.kill(pids[victim], signal.SIGCONT)
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, output
-    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 2.0}})))
-    reports = recorded(bag, 'controller')
+    assert_equal(read_bag(bag), simulate(parameter_file.load(file, {'plant': {'duration': 2.0}})))
+    reports = reports_of(bag, 'controller')
     assert reports
     for report in reports:
         assert report['restarts'] == report['timeouts, state'] == '0'

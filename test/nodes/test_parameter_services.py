@@ -22,7 +22,7 @@ from pathlib import Path
 import random
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
@@ -243,7 +243,7 @@ def test_a_run_under_rejected_sets_equals_the_simulation(tmp_path: Path) -> None
     assert 'Traceback' not in output
     assert refused > 200
     run = read_bag(bag).run
-    expected = simulated(parameter_file.load(file, {'plant': {'duration': 1.0}})).run
+    expected = simulate(parameter_file.load(file, {'plant': {'duration': 1.0}})).run
     for field in FIELDS:
         assert np.array_equal(getattr(run, field), getattr(expected, field)), field
 

@@ -30,7 +30,7 @@ import time
 from typing import Any, NamedTuple
 
 from bags import joint_state
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import is_damaged, open_bag, repair
 from ctc_chattering.configuration import parameter_file
@@ -209,7 +209,7 @@ def test_recorders_killed_at_random_moments_lose_a_second_at_most(
             assert steps <= {0, PERIOD}  # A state that is not answered at once is sent again.
     assert whole >= KILLS[pacing] // 2
     if pacing == 'lockstep':
-        expected = simulated(parameter_file.load(None, {'plant': {'duration': latest / 1e9}})).run
+        expected = simulate(parameter_file.load(None, {'plant': {'duration': latest / 1e9}})).run
         rows = np.array([x.t // PERIOD for x in states])
         assert np.array_equal(np.array([x.position for x in states]), expected.q[rows])
         assert np.array_equal(np.array([x.velocity for x in states]), expected.dq[rows])
@@ -231,7 +231,7 @@ def test_a_second_at_1_khz_hold_every_sample_and_equal_the_simulation(tmp_path: 
         '--params-file', str(file), '--duration', '1', '--record', str(bag))
     assert status == 0, output
     assert 'were dropped' not in output
-    assert_equal(read_bag(bag), simulated(parameter_file.load(file, {'plant': {'duration': 1.0}})))
+    assert_equal(read_bag(bag), simulate(parameter_file.load(file, {'plant': {'duration': 1.0}})))
     found = counts(bag)
     reader = StateReader()
     stamps = [reader.read(data).t for data in recorded(bag)[STATES]]

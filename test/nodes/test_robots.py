@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from controller_process import PATIENT
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.configuration import parameter_file
@@ -76,7 +76,7 @@ def test_a_robot_over_ros_equals_the_simulation_and_the_bag_says_all(
     where = next(x for x in text.split() if x.startswith('package://'))
     file.write_text(text.replace(where, str(robot)).replace(
         'pacing: lockstep', f'pacing: lockstep\n    plant_backend: {backend}'))
-    expected = simulated(parameter_file.load(file, {'plant': {'duration': 0.5}}))
+    expected = simulate(parameter_file.load(file, {'plant': {'duration': 0.5}}))
     record(bag, '--params-file', str(file), '--duration', '0.5')
     robot.unlink()
     file.unlink()
@@ -490,14 +490,14 @@ def test_a_smooth_start_begins_where_the_robot_is(tmp_path: Path) -> None:
     """In lockstep as in the simulation, and in real time, where no jump comes either."""
     file = tmp_path / 'params.yaml'
     file.write_text(START.format(pacing='lockstep', duration=0.5, start=0.0, law=BEST))
-    assert np.abs(simulated(parameter_file.load(file)).run.tau).max() > 4000.0
+    assert np.abs(simulate(parameter_file.load(file)).run.tau).max() > 4000.0
     for pacing, law in (('lockstep', BEST),
                         ('real_time', 'law: compensation, kp: [25.0, 25.0], kv: [10.0, 10.0]')):
         file.write_text(START.format(pacing=pacing, duration=0.5, start=1.0, law=law))
         result = record(tmp_path / pacing, '--params-file', str(file))
         run = result.run
         if pacing == 'lockstep':
-            assert_equal(result, simulated(parameter_file.load(file)))
+            assert_equal(result, simulate(parameter_file.load(file)))
             assert run.q_d[0].tolist() == run.q[0].tolist() == [0.4, -0.3]
             assert run.dq_d[0].tolist() == [0.0, 0.0]
         # In real time the controller may be late and miss samples, but no joint is farther from
@@ -523,6 +523,6 @@ points:
     file.write_text(START.format(pacing='lockstep', duration=1.0, start=0.0, law=BEST).replace(
         'start_duration: 0.0', f'trajectory_file: {waypoints}'))
     result = record(tmp_path / 'bag', '--params-file', str(file))
-    assert_equal(result, simulated(parameter_file.load(file)))
+    assert_equal(result, simulate(parameter_file.load(file)))
     assert result.run.q_d[[0, 200, 400, 600, 800, 1000]] == pytest.approx(np.array(
         [[0.4, -0.3], [0.5, -0.1], [0.7, 0.1], [0.6, 0.2], [0.4, 0.0], [0.4, 0.0]]))

@@ -20,13 +20,13 @@ import dataclasses
 import itertools
 from pathlib import Path
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.terms import terms
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.simulation.closed_loop import simulate
+from ctc_chattering.simulation import closed_loop
 import numpy as np
 from processes import run_bringup
 import pytest
@@ -77,7 +77,7 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     assert status == 0, output
     result = read_bag(tmp_path / 'bag')
     setup = parameter_file.load(file)
-    expected = simulated(setup)
+    expected = simulate(setup)
     for field in FIELDS:
         assert np.array_equal(getattr(result.run, field), getattr(expected.run, field)), field
     assert [config.switching for _, config in result.configs] == [first, *others]
@@ -86,7 +86,7 @@ def test_any_two_are_exchanged_without_a_bump(tmp_path: Path) -> None:
     for i, event in enumerate(setup.events):
         k = int(np.flatnonzero(result.run.t >= event.time - 1e-12)[0])
         plant = dataclasses.replace(setup.plant, duration=event.time)
-        without = simulate(plant, setup.controller, setup.reference, setup.events[:i])
+        without = closed_loop.simulate(plant, setup.controller, setup.reference, setup.events[:i])
         assert np.array_equal(result.run.v[k], without.v[k])
         assert np.array_equal(result.run.q[k], without.q[k])
         other = terms(without, [(0.0, setup.controller), *result.configs[1:i + 1]])
@@ -115,7 +115,7 @@ bringup:
 """)
     status, output = run_bringup('--params-file', str(file), '--record', str(tmp_path / 'bag'))
     assert status == 0, output
-    result, expected = read_bag(tmp_path / 'bag'), simulated(parameter_file.load(file))
+    result, expected = read_bag(tmp_path / 'bag'), simulate(parameter_file.load(file))
     assert [config.law for _, config in result.configs] == list(LAWS)
     for field in FIELDS:
         assert np.array_equal(getattr(result.run, field), getattr(expected.run, field)), field
@@ -146,7 +146,7 @@ bringup:
 """)
     status, output = run_bringup('--params-file', str(file), '--record', str(tmp_path / 'bag'))
     assert status == 0, output
-    result, expected = read_bag(tmp_path / 'bag'), simulated(parameter_file.load(file))
+    result, expected = read_bag(tmp_path / 'bag'), simulate(parameter_file.load(file))
     assert 300 < len(result.run.t) < 380
     assert result.metrics() == {**expected.metrics(), 'bag': 'bag'}
     for field in FIELDS:

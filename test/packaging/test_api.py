@@ -20,10 +20,12 @@ import ast
 from collections.abc import Iterator
 import doctest
 from importlib.resources import files
+import inspect
 from pathlib import Path
 import re
 import subprocess
 import sys
+from typing import Any
 
 import ctc_chattering
 import pytest
@@ -66,12 +68,12 @@ def test_folders_import_in_one_direction() -> None:
     assert not upwards
 
 
-def test_folders_import_along_the_arrows_of_the_design() -> None:
-    """Each arrow stands for an import, and no folder imports what its arrows do not reach."""
+def test_folders_import_along_the_table_of_the_design() -> None:
+    """Each name in a row stands for an import; no folder imports what its row does not reach."""
     page = (ROOT.parent / 'docs' / 'design.md').read_text(encoding='utf-8')
-    block = page[page.index('graph RL'):].split('```')[0]
-    arrows = {(a, b) for left, right in re.findall('(.*) --> (.*)', block)
-              for a in left.strip().split(' & ') for b in right.split(' & ')}
+    rows = re.findall(r'^\| `(\w+)/` \|.*\| (.*) \| .* \|$', page, re.MULTILINE)
+    assert [part for part, _ in rows] == list(ORDER[3:])
+    arrows = {(part, name) for part, names in rows for name in re.findall(r'`(\w+)`', names)}
     imports = {(part, name.split('.')[1]) for part, path in modules() for name in imported(path)
                if name.startswith('ctc_chattering.')
                and name.split('.')[1] in set(ORDER[3:]) - {part}}
@@ -121,7 +123,41 @@ def test_importing_the_package_imports_nothing_that_takes_time() -> None:
     assert subprocess.check_output([sys.executable, '-c', code], text=True) == 'False\n'
 
 
-def test_the_example_of_the_package_is_right() -> None:
-    results = doctest.testmod(ctc_chattering)
-    assert results.attempted >= 9
-    assert results.failed == 0
+def public() -> Iterator[tuple[str, Any]]:
+    """Yield the public names, and what they are, without the version."""
+    for name in ctc_chattering.__all__:
+        if name != '__version__':
+            yield name, getattr(ctc_chattering, name)
+
+
+def test_the_examples_in_docstrings_are_right(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    runner, count = doctest.DocTestRunner(), 0
+    for name, found in (('ctc_chattering', ctc_chattering), *public()):
+        for case in doctest.DocTestFinder(recurse=False).find(found, name, globs={}):
+            runner.run(case)
+            count += len(case.examples)
+    assert (runner.summarize().failed, count >= 20) == (0, True)
+
+
+@pytest.mark.parametrize('name, found', list(public()))
+def test_each_public_name_has_its_parameters_in_its_docstring(name: str, found: Any) -> None:
+    """Check every parameter, and the word for what is raised by what checks arguments."""
+    text = inspect.getdoc(found) or ''
+    parts = re.split(r'^(\w+)\n-+$', text, flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], parts[2::2]))
+    entries = sections.get('Parameters', '') + sections.get('Attributes', '')
+    described = {x.strip(' *') for line in re.findall(r'^(\S.*)$', entries, re.MULTILINE)
+                 for x in line.split(' : ')[0].split(',')}
+    assert len(parts[0].split()) > 3
+    if name != 'CtcError':
+        assert set(inspect.signature(found).parameters) <= described | {'args', 'values'}
+    if hasattr(found, '__wrapped__'):
+        assert 'Raises' in sections or name == 'laws'
+
+
+def test_help_names_every_public_name() -> None:
+    text = ctc_chattering.__doc__ or ''
+    assert not [name for name, _ in public() if f'`{name}`' not in text]
+    assert set(re.findall('(?<!`)`([a-z_A-Z]+)`(?!`)', text)) <= {name for name, _ in public()}

@@ -23,7 +23,7 @@ from typing import Any
 from broken_arm import Broken
 from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.robustness.columns import of_results
 from ctc_chattering.robustness.evaluation import evaluate, refused

@@ -52,12 +52,12 @@ def test_an_integer_stays_one() -> None:
 
 
 def test_a_factor_multiplies_what_is_there() -> None:
-    file = parameter_file.changed(SETUP, {'plant': {'coulomb_friction': [2.0, 4.0]}})
+    file = SETUP.changed({'plant': {'coulomb_friction': [2.0, 4.0]}})
     double, level = axis(FRICTION, [2], factor=True), axis(FRICTION, [3])
     assert applied(file, [(double, 2.0)]).plant.coulomb_friction == (4.0, 8.0)
     assert applied(file, [(level, 3.0), (double, 2.0)]).plant.coulomb_friction == (6.0, 6.0)
     assert applied(file, [(double, 2.0), (double, 2.0)]).plant.coulomb_friction == (8.0, 16.0)
-    full = parameter_file.changed(SETUP, {'controller': {'kp': [2.0, 0.5, 0.5, 3.0]}})
+    full = SETUP.changed({'controller': {'kp': [2.0, 0.5, 0.5, 3.0]}})
     gain = axis('controller.kp', [2], factor=True)
     assert applied(full, [(gain, 2.0)]).controller.kp == (4.0, 1.0, 1.0, 6.0)
 

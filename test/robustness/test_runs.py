@@ -21,7 +21,7 @@ from pathlib import Path
 import pickle
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.studies.recommended import recommended_setup
 from map_specs import ON_TRACK, runs
@@ -88,7 +88,7 @@ def test_what_is_recommended_knows_the_axes_that_the_controller_knows() -> None:
     file = found.spec.setup
     for run, (x, rate) in enumerate(itertools.product(lag['values'], (1e-3, 1e-2))):
         setup = found.setup(run)
-        known = parameter_file.changed(file, {
+        known = file.changed({
             node: {'control_period': rate} for node in ('plant', 'controller', 'reference')})
         assert settings(setup) == settings(recommended_setup(known, 'observer_feedback'))
         assert setup.plant.actuator_lag == (x, x)
@@ -113,7 +113,7 @@ def test_a_draw_that_is_not_allowed_is_refused_when_it_comes() -> None:
 def test_an_example_is_a_run_without_its_draw() -> None:
     """Check one at the first point, and one whose values contradict each other there."""
     made = runs(uncertain=None, repeats=1)
-    assert made.example(1) == parameter_file.changed(made.setup(1), {'plant': {'noise_seed': 0}})
+    assert made.example(1) == made.setup(1).changed({'plant': {'noise_seed': 0}})
     friction = {'parameter': 'plant.coulomb_friction', 'values': [1e9]}
     axes = {'level': friction, 'factor': {**friction, 'values': [2.0], 'factor': True}}
     made = runs(axes=axes, uncertain=None)

@@ -21,14 +21,15 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation import closed_loop
+from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.trajectory.waypoints import Route
 from machine_code import compile_runs
@@ -94,7 +95,7 @@ def rms(run: Run) -> Array:
 
 def by_python(setup: Setup, truth: bool = False) -> Run:
     """Return the run of plain Python."""
-    run = simulated(dataclasses.replace(
+    run = simulate(dataclasses.replace(
         setup, plant=setup.plant.changed({'compiled': False})), truth=truth).run
     assert not run.compiled
     return run
@@ -103,7 +104,7 @@ def by_python(setup: Setup, truth: bool = False) -> Run:
 def by_machine_code(setup: Setup, truth: bool = False) -> Run:
     """Return the run of machine code."""
     compile_runs(setup)
-    run = simulated(setup, truth=truth).run
+    run = simulate(setup, truth=truth).run
     assert run.compiled
     return run
 
@@ -192,7 +193,7 @@ def ends_of(setup: Setup, speed: float) -> list[str]:
         robot.measured = robot.q, robot.dq
         robot._motion = robot.motion._replace(q=robot.q, dq=robot.dq)
         with pytest.raises(CtcError) as error:
-            simulate(config, setup.controller, setup.reference, robot=robot)
+            closed_loop.simulate(config, setup.controller, setup.reference, robot=robot)
         said.append(str(error.value))
     return said
 
@@ -221,27 +222,28 @@ def test_parameters_that_are_plain_python(changes: dict[str, Any]) -> None:
         setup = parameter_file.load(file('friction'), {
             **values, 'plant': {'duration': 0.02, **values.get('plant', {})}})
         compile_runs(setup)
-        assert simulated(setup).run.compiled == (not values)
+        assert simulate(setup).run.compiled == (not values)
 
 
 def test_models_and_changes_that_are_plain_python() -> None:
     setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.02}})
     compile_runs(setup)
     parts = setup.plant, setup.controller, setup.reference
-    assert simulate(*parts, model=TwoLink()).compiled
-    assert not simulate(*parts, model=OwnTwoLink()).compiled
-    assert not simulate(*parts, robot=Plant(setup.plant, OwnTwoLink())).compiled
-    assert not simulate(*parts, [Event(0.01, 'controller', {'kp': [120.0, 120.0]})]).compiled
+    assert closed_loop.simulate(*parts, model=TwoLink()).compiled
+    assert not closed_loop.simulate(*parts, model=OwnTwoLink()).compiled
+    assert not closed_loop.simulate(*parts, robot=Plant(setup.plant, OwnTwoLink())).compiled
+    event = Event(0.01, 'controller', {'kp': [120.0, 120.0]})
+    assert not closed_loop.simulate(*parts, [event]).compiled
 
 
 def test_the_gravity_is_that_of_the_model() -> None:
     """Not that of the configuration."""
     setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.1}})
     compile_runs(setup)
-    runs = [simulate(setup.plant.changed({'compiled': compiled}), setup.controller,
-                     setup.reference, robot=Plant(setup.plant.changed({'compiled': compiled}),
-                                                  TwoLink(3.0)), model=TwoLink(9.81))
-            for compiled in (False, True)]
+    plants = [setup.plant.changed({'compiled': compiled}) for compiled in (False, True)]
+    runs = [closed_loop.simulate(
+        plant, setup.controller, setup.reference, robot=Plant(plant, TwoLink(3.0)),
+        model=TwoLink(9.81)) for plant in plants]
     assert [run.compiled for run in runs] == [False, True]
     np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
 
@@ -250,10 +252,10 @@ def test_mujoco_is_no_machine_code() -> None:
     setup = parameter_file.load(file('panda'), {
         'plant': {'duration': 0.01, 'plant_backend': 'mujoco'}})
     compile_runs(setup)
-    assert not simulated(setup).run.compiled
+    assert not simulate(setup).run.compiled
 
 
 def test_a_run_must_end() -> None:
     setup = parameter_file.load(file('friction'), {'plant': {'duration': 0.0}})
     with pytest.raises(CtcError, match='a simulation must end'):
-        simulated(setup)
+        simulate(setup)

@@ -18,6 +18,7 @@ from pathlib import Path
 import random
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.plant import Plant
@@ -31,7 +32,7 @@ UNLIMITED = {'plant': {'torque_saturation': [float('inf')] * 2},
 MS = 1_000_000
 
 
-def stopped_at_random(setup: parameter_file.Setup, timeout: float, seed: int
+def stopped_at_random(setup: Setup, timeout: float, seed: int
                       ) -> tuple[float, float, float]:
     """
     Run for 2 s, then for 10 s in which the loop stands still for up to 0.1 s at a time, then 3 s.

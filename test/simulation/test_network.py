@@ -18,10 +18,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import Controller, ControllerConfig
-from ctc_chattering.simulation.closed_loop import Event, Run, simulate
+from ctc_chattering.simulation import closed_loop
+from ctc_chattering.simulation.closed_loop import Event, Run
 from ctc_chattering.simulation.plant import Plant
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
@@ -33,7 +34,8 @@ LAW = ControllerConfig(ka=(12.0, 12.0), switching='implicit_observer')
 
 
 def run_of(duration: float = 1.0, events: tuple[Event, ...] = (), **plant: Any) -> Run:
-    return simulate(PlantConfig(duration=duration, **plant), LAW, ReferenceConfig(), events)
+    return closed_loop.simulate(
+        PlantConfig(duration=duration, **plant), LAW, ReferenceConfig(), events)
 
 
 def same(one: Run, other: Run) -> bool:
@@ -82,7 +84,7 @@ def test_a_lost_sample_holds_the_torque_and_the_law() -> None:
 
 
 def test_the_terms_of_a_run_are_those_of_the_law_that_did_not_step() -> None:
-    result = simulated(parameter_file.load(None, {
+    result = simulate(parameter_file.load(None, {
         'plant': {'duration': 0.5, 'sample_loss': 0.3}, 'controller': {'ka': [12.0, 12.0]}}))
     assert len(result.run.t) < 450
     assert np.array_equal(result.terms.tau, result.run.tau)

@@ -21,7 +21,7 @@ import sys
 from types import SimpleNamespace
 from typing import Any
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.simulation.friction import own_friction
@@ -72,7 +72,7 @@ def test_the_example_compiled() -> None:
             'plant': {'duration': 0.3, 'friction_model': 'own_friction:hyperbolic',
                       'compiled': compiled}})
         compile_runs(setup)
-        runs.append(simulated(setup).run)
+        runs.append(simulate(setup).run)
     assert [run.compiled for run in runs] == [False, True]
     np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=1e-9, atol=1e-9)
 
@@ -84,7 +84,7 @@ def test_a_model_of_an_example() -> None:
         'controller': {'ka': [2.0], 'switching': 'implicit_observer'},
         'reference': {'center': [0.0], 'start_duration': 1.0}})
     compile_runs(setup)
-    run = simulated(setup).run
+    run = simulate(setup).run
     assert not run.compiled
     assert np.abs(run.q_d - run.q)[2000:].max() < 1e-4
 

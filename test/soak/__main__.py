@@ -22,8 +22,7 @@ from pathlib import Path
 import random
 import sys
 
-from ctc_chattering.analysis.output import prepare, write_text
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite, prepare, write_text
 from ctc_chattering.cli.command_line import guarded
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.ros import signals

@@ -22,7 +22,7 @@ import json
 import random
 from typing import Any
 
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite
 from ctc_chattering.configuration.node_parameters import NODES, parameters_of
 from ctc_chattering.errors import CtcError
 from faults import Report

@@ -25,8 +25,8 @@ from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.studies.comparison import merged
 from ctc_chattering.studies.conditions import condition
 from ctc_chattering.studies.recommended import recommended

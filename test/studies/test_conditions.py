@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
 from ctc_chattering.simulation.plant_config import PlantConfig

@@ -19,7 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.studies.conditions import torque_rates
 from ctc_chattering.studies.held_out_conditions import held_out, LOST
 import numpy as np

@@ -107,7 +107,7 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     """Check that files, figures and page have every law; the study itself is left alone."""
     monkeypatch.setattr(cases, 'CASES', (LAG,))
     (tmp_path / 'study.md').touch()
-    assert main(['study', '--laws', '--out', str(tmp_path)]) == 0
+    assert main(['study', '--laws', '--jobs', '1', '--out', str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert f'{len(LAWS)} runs, 0 diverged' in said
     assert f'Runs: plain {len(LAWS)}.' in said

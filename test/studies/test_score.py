@@ -20,9 +20,9 @@ from math import inf
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.result import Result, simulated
+from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.studies.score import over_simulation, Score, score, slips_at_rest, worst
@@ -103,7 +103,7 @@ def test_slips_are_those_at_rest() -> None:
 
 def test_states_are_the_true_ones() -> None:
     coarse = setup(encoder_resolution=[0.01, 0.01])
-    seen = simulated(coarse).run
+    seen = simulate(coarse).run
     true = over_simulation(coarse).run
     assert (true.tau == seen.tau).all()
     assert seen.q[1:] == pytest.approx(0.01 * np.round(seen.q[1:] / 0.01), abs=1e-9)

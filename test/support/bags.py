@@ -19,14 +19,17 @@ from __future__ import annotations
 from array import array
 import bisect
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from pathlib import Path
 import struct
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.bags.qos import offered_qos
+from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.writer import BagWriter
 from ctc_chattering.parameters import Config
+from ctc_chattering.ros.topics import DIAGNOSTICS
 from ctc_chattering.simulation.closed_loop import Run
 import numpy as np
 import numpy.typing as npt
@@ -222,3 +225,13 @@ def same(a: Run, b: Run, but: Sequence[str] = ()) -> None:
             x, y = getattr(a, name), getattr(b, name)
             assert x.shape == y.shape
             assert np.ascontiguousarray(x).tobytes() == np.ascontiguousarray(y).tobytes()
+
+
+def reports_of(bag: Path, node: str) -> list[dict[str, str]]:
+    """Return what a node said in the diagnostics that a bag holds."""
+    with closing(open_bag(bag)) as reader:
+        connections = [x for x in reader.connections if x.topic == DIAGNOSTICS]
+        arrays: list[Any] = [reader.deserialize(data, connection.msgtype)
+                             for connection, _, data in reader.messages(connections)]
+    found = [status for array in arrays for status in array.status if status.name == f'/{node}']
+    return [{x.key: x.value for x in status.values} for status in found]

@@ -43,8 +43,8 @@ _FEW_FRAMES = """(() => {
     window.requestAnimationFrame = done => setTimeout(() => draw(done), 200);
     window.cancelAnimationFrame = clearTimeout;
 })()"""
-#: Columns of the scene, between the panels.
-SCENE = slice(430, 810)
+#: Columns of the scene, between plots and panel.
+SCENE = slice(515, 810)
 
 
 def chromium() -> str | None:
@@ -72,7 +72,7 @@ def browser_page(offline: bool = False, arguments: Sequence[str] = (), **options
             yield page
         finally:
             browser.close()
-        assert not errors
+        assert not errors, errors
 
 
 @contextmanager
@@ -106,11 +106,11 @@ def eventually(done: Callable[[], Any], what: str, page: Any) -> None:
 
 
 def scene(page: Any) -> tuple[Any, Any]:
-    """Return where the picture between the panels is blue, as arms are, and orange, as ghosts."""
+    """Return where the scene of a view is blue, as arms are, and orange, as ghosts."""
     for button in page.locator('.mantine-Notification-closeButton').all():
         button.dispatch_event('click')
     page.wait_for_function('() => !document.querySelector(".mantine-Notification-root")')
-    image = Image.open(io.BytesIO(page.screenshot())).convert('RGB')
+    image = Image.open(io.BytesIO(page.page.screenshot())).convert('RGB')
     picture = np.array(image, int)[:, SCENE]
     difference = picture[..., 2] - picture[..., 0]
     return difference > 25, difference < -25
@@ -134,6 +134,12 @@ def numbers(page: Any) -> list[list[str]]:
         '() => [...document.querySelectorAll(".ctc-numbers tr")].map('
         'row => [...row.querySelectorAll("td")].map(cell => cell.innerText))')
     return [row for row in rows if row]
+
+
+def view(page: Any, url: str) -> Any:
+    """Open a page of `ctc live`; return the frame of viser's view, which is used as pages are."""
+    page.goto(url)
+    return page.frame(url=lambda it: '/view/' in it)
 
 
 def inked(page: Any) -> list[int]:

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import argparse
 from math import inf
-from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
+    add_format,
     add_jobs,
     add_output,
     find_file,
@@ -32,10 +32,7 @@ from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user, near, UsageError
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.studies.conditions import ALL, CONDITIONS
-
-if TYPE_CHECKING:
-    from ctc_chattering.studies.tuning import Budget
+from ctc_chattering.studies.conditions import ALL, check_conditions, CONDITIONS
 
 DETAILS = ('Run every parameter file with every law and, under law chattering, every switching; '
            'print the RMS error of each joint. Write compare.md, compare.csv, figures, '
@@ -66,14 +63,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate their bags instead of simulating')
+    add_format(parser)
     add_output(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
-    from ctc_chattering.analysis.compilation import compile_setups
-    from ctc_chattering.cli.progress import progress_bar
-    from ctc_chattering.studies import comparison
+    from ctc_chattering.cli.progress import counting_bar
+    from ctc_chattering.studies.compare_laws import compare
     from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
     from ctc_chattering.studies.comparison_tables import to_markdown
     from ctc_chattering.studies.score import over_simulation, Runner
@@ -81,28 +78,28 @@ def run(options: argparse.Namespace) -> int:
     runner: Runner = over_simulation
     if options.ros:
         from ctc_chattering.studies.over_ros import over_ros as runner
-    todo = comparison.tasks([find_file(file) for file in options.files], _backends(options),
-                            options.condition or [None], _laws(options), _budget(options),
-                            _others(options), options.seed)
+    files, backends, laws = list(map(find_file, options.files)), _backends(options), _laws(options)
+    trials, others, conditions = _trials(options), _others(options), options.condition or []
+    check_conditions(conditions)
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)
-    runs = comparison.compare(todo, 1 if options.ros else number_of_jobs(options.jobs), runner)
-    if not options.ros:
-        compile_setups(comparison.setups(todo), say)
-    outcomes = list(progress_bar(runs, desc='compare', unit='law', total=len(todo)))
+    with counting_bar(desc='compare', unit='law') as progress:
+        outcomes = compare(
+            files, laws, conditions, backends, trials, options.variation, others, options.seed,
+            1 if options.ros else number_of_jobs(options.jobs), runner, say, progress)
     print(to_markdown(outcomes))
     if options.out is not None:
-        write_comparison(outcomes, options.out)
+        write_comparison(outcomes, options.out, options.format, options.said)
         print_page(options.out / PAGE)
     return 0
 
 
-def _backends(options: argparse.Namespace) -> list[str | None]:
-    """Return the backends, None for the file's; raise `UsageError`."""
+def _backends(options: argparse.Namespace) -> list[str]:
+    """Return the backends, none for the file's; raise `UsageError`."""
     for name in options.backend or ():
         with given_by_user(['plant_backend']):
             PlantConfig.parameters()['plant_backend'].check(name, 0)
-    return options.backend or [None]
+    return options.backend or []
 
 
 def _laws(options: argparse.Namespace) -> list[str]:
@@ -115,21 +112,20 @@ def _laws(options: argparse.Namespace) -> list[str]:
     return names
 
 
-def _budget(options: argparse.Namespace) -> Budget | None:
-    """Return trials, seed and variation, or None without trials; raise `UsageError`."""
+def _trials(options: argparse.Namespace) -> int:
+    """Return the number of trials, 0 without them; raise `UsageError`."""
     from ctc_chattering.studies.search import require_optuna
-    from ctc_chattering.studies.tuning import Budget
 
     if not 0.0 < options.variation < inf:
         raise UsageError(f'--variation: {options.variation}; allowed: a number > 0')
     if options.trials is None:
-        return None
+        return 0
     if options.trials < 1 or not 0 <= options.seed < 2 ** 32:
         raise UsageError('allowed: --trials from 1 on, --seed from 0 to 2**32 - 1')
     if options.ros:
         raise UsageError('--trials and --ros exclude each other: the simulation is tuned')
     require_optuna('--trials')
-    return Budget(options.trials, options.seed, options.variation)
+    return int(options.trials)
 
 
 def _others(options: argparse.Namespace) -> int:

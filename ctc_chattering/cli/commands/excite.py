@@ -26,20 +26,16 @@ from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import columns, print_columns
 from ctc_chattering.cli.options import add_output, add_params_file, check, find_file
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
 from ctc_chattering.errors import CtcError, given_by_user, ParameterError
-from ctc_chattering.identification.excitation.limits import ExcitationConfig
-from ctc_chattering.identification.excitation.link_shapes import allowed_pairs
 from ctc_chattering.identification.excitation.plan import (
     CHECK,
     MOTION,
     Plan,
-    plan,
     request_of,
     RUN,
     write,
 )
-from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.identification.excite import excite
 from ctc_chattering.parameters import Parameter
 import numpy as np
 
@@ -97,15 +93,16 @@ def run(options: argparse.Namespace) -> int:
     file = find_file(options.params_file)
     setup, sections = parameter_file.load(file), parameter_file.read(file)
     with given_by_user((*_SCALARS, *_LISTS, 'friction')):
-        config = _config(options, setup)
-        friction = _friction(options, len(config.joint_names))
+        request = _request(options, len(setup.controller.joint_names))
+        friction = _friction(options, len(setup.controller.joint_names))
+        request_of(setup, request)
     if options.floor is not None:
         check('--floor', options.floor, -inf)
-    allowed = allowed_pairs(_text(options.srdf)) if options.srdf is not None else ()
+    srdf = _text(options.srdf) if options.srdf is not None else ''
     if options.out is not None and not options.overwrite:
         prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
-    found = plan(setup, config, friction, options.evaluations, options.seed, allowed,
-                 options.floor)
+    found = excite(setup, request, friction, options.evaluations, options.seed, srdf,
+                   options.floor)
     if options.out is not None:
         write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
     _show(found)
@@ -115,24 +112,23 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _config(options: argparse.Namespace, setup: Setup) -> ExcitationConfig:
-    """Return what the options ask for; `ParameterError` for what is not allowed."""
-    n = len(setup.controller.joint_names)
+def _request(options: argparse.Namespace, n: int) -> dict[str, Any]:
+    """Return what the options ask for; `ParameterError` for what is no number."""
     values: dict[str, Any] = {name: getattr(options, name) for name in _SCALARS}
     for name in _LISTS:
         text = getattr(options, name)
         if text is not None:
             values[name] = _per_joint(name, text, n)
-    return request_of(setup, values)
+    return values
 
 
-def _friction(options: argparse.Namespace, n: int) -> Array | None:
-    """Return the friction that an option gives, shape (n,) [N·m]; None without it."""
+def _friction(options: argparse.Namespace, n: int) -> tuple[float, ...] | None:
+    """Return the friction that an option gives, length n [N·m]; None without it."""
     if options.friction is None:
         return None
     values = _per_joint('friction', options.friction, n)
     Parameter('friction', 'float[]', None, '', minimum=0.0, shape='n').check(values, n)
-    return np.array(values)
+    return values
 
 
 def _per_joint(name: str, text: str, n: int) -> tuple[float, ...]:

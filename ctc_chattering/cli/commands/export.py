@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import argparse
 
-from ctc_chattering.analysis.export import write_csv, write_npz
+from ctc_chattering.analysis.export import export
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.options import add_bag, add_output
 
@@ -39,8 +39,8 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.bags.reader import read_bag
 
     result = read_bag(options.bag)
-    name, write = ('trajectory.csv', write_csv) if options.csv else ('trajectory.npz', write_npz)
+    name = 'trajectory.csv' if options.csv else 'trajectory.npz'
     out = prepare(options.out, (name,), options.overwrite)
-    write(result, out / name)
-    print(f'{len(result.run.t)} samples: {out / name}')
+    export(result, out / name)
+    print(f'{len(result.t)} samples: {out / name}')
     return 0

@@ -17,56 +17,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 import dataclasses
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
-from ctc_chattering.analysis.output import prepare, write_text, writing
-from ctc_chattering.analysis.result import write_json
+from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
-from ctc_chattering.cli.options import add_output, numbers
+from ctc_chattering.cli.options import add_format, add_output, numbers
 from ctc_chattering.cli.presentation import print_page
-from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.robot_description import read_description
-from ctc_chattering.dynamics.model import Model
-from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, UsageError
-from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
-from ctc_chattering.identification.regression.model_errors import candidates, ModelError
-import numpy as np
 
 if TYPE_CHECKING:
-    from ctc_chattering.bags.motion import RecordedMotion
-    from ctc_chattering.identification.regression.identify import Identification
-    from ctc_chattering.identification.report.recommendation import Recommendation
-    from ctc_chattering.identification.report.results import IdentificationResults
+    from ctc_chattering.analysis.recording import RecordedMotion
+    from ctc_chattering.identification.identified_robot import IdentifiedRobot
 
 DETAILS = ('The bags may come from any recorder; intervals are those of 95 %. Write '
            'identified.yaml, identify.json, figures and index.html.')
-#: Names in the output directory.
-_PAGE, _JSON, _VALUES, _ROBOT, _CORRECTED, _FIGURES = (
-    'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
-#: Acceleration of gravity where nothing says otherwise [m/s²].
-_GRAVITY = 9.81
-
-
-@dataclasses.dataclass(frozen=True)
-class _IdentifiedRobot:
-    """
-    The model, its errors that are looked for, and values of all nodes.
-
-    `files` are descriptions by name; the last one is that of the model.
-    """
-
-    model: Model
-    candidates: list[ModelError]
-    files: dict[str, str]
-    locked: dict[str, float]
-    shared: dict[str, Any]
-    gains: tuple[Any, Any] | None
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -100,159 +69,46 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                              'the gains are tried; default: 24, or 8 without numba; 0 for none')
     parser.add_argument('--seed', type=int, default=1, metavar='S',
                         help='seed of the trials, default: 1')
+    add_format(parser)
     add_output(parser, 'identified')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc identify`."""
-    from ctc_chattering.bags.motion import read_motion
-    from ctc_chattering.identification.regression.identify import identify
-    from ctc_chattering.identification.report.perturbation import perturbation
-    from ctc_chattering.identification.report.recommendation import recommend
-    from ctc_chattering.identification.report.results import IdentificationResults
-    from ctc_chattering.identification.report.validation import validate
+    from ctc_chattering.identification.identified_robot import (
+        identify,
+        NAMES,
+        write_identified,
+    )
 
     for name in ('trials', 'seed'):
         if (getattr(options, name) or 0) < 0:
             raise UsageError(f'--{name}: {getattr(options, name)} is not allowed; allowed: 0 or '
                              'more')
     side = declared(options)
-    description = read_description(options.urdf) if options.urdf else ''
+    urdf = read_description(options.urdf) if options.urdf else ''
+    *motions, last = _motions(options, urdf)
+    motions += [] if options.validate else [last]
+    rate = _rates(options.torque_rate, len(motions[0].recording.joints))
+    out = prepare(options.out, NAMES, options.overwrite)
+    found = identify(motions, last if options.validate else None, options.model or '', urdf,
+                     options.gravity, options.torque or '', side, rate)
+    return _shown(write_identified(found, out, options.trials, options.seed, say, options.format,
+                                   options.said), out)
+
+
+def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:
+    """Return the motion of each bag, the one to validate last, with torques at the joint."""
+    from ctc_chattering.bags.motion import read_motion
+
     joints = tuple(filter(None, (options.joints or '').split(',')))
-    motions = [read_motion(bag, joints, description, options.states, options.commands)
+    motions = [read_motion(bag, joints, urdf, options.states, options.commands)
                for bag in (*options.bags, *filter(None, [options.validate]))]
-    notes = [note for motion in motions for note in motion.notes]
-    for note in notes:
-        say(note)
-    *recordings, last = in_torques([motion.recording for motion in motions], options)
-    recordings += [] if options.validate else [last]
-    robot = _robot(options, motions[0], description)
-    rate = _rates(options.torque_rate, len(recordings[0].joints))
-    names = (_PAGE, _JSON, _VALUES, _ROBOT, _CORRECTED, _FIGURES)
-    out = prepare(options.out, names, options.overwrite)
-    found = identify(recordings, robot.model, robot.candidates, options.torque or '', side)
-    found, robot = _corrected(found, robot, lambda x: identify(
-        recordings, x.model, x.candidates, options.torque or '', side))
-    found = dataclasses.replace(found, findings=(*found.findings, *(
-        Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
-    perturbed = perturbation(found)
-    q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
-    recommended = recommend(found, perturbed, robot.model, q, rate)
-    validation = validate(found, last, robot.model) if options.validate else None
-    results = IdentificationResults(', '.join(bag.resolve().name for bag in options.bags), found,
-                                    perturbed, recommended, validation, rate)
-    return _written(results, robot, q, out, options)
-
-
-def _written(results: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
-             options: argparse.Namespace) -> int:
-    """Try the gains, write all files, and print what was found."""
-    for name, text in robot.files.items():
-        write_text(out / name, text)
-    if not _missing(results):
-        results = _tried(results, robot, q, out, options)
-    missing = _missing(results)
-    _write(results, robot, q, out, bool(missing))
-    print(results.text())
-    print()
-    if missing:
-        print(f'{_VALUES} is not written, since it would have no gains of all joints:')
-        for line in missing:
-            print('\n'.join(paragraph(line)))
-        print_page(out / _PAGE)
-    else:
-        print_page(out / _PAGE, f'ctc simulate --params-file {out / _VALUES}')
-    if not any(x.usable for x in results.verdicts):
-        raise CtcError(f'no joint is usable: why, and what to record, is in {out / _PAGE}')
-    return 0
-
-
-def _missing(report: IdentificationResults) -> list[str]:
-    """Return for each joint that is not usable which gains are missing, and what to record."""
-    from ctc_chattering.identification.report.parameter_values import missing_gains
-
-    return missing_gains(report.verdicts)
-
-
-def _tried(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
-           options: argparse.Namespace) -> IdentificationResults:
-    """Return the results with gains that survive trial runs, which are compiled if they can be."""
-    from ctc_chattering.analysis.compilation import compile_setups, has_compiler
-    from ctc_chattering.identification.report.trial_runs import (
-        COUNT,
-        COUNT_PLAIN,
-        setups_tried,
-        trial_runs,
-    )
-
-    count = options.trials
-    if count is None:
-        count = COUNT if has_compiler() else COUNT_PLAIN
-    if not count:
-        return report
-
-    def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
-        return _values(report.found, recommended, robot, q, out)
-    compile_setups(setups_tried(report.recommended, values), say)
-    tried = trial_runs(report.found, report.run, report.recommended, values, robot.gains,
-                       count, options.seed)
-    return dataclasses.replace(report, recommended=tried)
-
-
-def _values(found: Identification, recommended: Recommendation, robot: _IdentifiedRobot, q: Any,
-            out: Path) -> dict[str, dict[str, Any]]:
-    """Return the values of the parameter file."""
-    from ctc_chattering.identification.report.parameter_values import parameter_values
-
-    shared = dict(robot.shared)
-    if robot.files:
-        shared['description'] = str((out / list(robot.files)[-1]).resolve())
-    return parameter_values(found, recommended, robot.model, q, shared, robot.gains)
-
-
-def _robot(options: argparse.Namespace, motion: RecordedMotion, description: str
-           ) -> _IdentifiedRobot:
-    """Return the model for a motion, from the options, the bag, or both."""
-    controller = motion.controller
-    description = description or motion.description
-    name = options.model or ('urdf' if options.urdf else controller.model if controller else
-                             'urdf' if description else '')
-    if not name:
-        raise UsageError('the bag has no robot description: give --urdf FILE, or --model')
-    gravity = options.gravity
-    if gravity is None:
-        gravity = controller.gravity if controller else _GRAVITY
-    locked = controller.locked if controller else ('',)
-    joints = motion.recording.joints
-    positions = locked_positions(locked)
-    model = make_model(name, gravity, joints, description, positions)
-    shared: dict[str, Any] = {'model': name, 'gravity': gravity}
-    if any(locked):
-        shared['locked'] = list(locked)
-    used = description if name == 'urdf' else ''
-    return _IdentifiedRobot(model, candidates(model, used, positions),
-                            {_ROBOT: used} if used else {}, positions, shared,
-                            (controller.kp, controller.kv) if controller else None)
-
-
-def _corrected(found: Identification, robot: _IdentifiedRobot,
-               again: Callable[[_IdentifiedRobot], Identification]
-               ) -> tuple[Identification, _IdentifiedRobot]:
-    """Return both with a corrected URDF, if the model is clearly wrong and this is better."""
-    from ctc_chattering.identification.report.corrected_model import (
-        corrected_description,
-        with_correction,
-    )
-
-    text = corrected_description(found, robot.files.get(_ROBOT, ''), robot.locked)
-    if not text:
-        return found, robot
-    model = make_model('urdf', robot.shared['gravity'], found.joints, text, robot.locked)
-    other = dataclasses.replace(
-        robot, model=model, candidates=candidates(model, text, robot.locked),
-        files={**robot.files, _CORRECTED: text})
-    better = with_correction(found, again(other), _CORRECTED)
-    return (found, robot) if better is None else (better, other)
+    for motion in motions:
+        for note in motion.notes:
+            say(note)
+    return [dataclasses.replace(motion, recording=recording) for motion, recording in zip(
+        motions, in_torques([motion.recording for motion in motions], options))]
 
 
 def _rates(text: str | None, n: int) -> tuple[float, ...]:
@@ -262,26 +118,19 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
     return numbers('--torque-rate', text, n, 'above 0', lambda x: x > 0.0)
 
 
-def _write(report: IdentificationResults, robot: _IdentifiedRobot, q: Any, out: Path,
-           refused: bool) -> None:
-    """Write all files; the parameter file not if a joint is refused."""
-    from ctc_chattering.identification.report.identification_figures import (
-        save_identification_figures,
-    )
-    from ctc_chattering.identification.report.results import write_page
+def _shown(found: IdentifiedRobot, out: Path) -> int:
+    """Print what was found, and where it is."""
+    from ctc_chattering.identification.identified_robot import PAGE, VALUES
 
-    files = {_JSON: 'all numbers'}
-    if _CORRECTED in robot.files:
-        files[_CORRECTED] = 'corrected URDF'
-    if not refused:
-        files = {_VALUES: 'parameter file', **files}
-        values = _values(report.found, report.recommended, robot, q, out)
-        with writing(out / _VALUES):
-            parameter_file.dump(values, out / _VALUES)
-        try:
-            parameter_file.load(out / _VALUES)
-        except CtcError as error:
-            raise CtcError(f'{out / _VALUES} needs a correction by hand: {error}') from None
-    write_json(report.as_mapping(), out / _JSON)
-    figures = save_identification_figures(report, out / _FIGURES)
-    write_page(report, figures, out / _PAGE, files)
+    print(found.results.text())
+    print()
+    if found.missing:
+        print(f'{VALUES} is not written, since it would have no gains of all joints:')
+        for line in found.missing:
+            print('\n'.join(paragraph(line)))
+        print_page(out / PAGE)
+    else:
+        print_page(out / PAGE, f'ctc simulate --params-file {out / VALUES}')
+    if not any(x.usable for x in found.results.verdicts):
+        raise CtcError(f'no joint is usable: why, and what to record, is in {out / PAGE}')
+    return 0

@@ -47,6 +47,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='port, default: the first free one from 8080 on')
     parser.add_argument('--open', action=argparse.BooleanOptionalAction, default=None,
                         help='open the page in a browser here, default: if in a terminal')
+    parser.add_argument('--bags-in', type=Path, default=Path(), metavar='DIR',
+                        help='where the page records bags of the graph, default: here')
     parser.add_argument('--read-only', action='store_true',
                         help='no controls; nothing is sent to the graph')
     parser.add_argument('--dark', action='store_true', help='dark mode')
@@ -64,6 +66,8 @@ def run(options: argparse.Namespace) -> int:
     require_viser()
     if options.bags and (options.read_only or options.ros_args):
         raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
+    if not options.bags_in.is_dir():
+        raise UsageError(f'--bags-in {options.bags_in}: no such directory')
     if warning := warning_of(options.host):
         say(f'ctc live: {warning}')
 
@@ -98,7 +102,7 @@ def _serve(options: argparse.Namespace, make_page: Callable[..., Page]) -> None:
         return
     from ctc_chattering.live.graph_page import run_graph_page
     run_graph_page(lambda: make_page('controls', 'reports'), stop, options.ros_args,
-                   not options.read_only)
+                   not options.read_only, options.bags_in)
 
 
 def _runs(bags: Sequence[Path]) -> list[Any]:

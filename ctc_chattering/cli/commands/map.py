@@ -17,16 +17,15 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from importlib.util import find_spec
 
-from ctc_chattering.cli.options import add_jobs, add_output, number_of_jobs
-from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.cli.options import add_format, add_jobs, add_output, number_of_jobs
+from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.errors import UsageError
 
 DETAILS = ('Write map.parquet, one row per run, map.json, figures and index.html. An interrupted '
            'map is continued.')
-#: Folder of the package's own specs, below `config`.
-_FOLDER = 'maps'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -39,22 +38,28 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--explain', metavar='POINT',
                         help='write and plot one run, given by its number or by name=value,... of '
                              'axes, law and repeat')
+    add_format(parser)
     add_output(parser, 'map')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc map`."""
     from ctc_chattering.cli.map_explanation import explain
-    from ctc_chattering.cli.map_runs import compute_map
+    from ctc_chattering.cli.progress import counting_bar
+    from ctc_chattering.robustness.computation import compute_map, map_spec
     from ctc_chattering.robustness.runs import Runs
-    from ctc_chattering.robustness.spec import read_spec
+    from ctc_chattering.robustness.shards import PAGE
 
     if options.jobs is not None and options.scheduler is not None:
         raise UsageError('--jobs and --scheduler exclude each other: a cluster has its workers')
     if find_spec('pandas') is None:  # It is needed at the end, and takes time to import.
         raise ModuleNotFoundError(name='pandas')
     jobs = number_of_jobs(options.jobs)
-    runs = Runs(read_spec(find_config(options.spec, folder=_FOLDER)))
+    spec = map_spec(options.spec)
     if options.explain is not None:
-        return explain(runs, options)
-    return compute_map(runs, jobs, options)
+        return explain(Runs(spec), options)
+    with counting_bar(desc='map', unit='run') as progress:
+        compute_map(spec, options.out, jobs, options.scheduler, options.overwrite,
+                    partial(print, flush=True), progress, options.format, options.said)
+    print_page(options.out / PAGE)
+    return 0

@@ -21,8 +21,8 @@ from pathlib import Path
 import sys
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_output
-from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
+from ctc_chattering.cli.options import add_format, add_output
+from ctc_chattering.cli.presentation import present, PRESENTED
 from ctc_chattering.errors import CtcError
 
 DETAILS = 'Write them with metrics.json and index.html. Several bags are compared.'
@@ -32,8 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc plot`."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG',
                         help='bag, or directory of bags')
-    parser.add_argument('--format', choices=('svg', 'pdf', 'png'), default='svg',
-                        help='also write the figures in this format; the page has SVG')
+    add_format(parser)
     add_output(parser, 'plots')
 
 
@@ -55,5 +54,5 @@ def run(options: argparse.Namespace) -> int:
     if not results:
         raise CtcError('no bag of this package in '
                        + ', '.join(str(path) for path in options.bags))
-    out = prepare(options.out, (FIGURES, METRICS, PAGE), options.overwrite)
-    return present(results, bags, out, options.format)
+    out = prepare(options.out, PRESENTED, options.overwrite)
+    return present(results, bags, out, options.format, options.said)

@@ -19,8 +19,8 @@ from __future__ import annotations
 import argparse
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_output
-from ctc_chattering.cli.presentation import FIGURES, METRICS, PAGE, present
+from ctc_chattering.cli.options import add_format, add_output
+from ctc_chattering.cli.presentation import present, PRESENTED
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.paper import EXPERIMENTS
 
@@ -31,6 +31,7 @@ _BAGS = 'bags'
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc reproduce`."""
+    add_format(parser)
     add_output(parser, 'results')
 
 
@@ -41,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     from ctc_chattering.launch.graph import run_graph
     from ctc_chattering.ros.domain import own_domain
 
-    out = prepare(options.out, (_BAGS, FIGURES, METRICS, PAGE), options.overwrite)
+    out = prepare(options.out, (_BAGS, *PRESENTED), options.overwrite)
     bags = []
     width = max(len(experiment.name) for experiment in EXPERIMENTS)
     with own_domain():
@@ -52,4 +53,4 @@ def run(options: argparse.Namespace) -> int:
                 run_graph(experiment.path, experiment.overrides, bags[-1], progress=progress,
                           show=lambda _: None)
                 progress(duration)
-    return present([read_bag(bag) for bag in bags], bags, out)
+    return present([read_bag(bag) for bag in bags], bags, out, options.format, options.said)

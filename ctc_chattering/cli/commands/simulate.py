@@ -21,7 +21,7 @@ import sys
 
 from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.result import simulated, write_metrics
+from ctc_chattering.analysis.result import simulate, write_metrics
 from ctc_chattering.cli.options import add_output, add_run_options, load_setup
 from ctc_chattering.cli.presentation import METRICS, print_results
 from ctc_chattering.configuration import parameter_file
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     if way(setup) == PLAIN and can_be_compiled(setup):
         say(HOW_TO_COMPILE)
     with Progress(setup.plant.experiment, setup.plant.duration) as progress:
-        result = simulated(setup, progress)
+        result = simulate(setup, progress)
         progress(setup.plant.duration)
     if options.out is not None:
         write_metrics([result], options.out / METRICS)

@@ -21,10 +21,10 @@ import dataclasses
 import json
 
 from ctc_chattering.analysis.number_format import number_text
-from ctc_chattering.analysis.output import prepare, write_text
-from ctc_chattering.analysis.result import finite
-from ctc_chattering.analysis.tables import print_columns
-from ctc_chattering.cli.options import add_output, add_params_file, load_setup
+from ctc_chattering.analysis.output import finite, prepare, write_text
+from ctc_chattering.analysis.tables import print_columns, Table
+from ctc_chattering.cli.options import add_format, add_output, add_params_file, load_setup
+from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user
 
@@ -32,7 +32,10 @@ DETAILS = ('For the sampled loop with constant M, without limits: by its poles f
            'errors, by the small-gain theorem for varying ones. Exit status 1 if the loop is '
            'unstable for the exact model. docs/theory.md states the theorem and what it does '
            'not cover.')
-_JSON, _FIGURES = 'stability.json', 'figures'
+_JSON, _FIGURES, _PAGE = 'stability.json', 'figures', 'index.html'
+
+_LEAD = ('Which errors of the model, lags and delays the sampled loop tolerates, with constant M '
+         'and without limits of the torque.')
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help="true lag of all drives [s], instead of the plant's actuator_lag")
     parser.add_argument('--delay', type=int, metavar='N',
                         help="true delay in samples, instead of the plant's input_delay")
+    add_format(parser)
     add_output(parser)
 
 
@@ -64,17 +68,26 @@ def run(options: argparse.Namespace) -> int:
     loops = loops_of(dataclasses.replace(setup, plant=plant))
     robot = loops.robots[0]
     if options.out is not None:
-        prepare(options.out, (_JSON, _FIGURES), options.overwrite)
-    print(f'{config.law}: kp {number_text(config.kp)}, kv {number_text(config.kv)}, sampled every '
-          f'{1e3 * robot.period:g} ms')
-    for who, lag, delay in (('law', config.assumed_lag if config.takes('actuator_lag')
-                             else (0.0,), config.input_delay),
-                            ('robot', tuple(robot.lag.tolist()), robot.delay)):
-        print(f'{who}: lag {number_text(tuple(1e3 * x for x in lag))} ms, delay {delay}')
+        prepare(options.out, (_JSON, _FIGURES, _PAGE), options.overwrite)
+    about = [(config.law, f'kp {number_text(config.kp)}, kv {number_text(config.kv)}, sampled '
+                          f'every {1e3 * robot.period:g} ms')]
+    lag = config.assumed_lag if config.takes('actuator_lag') else (0.0,)
+    about += [(who, f'lag {number_text(tuple(1e3 * x for x in lags))} ms, delay {delay}')
+              for who, lags, delay in (('law', lag, config.input_delay),
+                                       ('robot', tuple(robot.lag.tolist()), robot.delay))]
+    print('\n'.join(f'{name}: {text}' for name, text in about))
     found = margins(loops)
-    print_columns(list(rows(found, robot.period)))
+    numbers = list(rows(found, robot.period))
+    print_columns(numbers)
     if options.out is not None:
         from ctc_chattering.analysis import drawing
+        from ctc_chattering.analysis.page import Section, write_page
         write_text(options.out / _JSON, json.dumps(finite(as_json(found)), indent=2) + '\n')
-        drawing.save(region(loops, found), options.out / _FIGURES, ('svg',))
+        figures = drawing.save(region(loops, found), options.out / _FIGURES,
+                               ('svg', options.format))
+        write_page(options.out / _PAGE, f'Stability of {config.law}', _LEAD, [
+            Section('Stable region', figures), Section('Margins', [Table('', (), numbers)]),
+            Section('What was computed', [Table('', (), about)])],
+            [(_JSON, _JSON)], options.said)
+        print_page(options.out / _PAGE)
     return 0 if found.radius < 1.0 else 1

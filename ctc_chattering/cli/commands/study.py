@@ -22,6 +22,7 @@ import time
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import (
+    add_format,
     add_jobs,
     add_output,
     number_of_jobs,
@@ -38,6 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--laws', action='store_true',
                         help='compare the laws, with recommended settings, not the switchings')
     add_jobs(parser)
+    add_format(parser, 'png')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -56,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
         run_cases(CASES, kind.variants, jobs), desc=kind.name, unit='run',
         total=len(CASES) * len(kind.variants)))
     print('drawing ...', flush=True)
-    page = study_files.write_study(kind, outcomes, out)
+    page = study_files.write_study(kind, outcomes, out, options.format, options.said)
     failed = sum(bool(outcome.score.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
           f'{engines(outcomes)}.')

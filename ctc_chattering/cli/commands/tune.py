@@ -17,14 +17,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_jobs, add_output, check, number_of_jobs
+from ctc_chattering.cli.options import add_format, add_jobs, add_output, check, number_of_jobs
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
@@ -73,15 +71,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, metavar='S',
                         help="seed of search and draws, default: the spec's, or 0")
     add_jobs(parser, '; the result does not depend on it')
+    add_format(parser)
     add_output(parser, 'tuned')
 
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
-    from ctc_chattering.analysis.compilation import compile_setups
+    from ctc_chattering.cli.progress import counting_bar
     from ctc_chattering.robustness.tuning import report
     from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
-    from ctc_chattering.robustness.tuning.runs import Evaluation, setups, tune
+    from ctc_chattering.robustness.tuning.tune import tune
     from ctc_chattering.studies.search import require_optuna
 
     require_optuna('ctc tune')
@@ -94,11 +93,10 @@ def run(options: argparse.Namespace) -> int:
                        if getattr(options, name) is not None):
         spec = _spec(options)
     out = prepare(options.out, NAMES, options.overwrite)
-    compile_setups(setups(spec), partial(print, flush=True))
-    with _map(jobs, options.trials * spec.repeats.repeats) as each:
-        tuning = tune(Evaluation(spec, options.percentile, each), options.trials,
-                      spec.repeats.seed)
-    write_tuning(tuning, out)
+    with counting_bar(desc='tune', unit='run') as progress:
+        tuning = tune(spec, options.trials, options.percentile, jobs=jobs,
+                      show=partial(print, flush=True), progress=progress)
+    write_tuning(tuning, out, options.format, options.said)
     print(report.text(tuning))
     if tuning.knee is None:
         raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '
@@ -112,16 +110,14 @@ def _spec(options: argparse.Namespace) -> TuneSpec:
     """Return what is tuned, from a spec, a parameter file, or what was identified."""
     from ctc_chattering.configuration.yaml_file import read_yaml
     from ctc_chattering.robustness.spec import errors_of
-    from ctc_chattering.robustness.tuning.identified import identified_spec
     from ctc_chattering.robustness.tuning.spec import parse_tune
+    from ctc_chattering.robustness.tuning.tune import tune_spec
 
-    if options.identified:
-        return identified_spec(options.identified, _given({}, options))
-    if options.params_file:
-        tree = {'params_file': options.params_file}
-        return parse_tune(_given(tree, options), Path(Path(options.params_file).name))
-    with errors_of(options.spec):
-        return parse_tune(_given(read_yaml(options.spec), options), options.spec)
+    if options.spec:
+        with errors_of(options.spec):
+            return parse_tune(_given(read_yaml(options.spec), options), options.spec)
+    tree = {'params_file': options.params_file} if options.params_file else {}
+    return tune_spec(_given(tree, options), options.identified)
 
 
 def _given(tree: Any, options: argparse.Namespace) -> Any:
@@ -145,19 +141,3 @@ def _numbers(key: str, text: str) -> object:
     except ValueError:
         raise ParameterError(f'tune.{key}', text, 'a number, or numbers A,B,C') from None
     return values if len(values) > 1 else values[0]
-
-
-@contextmanager
-def _map(jobs: int, runs: int) -> Iterator[Callable[..., Iterator[Any]]]:
-    """Yield a map over processes that shows how many of the runs are done."""
-    from ctc_chattering.cli.progress import progress_bar
-    from ctc_chattering.studies.pool import processes
-
-    with processes(jobs) as each, progress_bar(total=runs, desc='tune', unit='run') as bar:
-        def counted(function: Callable[[Any], list[Any]], tasks: list[list[Any]]
-                    ) -> Iterator[list[Any]]:
-            bar.total = max(bar.total, bar.n + sum(map(len, tasks)))
-            for found in each(function, tasks):
-                bar.update(len(found))
-                yield found
-        yield counted

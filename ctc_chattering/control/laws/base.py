@@ -38,26 +38,46 @@ T = TypeVar('T')
 
 @record
 class Terms(NamedTuple):
-    """What a torque is made of: nominal - compensation - robust, each of shape (n,) [N·m]."""
+    """
+    What a torque is made of: nominal - compensation - robust, each of shape (n,) [N·m].
 
-    #: What the model and the feedback ask for.
+    Attributes
+    ----------
+    nominal : ndarray
+        What the model and the feedback ask for.
+    compensation : ndarray
+        C v of the paper's laws.
+    robust : ndarray
+        What acts against the perturbation: chattering, integral, estimate.
+    clipping_error : ndarray
+        What ±Ka has taken from the chattering term.
+
+    """
+
     nominal: Array
-    #: C v of the paper's laws.
     compensation: Array
-    #: What acts against the perturbation: chattering, integral, estimate.
     robust: Array
-    #: What ±Ka has taken from the chattering term.
     clipping_error: Array
 
 
 @record
 class Applied(NamedTuple):
-    """A torque when it is applied, and what is remembered of it, each of shape (n,) [N·m]."""
+    """
+    A torque when it is applied, and what is remembered of it, each of shape (n,) [N·m].
 
-    #: Within the limits, and what these have taken from it.
+    Attributes
+    ----------
+    tau, saturation_error : ndarray
+        Within the limits, and what these have taken from it.
+    excess : ndarray
+        Torque of the law alone less ``tau``, which the filter does not see.
+    clipping_error : ndarray
+        As in `Terms`.
+
+    """
+
     tau: Array
     saturation_error: Array
-    #: Torque of the law alone less `tau`, which the filter does not see.
     excess: Array
     clipping_error: Array
 
@@ -217,7 +237,36 @@ def _out_of_control(self: Any, memory: Any) -> float:
 
 def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
         ) -> Callable[[type[T]], type[T]]:
-    """Mark a law, with what `Law` says of these; return it with the methods that it lacks."""
+    """
+    Mark a law of your own, a NamedTuple of its gains; a decorator with arguments.
+
+    It returns the class with the methods of `Law` that it lacks. The parameter ``law`` takes the
+    class itself, or its name ``package.module:Name``, which nodes need.
+
+    Parameters
+    ----------
+    symbol : str
+        The robust term in symbols, for figures; empty for a law without one.
+    of_the_paper, acts_on_v : bool
+        Whether it is law (2) or (6), and whether the filtered error v acts in it.
+
+    Examples
+    --------
+    >>> from typing import NamedTuple
+    >>> from ctc_chattering import Controller, ControllerConfig, law, record, State, Terms
+    >>> @law()
+    ... class Pd(NamedTuple):
+    ...     unused: float = 0.0
+    ...     @classmethod
+    ...     def made(cls, config, period):
+    ...         return cls()
+    ...     def terms(self, memory, at):
+    ...         return Terms(at.u + at.G, at.zero, at.zero, at.zero), memory
+    >>> config = ControllerConfig().changed({'law': Pd})
+    >>> config.law.endswith(':Pd')
+    True
+
+    """
     def marked(kind: type[T]) -> type[T]:
         attributes = {'symbol': symbol, 'of_the_paper': of_the_paper, 'acts_on_v': acts_on_v,
                       'initial': _initial, 'reconfigured': _reconfigured,

@@ -22,11 +22,44 @@ from __future__ import annotations
 
 from typing import cast
 
+from ctc_chattering.arguments import checked
+from ctc_chattering.control.controller_config import ControllerConfig, LAWS
 from ctc_chattering.control.laws.base import Law
 from ctc_chattering.control.own_class import named_class
+from ctc_chattering.parameters import Parameter
 
 
 def law_class(name: str) -> type[Law]:
     """Return the class of a law: one of `LAWS`, or ``package.module:Name``."""
     own = name if ':' in name else f'ctc_chattering.control.laws.{name}:LAW'
     return cast('type[Law]', named_class('law', own))
+
+
+@checked()
+def laws() -> dict[str, tuple[Parameter, ...]]:
+    """
+    Return the laws by name, with the parameters of `ControllerConfig` that are theirs.
+
+    Returns
+    -------
+    dict of str to tuple of Parameter
+        Each with ``name``, ``default``, ``unit``, ``description`` and ``allowed``. A law of your
+        own (`law`) takes them all.
+
+    Examples
+    --------
+    >>> from ctc_chattering import laws
+    >>> for x in laws()['super_twisting']:
+    ...     print(f'{x.name} {x.default} {x.unit}'.strip())
+    kp 100.0 1/s^2
+    kv 50.0 1/s
+    lambda 10.0 1/s
+    b 1.0
+    super_twisting_k1 60.0 sqrt(rad/s^3)
+    super_twisting_k2 2000.0 rad/s^3
+    anti_windup True
+
+    """
+    known = ControllerConfig.parameters().values()
+    return {name: tuple(x for x in known if x.name in ('kp', 'kv') or name in x.laws)
+            for name in LAWS}

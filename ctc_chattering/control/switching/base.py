@@ -69,5 +69,17 @@ class Switching(Protocol):
 
 
 def switching(kind: type[T]) -> type[T]:
-    """Mark a switching; return it with the methods that it lacks."""
+    """
+    Mark a switching of your own for law (6), a NamedTuple of its gains.
+
+    It returns the class with the methods of `Switching` that it lacks; all that it must have are
+    ``made`` and ``term``. The parameter ``switching`` takes the class itself, or its name
+    ``package.module:Name``.
+
+    Parameters
+    ----------
+    kind : type
+        The class.
+
+    """
     return with_defaults(kind, {})

@@ -22,7 +22,7 @@ from math import inf
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup, Values
+from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of

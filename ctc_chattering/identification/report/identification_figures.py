@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import stribeck_velocity, TermKind
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
@@ -37,9 +38,9 @@ _POINTS = 200
 _Named = tuple[str, Figure, str]
 
 
-def save_identification_figures(results: IdentificationResults, directory: Path
-                                ) -> list[FigureFile]:
-    """Write all figures as SVG into `directory`, and return them."""
+def save_identification_figures(results: IdentificationResults, directory: Path,
+                                extra: str = 'svg') -> list[FigureFile]:
+    """Write all figures as SVG, and as `extra`, into `directory`, and return them."""
     found, run, verdicts = results.found, results.run, results.verdicts
     ka = np.asarray(results.recommended.values['ka'][0], float)
     figures = [_friction(found, verdicts), _perturbation(run, ka, verdicts),
@@ -48,7 +49,7 @@ def save_identification_figures(results: IdentificationResults, directory: Path
     if results.validation is not None:
         figures.append(_validation(results.validation, verdicts))
     return save(((stem, fit_titles(figure), caption) for stem, figure, caption in figures),
-                directory, ('svg',))
+                directory, ('svg', extra))
 
 
 def _panels(verdicts: Sequence[Verdict], title: str, ylabel: str) -> tuple[Figure, list[Axes]]:
@@ -174,6 +175,6 @@ def _validation(validation: Validation, verdicts: Sequence[Verdict]) -> _Named:
             axes.plot(t, predicted, color=_FIT, linewidth=0.8, label='predicted')
             axes.plot(t, validation.torque[:, i] - predicted, color=REFERENCE, linewidth=0.6,
                       label='difference')
-        axes.legend(fontsize=8, loc='upper right')
+    legend_of(*panels)
     return 'validation', figure, ('Torque of a run that was not used, and the prediction where '
                                   'the joint slides; none for a joint that is not usable.')

@@ -23,9 +23,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.analysis.number_format import shown
-from ctc_chattering.analysis.report import write_sections
 from ctc_chattering.analysis.tables import fitted, paragraph, Table
 from ctc_chattering.identification.regression.base_parameters import base_parameters, BaseParameter
 from ctc_chattering.identification.regression.estimate import Estimate
@@ -39,8 +40,6 @@ from ctc_chattering.identification.report.validation import Validation
 from ctc_chattering.identification.report.verdict import of_all_joints, Verdict, verdicts, WORDS
 import numpy as np
 
-#: Template of the page, beside this file.
-_TEMPLATE = 'page.html'
 _LEAD = ('Friction, delays and errors of the model from a recorded run, with intervals of 95 %, '
          'and the gains that follow.')
 #: Reasons of a joint on a terminal, at most.
@@ -254,7 +253,7 @@ def error_sentence(candidate: ModelError, number: Estimate) -> str:
 
 
 def write_page(report: IdentificationResults, figures: Sequence[FigureFile], path: Path,
-               files: Mapping[str, str]) -> None:
+               files: Mapping[str, str], command: str = '') -> None:
     """
     Write the page.
 
@@ -268,17 +267,30 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
         The page.
     files : mapping of str to str
         Names of files beside the page, and what they are.
+    command : str
+        What was run.
 
     """
-    write_sections(path, f'Friction and gains from {report.source}', figures,
-                   [(name, f'{name} ({what})') for name, what in files.items()], _LEAD,
-                   tables=[Table(title, head, [[_together(x) for x in row] for row in rows],
-                                 1) for title, (head, *rows) in report.tables()],
-                   base=report.base_table(),
-                   lists=report.sentences(), package=__package__, template=_TEMPLATE,
-                   verdicts=report.verdicts, common=[
-                       (WORDS[x], of_all_joints(report.verdicts, x))
-                       for x in (Severity.REFUSED, Severity.CARE)])
+    numbers = [Table(title, head, [[_together(x) for x in row] for row in rows], 1)
+               for title, (head, *rows) in report.tables()]
+    base = report.base_table()
+    page.write_page(path, f'Friction and gains from {report.source}', _LEAD, [
+        page.Section('Verdicts', [*(
+            page.Note(f'All joints are {WORDS[x]}: {reason}')
+            for x in (Severity.REFUSED, Severity.CARE)
+            for reason in of_all_joints(report.verdicts, x)),
+            page.Cards(list(map(_card, report.verdicts)))]),
+        page.Section('Numbers', [
+            *numbers, *(page.Listing(*x) for x in report.sentences()), *([page.Folded(
+                f'{base.title}: {len(base.rows)}', [base._replace(title='')])] if base else [])]),
+        page.Section('Figures', figures)],
+        [(name, f'{name} ({what})') for name, what in files.items()], command)
+
+
+def _card(verdict: Verdict) -> page.Card:
+    return page.Card(verdict.joint, verdict.word, (), [
+        fragment('{{ x.reason }}{% if x.cure %}<br><i>{{ x.cure }}</i>{% endif %}', x=x)
+        for x in verdict.own()], int(verdict.severity))
 
 
 def _together(text: str) -> str:

@@ -27,9 +27,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.registry import kept_model_of
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.estimate import Estimate
@@ -253,7 +253,7 @@ def _run(values: Values, draw: Draw) -> _TriedRun:
     controller = {**values['controller'], **draw.values['controller']}
     setup = _setup(values, plant, controller)
     try:
-        run = simulated(setup, truth=True).run
+        run = simulate(setup, truth=True).run
     except CtcError as error:
         return _TriedRun(None, np.zeros(n), str(error))
     late = run.t >= _START

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.number_format import counted, percent, scientific, short, span
-from ctc_chattering.analysis.report import write_sections
+from ctc_chattering.analysis.page import Folded, Note, Section, write_page
 from ctc_chattering.analysis.tables import Table, two_lines
 from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import pooled, side
@@ -35,7 +35,8 @@ Sentences = list[tuple[str, str]]
 
 
 def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
-                   facts: Mapping[str, str], files: Mapping[str, str]) -> None:
+                   facts: Mapping[str, str], files: Mapping[str, str], command: str = ''
+                   ) -> None:
     """
     Write the page of a map.
 
@@ -52,6 +53,8 @@ def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
         example what counts as a failure.
     files : mapping of str to str
         Names of files beside the page, and what they are.
+    command : str
+        What was run.
 
     Raises
     ------
@@ -59,14 +62,30 @@ def write_map_page(data: MapData, figures: Sequence[FigureFile], path: Path,
         If the file cannot be written.
 
     """
+    sobol = sobol_table(data) if data.saltelli else None
+    boundaries = list(_boundaries(data))
+    write_page(
+        path, _headline(data), _lead(data), [
+            Section('Result', [*figures[:1], _failures(data)]),
+            _worse(data),
+            Section('Further figures', figures[1:]),
+            Section('Further numbers', [
+                *([sobol] if sobol and sobol.rows else []), *(
+                    Folded(x.title, [x._replace(title='')], len(boundaries) == 1)
+                    for x in boundaries)]),
+            Section('What was run', [Table('', (), _summary(data, facts))])],
+        [(name, f'{name} ({what})') for name, what in files.items()], command)
+
+
+def _worse(data: MapData) -> Section:
+    """Return where laws are worse than the base; without items if there is none."""
     worse, better = _against_base(data)
-    write_sections(
-        path, _headline(data), figures,
-        [(name, f'{name} ({what})') for name, what in files.items()], _lead(data), __package__,
-        'page.html', failures=_failures(data), worse=worse, better=better,
-        base=None if data.base is None else data.variants[data.base],
-        boundaries=list(_boundaries(data)),
-        sobol=sobol_table(data) if data.saltelli else None, summary=_summary(data, facts))
+    name = '' if data.base is None else data.variants[data.base]
+    items = [*(Note(text, law) for law, text in worse),
+             *(Note(text, law, attention=False) for law, text in better)]
+    return Section(f'Where a law is worse than {name}', [*items, Note(
+        'Of runs at the same point, with the same draw and the same noise. '
+        'ctc map SPEC --explain RUN shows one.', attention=False)] if items else [])
 
 
 def _headline(data: MapData) -> str:

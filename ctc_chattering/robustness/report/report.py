@@ -34,7 +34,8 @@ _WORDS = {'uniform': 'uniform, {} to {}', 'log_uniform': 'log-uniform, {} to {}'
           'normal': 'normal, {} ± {}'}
 
 
-def write_report(spec: MapSpec, table: Any, directory: Path) -> Path:
+def write_report(spec: MapSpec, table: Any, directory: Path, extra: str = 'svg',
+                 command: str = '') -> Path:
     """
     Write figures and page of a map beside its results, and return the page.
 
@@ -46,6 +47,10 @@ def write_report(spec: MapSpec, table: Any, directory: Path) -> Path:
         Its rows.
     directory : Path
         Of the results.
+    extra : str
+        A second format of the figures: ``pdf`` or ``png``.
+    command : str
+        What was run.
 
     Raises
     ------
@@ -56,9 +61,9 @@ def write_report(spec: MapSpec, table: Any, directory: Path) -> Path:
     data = MapData(table, {x.name: x.unit for x in spec.axes}, [x.name for x in spec.uncertain],
                    [x.name for x, step in zip(spec.axes, spec.coarse) if step > 1],
                    spec.repeats.sampling == 'saltelli')
-    figures = save_map_figures(data, directory / FIGURES)
+    figures = save_map_figures(data, directory / FIGURES, extra)
     write_map_page(data, figures, directory / PAGE, facts(spec),
-                   {TABLE: 'a row a run', JSON: 'the spec, versions and counts'})
+                   {TABLE: 'a row a run', JSON: 'the spec, versions and counts'}, command)
     return directory / PAGE
 
 

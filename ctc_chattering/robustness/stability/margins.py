@@ -35,7 +35,7 @@ import dataclasses
 from functools import cached_property
 from typing import NamedTuple
 
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError

@@ -23,7 +23,9 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.number_format import rounded
-from ctc_chattering.robustness.stability.margins import Loops, StableRange
+from ctc_chattering.arguments import checked
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.robustness.stability.margins import Loops, loops_of, StableRange
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -57,6 +59,40 @@ class Margins:
     lags: tuple[StableRange | None, ...]
     delays: tuple[tuple[int, ...], ...]
     error_gain: float | None
+
+
+@checked(setup=Setup)
+def stability(setup: Setup) -> Margins:
+    """
+    Return which errors of model, lag and delay the sampled loop stands.
+
+    Of the loop with constant M, without limits: the poles for errors that are constant, the
+    small-gain theorem for those that vary (docs/theory.md).
+
+    Parameters
+    ----------
+    setup : Setup
+        The law and what it knows; lag, delay and sensor of its robot.
+
+    Returns
+    -------
+    Margins
+        Stable if ``radius`` is below 1; ``ratios``, ``lags`` and ``delays`` say how far it is.
+
+    Raises
+    ------
+    CtcError
+        If the law is not linear, or its torque not in proportion to M of the model.
+
+    Examples
+    --------
+    >>> from ctc_chattering import load_parameters, stability
+    >>> found = stability(load_parameters('friction', {'controller': {'law': 'compensation'}}))
+    >>> found.radius < 1.0, f'{found.ratios.low:.2f} to {found.ratios.high:.0f}'
+    (True, '0.01 to 40')
+
+    """
+    return margins(loops_of(setup))
 
 
 def margins(loops: Loops) -> Margins:

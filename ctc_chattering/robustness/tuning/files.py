@@ -16,16 +16,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import json
 from pathlib import Path
 from typing import Any
 
+from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import write_text, writing
-from ctc_chattering.analysis.report import write_sections
-from ctc_chattering.analysis.result import finite
+from ctc_chattering.analysis.output import finite, prepare, write_text, writing
 from ctc_chattering.analysis.tables import csv_text, Table
+from ctc_chattering.arguments import checked
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.robustness.tuning import report
 from ctc_chattering.robustness.tuning.figures import save_tune_figures
@@ -40,8 +40,30 @@ _LEAD = ('Gains with little error and little torque variation for a robot that i
          'the best compromises of a search, and what they do on draws that it has not seen.')
 
 
-def write_tuning(tuning: Tuning, out: Path) -> None:
-    """Write everything into `out`; raise `CtcError` if that cannot be done."""
+@checked(tuning=Tuning, out=(str, Path), command=str)
+def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: str = '') -> None:
+    """
+    Write parameter files, numbers, figures and page of a search for gains.
+
+    Parameters
+    ----------
+    tuning : Tuning
+        What `tune` has found.
+    out : str or Path
+        Directory for ``tuned.yaml``, which `simulate` and all nodes take, ``front``, with those
+        of all points, ``front.csv``, ``tune.json``, ``figures``, ``index.html``.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If a file exists already, or cannot be written.
+
+    """
+    out = prepare(Path(out), NAMES)
     for point in tuning.points:
         write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
     recommended = report.best(tuning)
@@ -50,17 +72,22 @@ def write_tuning(tuning: Tuning, out: Path) -> None:
     write_text(out / NUMBERS, json.dumps(
         finite(as_mapping(tuning)), indent=1, ensure_ascii=False) + '\n')
     write_text(out / FRONT, to_csv(tuning))
-    write_page(tuning, save_tune_figures(tuning, out / FIGURES), out / PAGE)
+    write_page(tuning, save_tune_figures(tuning, out / FIGURES, extra), out / PAGE, command)
 
 
-def write_page(tuning: Tuning, figures: Sequence[FigureFile], path: Path) -> None:
+def write_page(tuning: Tuning, figures: Sequence[FigureFile], path: Path, command: str = ''
+               ) -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
     files = {TUNED: 'parameter file of the recommended point', POINTS: 'of all points of the '
              'front', FRONT: 'their numbers', NUMBERS: 'all trials'}
     links = [(name, f'{name} ({what})') for name, what in files.items()
              if tuning.knee is not None or name == NUMBERS]
-    write_sections(path, report.headline(tuning), figures, links, _LEAD,
-                   attention=[*report.notes(tuning), *tuning.spec.notes], tables=_tables(tuning))
+    notes = [page.Note(text) for text in (*report.notes(tuning), *tuning.spec.notes)]
+    numbers, run = _tables(tuning)
+    page.write_page(path, report.headline(tuning), _LEAD, [
+        page.Section('Result', [*figures[:1], *notes, numbers]),
+        page.Section('Further figures', figures[1:]), page.Section('What was run', [run])],
+        links, command)
 
 
 def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
@@ -141,12 +168,12 @@ def to_csv(tuning: Tuning) -> str:
     return csv_text(rows, ['point'])
 
 
-def _tables(tuning: Tuning) -> Iterator[Table]:
-    """Yield the tables of the page."""
+def _tables(tuning: Tuning) -> tuple[Table, Table]:
+    """Return the tables of the page: numbers, and what was run."""
     head, *rows = report.table(tuning)
-    yield Table('', head, rows, note=(
+    return Table('', head, rows, note=(
         '* recommended: of the points that keep the limits on fresh draws, the one with the '
         'smallest product of error and torque variation there. These are '
         f'{report.part_of_runs(tuning.percentile)}; torque and rate are the largest of all fresh '
-        'draws. A column fresh is on draws that the search has not seen.'))
-    yield Table('What was run', (), list(report.facts(tuning)))
+        'draws. A column fresh is on draws that the search has not seen.')
+    ), Table('', (), list(report.facts(tuning)))

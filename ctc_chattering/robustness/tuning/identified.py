@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
 from ctc_chattering.parameters import Parameter
 from ctc_chattering.robustness.quantity import read_uncertain, Uncertain

@@ -22,7 +22,7 @@ from functools import partial
 from itertools import chain, count
 from typing import Any, NamedTuple
 
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.robustness.tuning.search import front, knee, over_draws, OverDraws, Trial
 from ctc_chattering.robustness.tuning.spec import Draws, TuneSpec

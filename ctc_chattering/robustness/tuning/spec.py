@@ -24,8 +24,8 @@ from typing import Any
 
 from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.package_share import find_config
-from ctc_chattering.configuration.parameter_file import Setup, Values
 from ctc_chattering.configuration.yaml_file import mapping
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import CtcError, ParameterError
@@ -178,7 +178,7 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
     if 'switching' in section or law['law'] == 'chattering':
         law['switching'] = section.get('switching', 'implicit_observer')
     try:
-        setup = parameter_file.changed(file, {'controller': law})
+        setup = file.changed({'controller': law})
     except ParameterError as error:
         raise _within('tune', error) from None
     if 'switching' in law and not setup.controller.takes('switching'):
@@ -207,7 +207,7 @@ def _plain(setup: Setup) -> Setup:
     """Return a setup that starts smoothly, and whose parameters do not change in the run."""
     start = max(setup.reference.start_duration, _START)
     return dataclasses.replace(
-        parameter_file.changed(setup, {'reference': {'start_duration': start}}), events=())
+        setup.changed({'reference': {'start_duration': start}}), events=())
 
 
 def _values(file: Setup, given: Mapping[str, Any], path: Path) -> dict[str, Values]:

@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import LAWS
 from laws import error, run, variation
@@ -34,7 +34,7 @@ PANDA = Path(__file__).resolve().parents[3] / 'config' / 'panda.yaml'
 @cache
 def on_the_panda(law: str) -> Array:
     """Return the torque variation of each joint over the second second [N·m/s]."""
-    return variation(simulated(parameter_file.load(PANDA, {
+    return variation(simulate(parameter_file.load(PANDA, {
         'controller': {'law': law}, 'plant': {'plant_backend': 'builtin', 'duration': 2.0}})).run)
 
 

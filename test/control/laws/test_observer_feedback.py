@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.control import oscillation
@@ -27,7 +27,8 @@ from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.control.drive_model import drive_model
 from ctc_chattering.control.state_observer import Observed, state_observer
 from ctc_chattering.errors import CtcError
-from ctc_chattering.simulation.closed_loop import Run, simulate
+from ctc_chattering.simulation import closed_loop
+from ctc_chattering.simulation.closed_loop import Run
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from laws import error, run, variation
@@ -259,7 +260,7 @@ def test_the_range_of_inertia_that_is_stable() -> None:
 def real(law: dict[str, Any], scale: float, duration: float = 6.0, start: float = 0.0,
          friction: float = 9.9, **plant: Any) -> Run:
     """Simulate the arm as drives and encoders are, from rest at q = 0, with a wrong model."""
-    return simulate(
+    return closed_loop.simulate(
         PlantConfig.from_mapping({'duration': duration, 'coulomb_friction': [friction] * 2,
                                   **REAL, **plant}),
         ControllerConfig.from_mapping(
@@ -306,7 +307,7 @@ def test_drives_that_are_not_as_told(told: str, wrong: float) -> None:
 
 def unaware(law: dict[str, Any], plant: dict[str, Any]) -> Run:
     """Simulate a smooth start under a controller whose model of the drives is wrong."""
-    return simulate(
+    return closed_loop.simulate(
         PlantConfig.from_mapping({'duration': 2.5, 'coulomb_friction': [9.9] * 2, **REAL,
                                   **plant}),
         ControllerConfig.from_mapping({'inertia_scale': 1.1, 'gravity_scale': 1.1, **law}),
@@ -337,7 +338,7 @@ def robot(name: str, **law: Any) -> Array:
                   'actuator_lag': [LAG] * n, 'encoder_resolution': [1e-5] * n,
                   'velocity_sensor': 'difference', **known},
         'controller': {'inertia_scale': 0.9, 'gravity_scale': 0.9, **known, **law}})
-    return error(simulated(setup, truth=True).run, 1.5)
+    return error(simulate(setup, truth=True).run, 1.5)
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.parameter_file import Setup
+from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.identification.excitation.plan import Plan, plan, request_of, write

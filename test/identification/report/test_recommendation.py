@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
@@ -110,7 +110,7 @@ def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path
     errors = {}
     for law in ('compensation', 'chattering'):
         setup = parameter_file.load(file, {'controller': {'law': law}})
-        errors[law] = np.array(metrics(simulated(setup).run)['rms_error_rad'])
+        errors[law] = np.array(metrics(simulate(setup).run)['rms_error_rad'])
     assert (errors['compensation'] > 10.0 * errors['chattering']).all()
 
 

@@ -115,7 +115,7 @@ def test_the_real_arm_is_stable_where_the_theorem_says() -> None:
     for ratio, stays in ((0.92 * exact.low, False), (1.05 * guaranteed.low, True),
                          (0.95 * guaranteed.high, True), (0.95 * exact.high, True),
                          (1.05 * exact.high, False)):
-        error = score(parameter_file.changed(setup, {
+        error = score(setup.changed({
             'controller': {**law, 'inertia_scale': ratio},
             'plant': {'actuator_lag': [LAG] * 2}}), (4.0, 6.0)).error
         assert (error < 3e-3) == stays, (ratio, error)

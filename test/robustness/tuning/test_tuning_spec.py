@@ -170,7 +170,7 @@ def test_a_setup_of_a_draw_has_the_gains_of_a_candidate_as_if_they_stood_in_the_
     """Check that the order, draw or gains first, does not matter."""
     found = spec({'repeats': 1})
     draws, values = found.draws(), {'kp': [9.0, 9.0], 'ka': [20.0, 20.0]}
-    first = parameter_file.changed(found.setup, {'controller': values})
+    first = found.setup.changed({'controller': values})
     whole = applied(first, zip(found.uncertain, draws.values[0]), draws.seed)
     assert draws.setups[0].controller.changed(values) == whole.controller
     assert draws.setups[0].plant == whole.plant

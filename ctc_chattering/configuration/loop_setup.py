@@ -1,0 +1,171 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What a run of the closed loop needs: plant, controller and reference that agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+import dataclasses
+from typing import Any, cast
+
+from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.configuration.node_parameters import LOOP
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.numerics.time_grid import period_ns
+from ctc_chattering.parameters import C, Config
+from ctc_chattering.simulation.closed_loop import Event
+from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.simulation.registry import check_start
+from ctc_chattering.trajectory.joint_limits import DescribedLimits
+from ctc_chattering.trajectory.reference import make_motion, ReferenceConfig
+from ctc_chattering.trajectory.waypoints import Route
+
+Values = dict[str, Any]
+#: Values by node and parameter that override those of a file; node ``/**`` for all nodes.
+Overrides = Mapping[str, Mapping[str, Any]]
+#: Parameters of the plant that say where it starts, and of the reference that change no motion.
+_STARTS, _TIMING = {'initial_position', 'initial_velocity'}, {'control_period'}
+
+
+@checked(plant=PlantConfig, controller=ControllerConfig, reference=ReferenceConfig,
+         events=Sequence, values=Mapping, route=(Route, type(None)), descriptions=Mapping)
+@dataclasses.dataclass(frozen=True)
+class Setup:
+    """
+    A closed loop: the checked contents of a parameter file, or three configurations.
+
+    Attributes
+    ----------
+    plant : PlantConfig
+        The robot, its friction, drives and sensors, and the duration of the run.
+    controller : ControllerConfig
+        Law and gains.
+    reference : ReferenceConfig
+        Desired motion.
+    events : sequence of Event
+        Parameters that change during the run, in the order of time.
+    values : mapping
+        Every parameter's value, by executable and parameter; empty without a file.
+    route : Route or None
+        Contents of the reference's `trajectory_file`, in the order of its joints.
+    descriptions : mapping
+        Text of the robot's description by node, for those that need one and name a file.
+
+    Raises
+    ------
+    ParameterError
+        If an argument is of another type.
+
+    Examples
+    --------
+    >>> from ctc_chattering import ControllerConfig, PlantConfig, ReferenceConfig, Setup
+    >>> Setup(PlantConfig(duration=6.0), ControllerConfig(law='integral'), ReferenceConfig()
+    ...       ).changed({'controller': {'ki': 50.0}}).controller.ki
+    (50.0, 50.0)
+
+    """
+
+    plant: PlantConfig
+    controller: ControllerConfig
+    reference: ReferenceConfig
+    events: Sequence[Event] = ()
+    values: Mapping[str, Values] = dataclasses.field(default_factory=dict)
+    route: Route | None = None
+    descriptions: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def changed(self, values: Overrides) -> Setup:
+        """
+        Return the setup with other values of some parameters, checked like those of a file.
+
+        Parameters
+        ----------
+        values : mapping
+            New values by node, one of ``plant``, ``controller`` and ``reference``, and parameter.
+            Files are not read again: no parameter which names one may change, nor the joints.
+
+        Raises
+        ------
+        CtcError
+            If a value is not allowed, or contradicts another.
+
+        """
+        check_overrides('values', values, LOOP)
+        configs: dict[str, Any] = {
+            node: made(node, getattr(self, node).changed, mine)
+            for node, mine in values.items() if mine}
+        resolved = {node: {**self.values.get(node, {}), **config.as_mapping()}
+                    for node, config in configs.items()}
+        found = dataclasses.replace(self, **configs, values={**self.values, **resolved})
+        check_agreement(found.plant, found.controller, found.reference)
+        if _STARTS & set(values.get('plant', ())) or set(values.get('reference', ())) - _TIMING:
+            check_motion(found)
+        return found
+
+
+def check_overrides(name: str, values: object, nodes: Collection[str]) -> None:
+    """Raise `ParameterError` unless values are mappings by some of the nodes; `name` is theirs."""
+    check_type(name, values, Mapping)
+    for node, mine in cast('Overrides', values).items():
+        if node not in nodes:
+            raise ParameterError(name, node, ' | '.join(nodes))
+        check_type(f'{name} of {node}', mine, Mapping)
+
+
+def made(node: str, make: Callable[[Mapping[str, Any]], C], values: Mapping[str, Any]) -> C:
+    """Return what `make` makes of values; an error names the node."""
+    try:
+        return make(values)
+    except ParameterError as error:
+        raise ParameterError(f'{node}: {error.name}', error.value, error.allowed) from None
+
+
+def check_agreement(plant: PlantConfig, controller: ControllerConfig,
+                    reference: ReferenceConfig) -> None:
+    """Raise `CtcError` if the nodes' values contradict each other."""
+    names = ['joint_names', 'gravity']
+    if plant.plant_backend == 'builtin':
+        names += ['model', 'locked']
+    for name in names:
+        if getattr(controller, name) != getattr(plant, name):
+            raise _contradiction(name, 'controller', controller, 'plant', plant)
+    for node, config in (('controller', controller), ('reference', reference)):
+        if period_ns(config.control_period) != period_ns(plant.control_period):
+            raise _contradiction('control_period', node, config, 'plant', plant)
+    if not set(controller.joint_names) <= set(reference.joint_names):
+        raise _contradiction('joint_names', 'reference', reference, 'controller', controller)
+
+
+def _contradiction(name: str, node: str, config: Config, other: str, theirs: Config) -> CtcError:
+    def shown(x: Any) -> object:
+        return list(x) if isinstance(x, tuple) else x
+    return CtcError(f'{name}: {shown(getattr(config, name))} of {node} contradicts '
+                    f'{shown(getattr(theirs, name))} of {other}; put what nodes share under /**')
+
+
+def check_motion(setup: Setup) -> None:
+    """Raise `CtcError` if the motion, or its start, is beyond the limits of a URDF."""
+    plant, reference = setup.plant, setup.reference
+    check_start(plant, setup.descriptions.get('plant', ''))
+    description = setup.descriptions.get('reference', '')
+    if not description:
+        return
+    limits = DescribedLimits(description, reference.joint_names)
+    start = dict(zip(plant.joint_names, zip(plant.initial_position, plant.initial_velocity)))
+    try:
+        make_motion(reference, setup.route, start, limits=limits)
+    except CtcError as error:
+        raise CtcError(f'reference: {error}') from None

@@ -1,0 +1,305 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""From recorded motions to a robot: what it has, the gains that follow, and files of both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import dataclasses
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.analysis.compilation import compile_setups, has_compiler
+from ctc_chattering.analysis.output import prepare, write_json, write_text, writing
+from ctc_chattering.analysis.recording import RecordedMotion, Recording
+from ctc_chattering.arguments import check_type, checked, vector, whole
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import locked_positions, make_model
+from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.identification.regression import identify as regression
+from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
+from ctc_chattering.identification.regression.model_errors import candidates, ModelError
+from ctc_chattering.identification.report.corrected_model import (
+    corrected_description,
+    with_correction,
+)
+from ctc_chattering.identification.report.parameter_values import missing_gains, parameter_values
+from ctc_chattering.identification.report.perturbation import perturbation
+from ctc_chattering.identification.report.recommendation import recommend, Recommendation
+from ctc_chattering.identification.report.results import IdentificationResults
+from ctc_chattering.identification.report.trial_runs import (
+    COUNT,
+    COUNT_PLAIN,
+    setups_tried,
+    trial_runs,
+)
+from ctc_chattering.identification.report.validation import validate
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Names in the directory of `write_identified`.
+PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES = (
+    'index.html', 'identify.json', 'identified.yaml', 'robot.urdf', 'corrected.urdf', 'figures')
+#: Acceleration of gravity where nothing says otherwise [m/s²].
+_GRAVITY = 9.81
+
+
+@dataclasses.dataclass(frozen=True)
+class RobotModel:
+    """
+    The model, its errors that are looked for, and values of all nodes.
+
+    `files` are descriptions by name; the last one is that of the model.
+    """
+
+    model: Model
+    candidates: list[ModelError]
+    files: dict[str, str]
+    locked: dict[str, float]
+    shared: dict[str, Any]
+    gains: tuple[Any, Any] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class IdentifiedRobot:
+    """
+    A robot as `identify` has found it.
+
+    Attributes
+    ----------
+    results : IdentificationResults
+        All numbers with their intervals: ``results.found`` has ``friction``, ``timing`` and
+        ``errors`` of the model, ``results.recommended`` law and gains, ``results.verdicts`` what
+        they are good for. ``results.text()`` is what ``ctc identify`` prints, and
+        ``results.as_mapping()`` what ``identify.json`` has.
+    robot : RobotModel
+        The model, corrected where that is better.
+    q : ndarray, shape (N, n)
+        Positions in all recordings [rad].
+
+    """
+
+    results: IdentificationResults
+    robot: RobotModel
+    q: Array
+
+    @property
+    def missing(self) -> list[str]:
+        """Return for each joint that is not usable which gains are missing, and what to record."""
+        return missing_gains(self.results.verdicts)
+
+    def parameters(self, directory: Path, recommended: Recommendation | None = None
+                   ) -> dict[str, dict[str, Any]]:
+        """Return the values of the parameter file, by node; `directory` has the description."""
+        shared = dict(self.robot.shared)
+        if self.robot.files:
+            shared['description'] = str((directory / list(self.robot.files)[-1]).resolve())
+        return parameter_values(
+            self.results.found, recommended or self.results.recommended, self.robot.model, self.q,
+            shared, self.robot.gains)
+
+
+@checked(motions=Sequence, validation=(RecordedMotion, type(None)), model=str, urdf=str,
+         gravity=(Real, type(None)), torque=str, side=str, torque_rate=Sequence)
+def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
+             model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
+             side: str = '', torque_rate: Sequence[float] = ()) -> IdentifiedRobot:
+    """
+    Identify friction, drives and errors of the model from recorded motions, with gains.
+
+    Parameters
+    ----------
+    motions : sequence of RecordedMotion
+        As `read_motion` returns them, of one robot.
+    validation : RecordedMotion, optional
+        A motion that is not used for the fit, and predicted.
+    model : str
+        ``two_link``, ``urdf`` or ``package.module:Class``; empty for that of the recording.
+    urdf : str
+        Text of the URDF in place of that of the recording.
+    gravity : float, optional
+        In place of that of the recording, or 9.81 [m/s²].
+    torque : {'', 'command', 'effort'}
+        Where torques are taken from; empty for what explains more.
+    side : {'', 'motor', 'link', 'current'}
+        What the effort is; empty for what it looks like.
+    torque_rate : sequence of float, length n
+        Rate that the drives allow [N·m/s]; empty where it is not known.
+
+    Returns
+    -------
+    IdentifiedRobot
+        For `write_identified`.
+
+    Raises
+    ------
+    CtcError
+        If an argument is not allowed, the recordings do not belong together, are too short, or no
+        joint moves.
+
+    """
+    for i, motion in enumerate(motions):
+        check_type(f'motions[{i}]', motion, RecordedMotion)
+    if not motions:
+        raise ParameterError('motions', motions, 'one or more')
+    for name, value, allowed in (('torque', torque, ('', 'command', 'effort')),
+                                 ('side', side, ('', 'motor', 'link', 'current'))):
+        if value not in allowed:
+            raise ParameterError(name, value, ' | '.join(map(repr, allowed)))
+    recordings = [x.recording for x in motions]
+    rate = tuple(vector('torque_rate', torque_rate, len(recordings[0].joints)).tolist()
+                 ) if len(torque_rate) else ()
+    if not all(x > 0.0 for x in rate):
+        raise ParameterError('torque_rate', torque_rate, 'numbers > 0')
+    robot = _robot(motions[0], model, urdf, gravity)
+    found, robot = _corrected(recordings, robot, torque, side)
+    notes = [note for x in (*motions, *filter(None, [validation])) for note in x.notes]
+    found = dataclasses.replace(found, findings=(*found.findings, *(
+        Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
+    perturbed = perturbation(found)
+    q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
+    recommended = recommend(found, perturbed, robot.model, q, rate)
+    validated = validate(found, validation.recording, robot.model) if validation else None
+    return IdentifiedRobot(IdentificationResults(
+        ', '.join(x.name for x in recordings), found, perturbed, recommended, validated, rate),
+        robot, q)
+
+
+def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None) -> RobotModel:
+    """Return the model for a motion, from arguments, the recording, or both."""
+    controller, description = motion.controller, urdf or motion.description
+    name = model or ('urdf' if urdf else controller.model if controller else
+                     'urdf' if description else '')
+    if not name:
+        raise UsageError(f'{motion.recording.name} has no robot description: give --urdf FILE, or '
+                         '--model; in Python urdf, or model')
+    if gravity is None:
+        gravity = controller.gravity if controller else _GRAVITY
+    locked = controller.locked if controller else ('',)
+    positions = locked_positions(locked)
+    made = make_model(name, gravity, motion.recording.joints, description, positions)
+    shared: dict[str, Any] = {'model': name, 'gravity': gravity}
+    if any(locked):
+        shared['locked'] = list(locked)
+    used = description if name == 'urdf' else ''
+    return RobotModel(made, candidates(made, used, positions), {ROBOT: used} if used else {},
+                      positions, shared, (controller.kp, controller.kv) if controller else None)
+
+
+def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, side: str
+               ) -> tuple[regression.Identification, RobotModel]:
+    """Return what is found, with a corrected URDF if the model is clearly wrong without it."""
+    found = regression.identify(recordings, robot.model, robot.candidates, torque, side)
+    text = corrected_description(found, robot.files.get(ROBOT, ''), robot.locked)
+    if not text:
+        return found, robot
+    model = make_model('urdf', robot.shared['gravity'], found.joints, text, robot.locked)
+    other = dataclasses.replace(
+        robot, model=model, candidates=candidates(model, text, robot.locked),
+        files={**robot.files, CORRECTED: text})
+    better = with_correction(found, regression.identify(
+        recordings, other.model, other.candidates, torque, side), CORRECTED)
+    return (found, robot) if better is None else (better, other)
+
+
+@checked(identified=IdentifiedRobot, out=(str, Path), show=Callable, command=str)
+def write_identified(identified: IdentifiedRobot, out: str | Path, trials: int | None = None,
+                     seed: int = 1, show: Callable[[str], None] = print, extra: str = 'svg',
+                     command: str = '') -> IdentifiedRobot:
+    """
+    Try the gains in simulation, and write parameter file, numbers, figures and page.
+
+    Parameters
+    ----------
+    identified : IdentifiedRobot
+        What `identify` has found.
+    out : str or Path
+        Directory for ``identified.yaml``, which `simulate` and all nodes take, ``identify.json``,
+        ``figures``, ``index.html`` and the URDF. The parameter file is not written if a joint is
+        not usable (`IdentifiedRobot.missing`).
+    trials : int, optional
+        Robots within the intervals on which the gains are tried; by default 24, or 8 without
+        numba; 0 for none.
+    seed : int
+        Of the trials.
+    show : callable
+        Takes lines about what is compiled for them.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Returns
+    -------
+    IdentifiedRobot
+        With the law and gains that survive the trials.
+
+    Raises
+    ------
+    CtcError
+        If an argument is not allowed, a file exists already, or cannot be written.
+
+    """
+    out, seed = prepare(Path(out), NAMES), whole('seed', seed, 0)
+    if trials is None:
+        trials = COUNT if has_compiler() else COUNT_PLAIN
+    trials = whole('trials', trials, 0)
+    for name, text in identified.robot.files.items():
+        write_text(out / name, text)
+    if trials and not identified.missing:
+        identified = _tried(identified, out, trials, seed, show)
+    _write(identified, out, extra, command)
+    return identified
+
+
+def _tried(identified: IdentifiedRobot, out: Path, trials: int, seed: int,
+           show: Callable[[str], None]) -> IdentifiedRobot:
+    """Return it with gains that survive trial runs, which are compiled if they can be."""
+    results = identified.results
+
+    def values(recommended: Recommendation) -> dict[str, dict[str, Any]]:
+        return identified.parameters(out, recommended)
+    compile_setups(setups_tried(results.recommended, values), show)
+    tried = trial_runs(results.found, results.run, results.recommended, values,
+                       identified.robot.gains, trials, seed)
+    return dataclasses.replace(
+        identified, results=dataclasses.replace(results, recommended=tried))
+
+
+def _write(identified: IdentifiedRobot, out: Path, extra: str, command: str) -> None:
+    """Write all files; the parameter file not if a joint is refused."""
+    from ctc_chattering.identification.report.identification_figures import (
+        save_identification_figures,
+    )
+    from ctc_chattering.identification.report.results import write_page
+
+    results, files = identified.results, {JSON: 'all numbers'}
+    if CORRECTED in identified.robot.files:
+        files[CORRECTED] = 'corrected URDF'
+    if not identified.missing:
+        files = {VALUES: 'parameter file', **files}
+        values = identified.parameters(out)
+        with writing(out / VALUES):
+            parameter_file.dump(values, out / VALUES)
+        try:
+            parameter_file.load(out / VALUES)
+        except CtcError as error:
+            raise CtcError(f'{out / VALUES} needs a correction by hand: {error}') from None
+    write_json(results.as_mapping(), out / JSON)
+    figures = save_identification_figures(results, out / FIGURES, extra)
+    write_page(results, figures, out / PAGE, files, command)

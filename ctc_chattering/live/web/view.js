@@ -1,0 +1,40 @@
+// The view of viser in its frame: by day or by night, with the camera that this browser had last.
+// viser takes both from its address, and prints the camera whenever it moves.
+function view(frame, store) {
+  'use strict';
+  const CAMERA = /^(&initialCamera(Position|LookAt|Up|Fov|Near|Far)=[-+.,e\d]{1,80}){1,6}$/;
+  const night = matchMedia('(prefers-color-scheme: dark)');
+  const dark = () => document.documentElement.dataset.theme === 'dark' || night.matches;
+  let scene = null, moved = false, timer = 0;
+  const kept = () => {
+    const camera = store.read().camera;
+    return camera && CAMERA.test(camera.words) ? camera : null;
+  };
+  const open = () => {
+    const camera = kept(), mine = camera && (scene === null || camera.scene === scene);
+    moved = false;
+    frame.src = `/view/?logCamera${dark() ? '&darkMode' : ''}${mine ? camera.words : ''}`;
+  };
+  frame.addEventListener('load', () => {
+    const inside = frame.contentWindow, log = inside.console.log;
+    inside.console.log = (...words) => {
+      if (!CAMERA.test(words[0])) { log.apply(inside.console, words); return; }
+      clearTimeout(timer);
+      if (moved && scene !== null) timer = setTimeout(
+        () => store.write({ camera: { scene, words: words[0] } }), 300);
+    };
+    // Only a camera that was moved by hand is kept; until then the server's shows the arms.
+    for (const kind of ['pointerdown', 'wheel', 'keydown'])
+      inside.addEventListener(kind, event => {
+        moved ||= event.target.tagName === 'CANVAS' || kind === 'keydown';
+      }, { capture: true, passive: true });
+  });
+  night.addEventListener('change', open);
+  open();
+  // What the server says of the arms: a camera for others is of no use.
+  return name => {
+    const before = kept();
+    scene = name;
+    if (before && before.scene !== name) { store.write({ camera: null }); open(); }
+  };
+}

@@ -1,0 +1,90 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A recorder that the page starts and stops: nothing is overwritten, and its death is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import signal
+from typing import Any
+
+from bags import reports_of
+from ctc_chattering.live.recorder_process import Recording
+from processes import probe, wait_for
+import pytest
+
+Told = list[tuple[str, bool, str]]
+
+
+@pytest.fixture
+def told() -> Told:
+    return []
+
+
+def recording(folder: Path, told: Told) -> Recording:
+    return Recording(folder, [], lambda *words: told.append(words))
+
+
+@pytest.mark.parametrize('name', [
+    '../x', '/x', '.x', 'a/b', '-r', 'x' * 65, 'é', 'a b', 'a\n', '\0', 5, True, ['x']])
+def test_a_bag_is_made_only_in_the_folder_of_bags(tmp_path: Path, told: Told, name: Any) -> None:
+    recording(tmp_path, told).start(name)
+    ((_, done, text),) = told
+    assert not done
+    assert 'is not allowed' in text
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_is_overwritten(tmp_path: Path, told: Told) -> None:
+    (tmp_path / 'run').write_text('mine')
+    recording(tmp_path, told).start('run')
+    assert told == [('record', False, f'{tmp_path}/run: exists already, not overwritten')]
+    assert (tmp_path / 'run').read_text() == 'mine'
+
+
+@pytest.mark.ros
+def test_records_until_it_is_stopped_and_tells_of_a_death(tmp_path: Path, told: Told) -> None:
+    folder = tmp_path / "the lab's: bags"
+    folder.mkdir()
+    it = recording(folder, told)
+
+    def ended() -> bool:
+        it.poll()
+        return bool(it.shown()['state'] == 'off')
+
+    with probe() as graph:
+        graph.start('reference')
+        it.start('run')
+        it.start('other')
+        wait_for(lambda: it.shown()['state'] == 'on', 'the recorder')
+        assert it.shown()['path'] == str(folder / 'run')
+        wait_for(lambda: list((folder / 'run').glob('*.mcap')), 'the bag')
+        graph.children[0].signal(signal.SIGINT)  # Its last words are recorded.
+        graph.until(lambda: graph.children[0].status is not None, 'the end of the reference')
+        it.stop()
+        assert it.shown()['state'] == 'stopping'
+        wait_for(ended, 'the end')
+        assert reports_of(folder / 'run', 'reference')[-1]['ended'] == 'SIGINT'
+        it.start('killed')
+        assert it._child is not None
+        it._child.signal(signal.SIGKILL)
+        wait_for(ended, 'the death')
+    assert [(what, done) for what, done, _ in told] == [
+        ('record', True), ('record', False), ('recorded', True), ('record', True),
+        ('record', False)]
+    assert told[1][2] == f'is recording already: {folder}/run'
+    assert told[2][2].startswith(f'{folder}/run, ')
+    assert 'recorder ended with signal SIGKILL' in told[-1][2]
+    assert sorted(x.name for x in folder.iterdir()) == ['run']
