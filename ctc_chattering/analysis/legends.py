@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from textwrap import fill
+from typing import Any
 
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -30,7 +30,7 @@ _SIDE, _TITLE, _ABOVE, _BELOW = 0.15, 0.16, 0.45, 0.06
 _LINE = 90
 
 
-def legend(figure: Figure, handles: Sequence[Artist]) -> None:
+def legend(figure: Figure, handles: Sequence[Any]) -> None:
     """
     Draw a legend between title and panels; the figure grows by its height. Call it last.
 
@@ -38,7 +38,7 @@ def legend(figure: Figure, handles: Sequence[Artist]) -> None:
     ----------
     figure : Figure
         As `drawing.sheet` returns it, with its panels.
-    handles : sequence of Artist
+    handles : sequence of Artist or Container
         Those with labels; none for no legend.
 
     """
@@ -53,6 +53,8 @@ def legend(figure: Figure, handles: Sequence[Artist]) -> None:
         found = figure.legend(list(handles), names, loc='upper left', ncol=columns, frameon=False,
                               fontsize=9, borderaxespad=0.0, borderpad=0.0, handlelength=1.8,
                               columnspacing=1.6)
+        for text in found.get_texts():
+            text.set_parse_math(False)
         box = found.get_window_extent(renderer)
         if columns == 1 or box.width <= (width - 2.0 * _SIDE) * figure.dpi:
             break
@@ -71,12 +73,11 @@ def legend(figure: Figure, handles: Sequence[Artist]) -> None:
 
 def legend_of(*panels: Axes) -> None:
     """Draw the legend of what is named in panels of one figure, each name and colour once."""
-    handles, names = [], set()
+    handles: list[Any] = []
+    names: set[str] = set()
     for ax in panels:
         for handle, name in zip(*ax.get_legend_handles_labels()):
             if name not in names:
                 names.add(name)
                 handles.append(handle)
-    figure = panels[0].get_figure(root=True)
-    assert figure is not None
-    legend(figure, handles)
+    legend(panels[0].figure, handles)  # type: ignore[arg-type]
