@@ -118,7 +118,8 @@ def test_the_page_of_runs_in_a_browser(tmp_path: Path) -> None:
     runs = [dataclasses.replace(x, experiment=HOSTILE) for x in runs]
     (tmp_path / 'a.svg').write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
     figures = [FigureFile(tmp_path / 'a.svg', 'A', HOSTILE, group=x) for x in ('', '', HOSTILE)]
-    write_page_of_runs(runs, figures, tmp_path / 'index.html', plots=write_samples(runs, tmp_path / 'samples'))
+    write_page_of_runs(runs, figures, tmp_path / 'index.html',
+                       plots=write_samples(runs, tmp_path / 'samples'))
     with browser_page(offline=True, viewport={'width': 390, 'height': 800},
                       color_scheme='dark') as page:
         page.goto((tmp_path / 'index.html').as_uri())
