@@ -22,7 +22,7 @@ import subprocess
 import sys
 
 from bags import entries, Entry, serialized, write_bag
-from ctc_chattering.analysis.result import simulated
+from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 
 #: Records a run, reads it back, and reads a bag that is compressed.
@@ -55,7 +55,7 @@ for read in (read_bag, repair):
 
 def test_recording_and_reading_without_packages_of_pip(tmp_path: Path) -> None:
     setup = parameter_file.load(None, {'plant': {'duration': 0.05}})
-    result = simulated(setup)
+    result = simulate(setup)
     messages = [tuple(x._replace(message=serialized(x.message)))
                 for x in entries(result, setup.plant)]
     write_bag(tmp_path / 'compressed', [Entry(*x) for x in messages])
