@@ -34,7 +34,7 @@ _EXACT = ('t', 'q', 'q_d')
 
 
 def _read(name: str) -> str:
-    return files('ctc_chattering.analysis').joinpath('web', name).read_text('utf-8')
+    return (files('ctc_chattering.analysis') / 'web' / name).read_text('utf-8')
 
 
 @lru_cache

@@ -126,7 +126,7 @@ class GraphPage:
                 break
         self._commands.poll()
         self._make(now)
-        self._plots.update()
+        self._plots.update(now)
         if not self._page.watched:
             return
         with self._page.server.atomic():

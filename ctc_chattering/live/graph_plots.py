@@ -25,6 +25,8 @@ from ctc_chattering.live.samples_socket import Message, SamplesSocket, word
 
 #: Last seconds that the plots follow [s].
 WINDOW = 10.0
+#: Between two messages to the pages [s].
+_PERIOD = 0.1
 _SIGNALS = ('e', 'V', 'torque', 'rate')
 
 
@@ -45,22 +47,27 @@ class GraphPlots:
         self._samples, self._reader = samples, reader
         self._shown: Any = None
         self._sent: dict[str, Any] = {}
+        self._due = 0.0
 
-    def update(self) -> None:
-        """Send the samples that have come since the last call, and all to new pages."""
+    def update(self, now: float) -> None:
+        """Send the samples that have come when it is time, and all to new pages."""
         reader, samples = self._reader, self._samples
         about = reader.names, reader.description, self._note()
         if about != self._shown:
             self._shown = about
             self._sent = {}
             samples.send(self._show())
-        for message in self._news(self._sent):
-            samples.send(message)
+        if now >= self._due:
+            self._due = now + _PERIOD
+            for message in self._news(self._sent):
+                samples.send(message)
         samples.poll(self._greeting)
 
-    def _greeting(self) -> Iterator[Message]:
-        yield self._show()
-        yield from self._news({})
+    def _greeting(self) -> list[Message]:
+        # What comes next for the others must come next for the new page, too.
+        for message in self._news(self._sent):
+            self._samples.send(message)
+        return [self._show(), *self._news({})]
 
     def _news(self, sent: dict[str, Any]) -> Iterator[bytes]:
         """Yield the samples that were not sent, and note that they are."""

@@ -148,7 +148,7 @@ class Page:
 def _parts() -> Markup:
     """Return the scripts and the style of the page's own controls and of the frame of the view."""
     def read(name: str) -> Markup:
-        return Markup(files('ctc_chattering.live').joinpath('web', name).read_text('utf-8'))
+        return Markup((files('ctc_chattering.live') / 'web' / name).read_text('utf-8'))
     return fragment('<style>{{ style }}</style>{% for x in scripts %}<script>{{ x }}</script>'
                     '{% endfor %}', style=read('controls.css'),
                     scripts=[read('controls.js'), read('view.js')])

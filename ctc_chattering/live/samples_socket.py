@@ -134,7 +134,11 @@ class SamplesSocket:
         self._receivers[subject] = receive
 
     def poll(self, greeting: Callable[[], Iterable[Message]]) -> None:
-        """Pass on what has come, and send new pages what `greeting` returns."""
+        """
+        Pass on what has come, and send new pages what `greeting` returns.
+
+        What it yields, if it is a generator, it yields in the thread of the server.
+        """
         with suppress(Empty):
             while True:
                 self._joined.get_nowait().put((*greeting(), *self._told.values()))

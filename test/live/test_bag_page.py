@@ -37,6 +37,7 @@ from ctc_chattering.simulation.closed_loop import Run
 from ctc_commands import ctc, refused
 from markupsafe import escape
 import numpy as np
+from PIL import Image
 from processes import CONFIG, PATIENCE
 import pytest
 
@@ -82,10 +83,15 @@ def test_slider_moves_both_arms_to_the_recorded_poses(bags: list[Path]) -> None:
             assert second.any()
             assert (first != second).any()
 
+        with tab.expect_download() as saved:
+            tab.get_by_role('button', name='picture of the arm').dispatch_event('click')
+        assert saved.value.suggested_filename.endswith('.png')
+        assert np.ptp(np.array(Image.open(saved.value.path()).convert('L'))) > 100
         before = numbers(page)
         press(page, 'play')
         eventually(lambda: numbers(page)[0][2] != before[0][2], 'the arm to move', page)
-        press(page, 'pause')
+        eventually(lambda: page.get_by_role('button', name='play', exact=True).count(),
+                   'the end of the run', page)
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
 

@@ -88,3 +88,43 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force() -> None:
         assert slider.is_disabled()
         assert page.locator('[aria-pressed=true]').all_inner_texts() == ['compensation']
         assert page.locator('img').count() == 0
+
+
+AROUND = """<iframe id="v"></iframe><script>{script}
+const store = {{ read: () => JSON.parse(localStorage.c || '{{}}'),
+                 write: x => localStorage.c = JSON.stringify(x) }};
+window.scene = view(document.getElementById('v'), store);</script>"""
+CAMERA = '&initialCameraPosition=1.0,-2.500,3&initialCameraFov=0.8'
+
+
+@pytest.mark.browser
+def test_the_browser_keeps_a_camera_that_was_moved_for_this_arm() -> None:
+    """Check with a view that prints its camera as that of viser does."""
+    script = (WEB / 'view.js').read_text()
+    with browser_page(color_scheme='dark') as page:
+        page.route('http://ctc.test/**', lambda route: route.fulfill(
+            content_type='text/html', body='<canvas></canvas>' if '/view/' in route.request.url
+            else AROUND.format(script=script)))
+
+        def opened(scene: str = 'two links') -> Any:
+            page.goto('http://ctc.test/')
+            page.evaluate('name => scene(name)', scene)
+            page.frame_locator('#v').locator('canvas').wait_for()
+            return page.frame(url='**/view/**')
+
+        plain = 'http://ctc.test/view/?logCamera&darkMode'
+        frame = opened()
+        assert frame.url == plain
+        frame.evaluate('x => console.log(x)', CAMERA)  # Where the server has put it.
+        page.wait_for_timeout(400)
+        frame = opened()
+        assert frame.url == plain
+        frame.locator('canvas').click()
+        frame.evaluate('x => console.log(x)', CAMERA)
+        page.wait_for_function('() => localStorage.c')
+        assert opened().url == plain + CAMERA
+        opened('panda')  # Another arm.
+        page.wait_for_function('() => !document.getElementById("v").src.includes("Position")')
+        page.evaluate('() => localStorage.c = JSON.stringify({camera: {'
+                      'scene: "two links", words: "&websocket=ws://evil"}})')
+        assert opened().url == plain

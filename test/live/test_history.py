@@ -55,7 +55,8 @@ def unpacked(message: bytes) -> tuple[dict[str, Any], dict[str, list[list[float]
     """Return head and columns of a message as plots.js reads it."""
     size = int.from_bytes(message[:4], 'little')
     head = json.loads(message[4:4 + size])
-    at, columns = -(-(4 + size) // 8) * 8, {}
+    at = -(-(4 + size) // 8) * 8
+    columns: dict[str, list[list[float]]] = {}
     for name, _, length in head['columns']:
         values = np.frombuffer(message, f'<f{length}', head['count'], at)
         columns.setdefault(name, []).append(values.tolist())

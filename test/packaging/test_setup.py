@@ -72,4 +72,4 @@ def test_a_build_has_all_files_of_the_package(tmp_path: Path) -> None:
 
     built = contents(tmp_path / 'lib' / 'ctc_chattering')
     assert built == contents(ROOT / 'ctc_chattering')
-    assert Path('analysis/page.html') in built
+    assert Path('analysis/web/plots.js') in built

@@ -9,14 +9,15 @@ function controls(parent, send, frame) {
     into.append(it);
     return it;
   };
+  parent.classList.add('ctc-plots', 'ctc-controls');
+  const box = element('div', parent);  // Of a graph that may be changed.
+  box.hidden = true;
   const row = name => {
-    const it = element('div', parent, 'ctc-bar');
+    const it = element('div', box, 'ctc-bar');
     element('span', it, '', name);
     return it;
   };
   const digits = x => String(Number(x.toPrecision(4)));
-  parent.classList.add('ctc-plots', 'ctc-controls');
-  parent.hidden = true;
 
   // --- law, switching: the one in force is pressed
   function choice(name) {
@@ -39,7 +40,7 @@ function controls(parent, send, frame) {
   const gainBar = row('gains of'), joints = element('select', gainBar);
   joints.setAttribute('aria-label', 'gains of');
   joints.title = 'all joints: their values keep their ratios; the largest is shown';
-  const grid = element('div', parent, 'ctc-gains'), sliders = new Map();
+  const grid = element('div', box, 'ctc-gains'), sliders = new Map();
   let state = null;
   const chosen = () => Number(joints.value);
   function inForce(gain) {
@@ -95,21 +96,20 @@ function controls(parent, send, frame) {
   record.onclick = () => send({ record: state.record.state === 'off' ? name.value.trim() : null });
   const LABELS = { off: '● record', starting: 'starting …', on: '■ stop recording',
     stopping: 'stopping …' };
-  const picture = element('button', tools, '', 'picture of the arm');
-  picture.onclick = () => frame.contentDocument.querySelector('canvas').toBlob(blob => {
+  const picture = element('button', element('div', parent, 'ctc-bar'), '', 'picture of the arm');
+  picture.onclick = () => frame.contentDocument.querySelector('canvas[data-engine]').toBlob(blob => {
     const link = document.createElement('a');
     link.href = URL.createObjectURL(blob);
     link.download = `arm_${new Date().toISOString().slice(0, 19).replace(/:/g, '.')}.png`;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   });
-  const log = element('div', parent, 'ctc-answers');
+  const log = element('div', box, 'ctc-answers');
   log.setAttribute('aria-live', 'polite');
 
   return now => {
     state = now;
-    parent.hidden = !state;
-    if (!state) return;
+    box.hidden = false;
     law(state.law, state.laws.includes(state.law) || !state.law ? state.laws
       : [...state.laws, state.law]);
     switching(state.switching, state.switchings);
