@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colours, names
 from ctc_chattering.simulation.closed_loop import Array
@@ -49,9 +50,8 @@ def error_comparison(results: Sequence[Result]) -> Figure:
         for name, unit, error in error_sums(result):
             groups.setdefault((result.experiment, unit), []).append((i, name, error))
     columns = min(3, len(groups))
-    most = max(len(group) for group in groups.values())
     figure, grid = drawing.sheet('Position error of the runs compared', -(-len(groups) // columns),
-                                 (1.0,) * columns, 2.9 + 0.17 * max(0, most - 2))
+                                 (1.0,) * columns, 2.9)
     every = np.concatenate([error for group in groups.values() for _, _, error in group])
     called, painted = names(results), colours(results)
     for k, ((experiment, unit), group) in enumerate(groups.items()):
@@ -60,18 +60,16 @@ def error_comparison(results: Sequence[Result]) -> Figure:
         for i, _, error in group:
             result, score = results[i], results[i].metrics()
             t, period = result.run.t, result.config.control_period
-            text, largest = called[i].removeprefix(f'{experiment}: '), score['max_error_norm1_rad']
             drawing.line(ax, t, error, period, color=painted[i], linewidth=1.0,
-                         label=text if largest is None else f'{text}: ≤ {largest:.2g} {unit}')
+                         label=called[i].removeprefix(f'{experiment}: '))
             for time, change in result.marks:
                 drawing.mark(ax, time, change)
             drawing.shade_gaps(ax, t, period)
             if score['rms_error_rad'] is not None:
                 low, high = score['window_s']
                 ax.axvspan(low, min(high, t[-1]), color='#eeeeee', lw=0, zorder=-1)
-        ax.legend(fontsize=8.5, loc='upper right', borderaxespad=0.1, framealpha=0.9,
-                  edgecolor='none', handlelength=1.6)
-        drawing.log_axis(ax, every, room=12.0 * 4.0 ** max(0, most - 2))
+        drawing.log_axis(ax, every)
+    legend_of(*figure.axes)
     return drawing.fit_titles(figure)
 
 
@@ -80,9 +78,10 @@ def score_comparison(results: Sequence[Result]) -> Figure:
     scores = [result.metrics() for result in results]
     low, high = scores[0]['window_s']
     called, painted = names(results), colours(results)
+    joints = max(len(result.joint_names) for result in results)
     left = min(4.6, 0.5 + 0.078 * max(map(len, called)))
     figure, grid = drawing.sheet('Tracking error and torque variation', 1, (1.0, 1.0),
-                                 0.42 * len(results) + 0.3, left=left)
+                                 drawing.dots_height(joints) * len(results) + 0.3, left=left)
     for column, (key, quantity, units, suffix) in enumerate((
             ('rms_error_rad', 'RMS error', 'position_units', ''),
             ('torque_variation_nm_per_s', 'torque variation', 'torque_units', '/s'))):
@@ -95,12 +94,7 @@ def score_comparison(results: Sequence[Result]) -> Figure:
         every = [x for score in scores for x in score[key] or () if 0.0 < x < np.inf]
         drawing.decades(ax, 'x', every)
         for y, score in enumerate(scores):
-            dots = [(x, i) for i, x in enumerate(score[key] or (), 1) if x in every]
-            ax.plot([x for x, _ in dots], [y] * len(dots), 'o', color=painted[y],
-                    markersize=13, markeredgecolor='white')
-            for x, i in dots:
-                ax.text(x, y, str(i), color='white', fontsize=8, weight='bold', ha='center',
-                        va='center_baseline')
+            drawing.numbered_dots(ax, y, score[key] or (), painted[y])
             if score[key] is None:
                 ax.text(0.5, y, f'no sample from {low:g} s to {high:g} s', ha='center',
                         va='center', transform=ax.get_yaxis_transform(), fontsize=9,

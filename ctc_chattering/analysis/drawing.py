@@ -126,10 +126,9 @@ def _plain(figure: Figure) -> None:
 
 
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
-          left: float = _LEFT, below: float = 0.0) -> tuple[Figure, GridSpec]:
-    """Return a figure with room for rows of panels, and `below` them for more [inch]."""
-    bottom = _BOTTOM + below
-    whole = _TOP + bottom + rows * height + (rows - 1) * _GAP
+          left: float = _LEFT) -> tuple[Figure, GridSpec]:
+    """Return a figure with room for rows of panels of a height [inch]."""
+    whole = _TOP + _BOTTOM + rows * height + (rows - 1) * _GAP
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.15 / _WIDTH, y=1.0 - 0.16 / whole, ha='left', va='top',
@@ -137,7 +136,7 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
     width = (_WIDTH - left - _RIGHT) / len(widths)
     return figure, figure.add_gridspec(
         rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,
-        right=1.0 - _RIGHT / _WIDTH, bottom=bottom / whole, top=1.0 - _TOP / whole,
+        right=1.0 - _RIGHT / _WIDTH, bottom=_BOTTOM / whole, top=1.0 - _TOP / whole,
         hspace=_GAP / height, wspace=_SIDE / (width - _SIDE))
 
 
@@ -208,12 +207,12 @@ def mark(ax: Axes, time: float, name: str = '') -> None:
                     color='#444444', annotation_clip=True)
 
 
-def log_axis(ax: Axes, y: Array, room: float = 1.6) -> None:
+def log_axis(ax: Axes, y: Array) -> None:
     """Make the axis of y logarithmic if it has positive values, without rare dips towards zero."""
     positive = y[np.isfinite(y) & (y > 0.0)]
     if len(positive):
         low = float(np.percentile(positive, 1.0)) / 5.0
-        ax.set_ylim(max(float(positive.min()) / 1.6, low), float(positive.max()) * room)
+        ax.set_ylim(max(float(positive.min()) / 1.6, low), float(positive.max()) * 1.6)
         ax.set_yscale('log')
         if positive.min() < low:
             note(ax, 'axis cut below')
@@ -226,6 +225,21 @@ def decades(ax: Axes, axis: str, values: Iterable[float]) -> None:
         ax.set(**{f'{axis}lim': (10.0 ** np.floor(np.log10(min(positive) / 1.15)),
                                  10.0 ** np.ceil(np.log10(max(positive) * 1.15)))})
     getattr(ax, f'{axis}axis').set_minor_formatter(NullFormatter())
+
+
+def numbered_dots(ax: Axes, y: float, values: Sequence[float], colour: str) -> None:
+    """Draw a dot with its number for each value in row `y`, one above the other."""
+    asides = np.linspace(-0.5, 0.5, len(values)) * min(0.8, 0.18 * len(values))
+    for i, (x, aside) in enumerate(zip(values, asides.tolist())):
+        if 0.0 < x < np.inf:
+            ax.plot(x, y + aside, 'o', color=colour, markersize=11, markeredgecolor='white')
+            ax.text(x, y + aside, str(i + 1), color='white', fontsize=8, weight='bold',
+                    ha='center', va='center_baseline')
+
+
+def dots_height(joints: int) -> float:
+    """Return the height of a row of `numbered_dots` [inch]."""
+    return max(0.36, 0.14 * joints)
 
 
 def steady_axis(ax: Axes, t: Array, y: Array) -> None:

@@ -27,6 +27,7 @@ from ctc_chattering.analysis.comparison_figures import (
     error_sums,
     score_comparison,
 )
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.analysis.output import file_stem
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import colour, name, names
@@ -71,8 +72,7 @@ def tracking(result: Result, run_name: str = '') -> Figure:
                 ax.set_ylim(bottom=0.0)
             else:
                 drawing.log_axis(ax, error)
-    sheet.figure.axes[0].legend(loc='lower right', bbox_to_anchor=(1.0, 0.97), ncol=2,
-                                frameon=False, fontsize=9.5)
+    legend_of(sheet.figure.axes[0])
     return drawing.fit_titles(sheet.figure)
 
 
@@ -102,7 +102,7 @@ def internals(result: Result, run_name: str = '') -> Figure:
     for i, (joint, position, torque, v, term) in enumerate(zip(
             result.joint_names, result.position_units, result.torque_units, terms.v.T,
             terms.robust.T)):
-        ax = sheet.panel((i + 1, 0), f'{joint}: filtered error v', f'v [{position}/s]', v, **_THIN)
+        ax = sheet.panel((i + 1, 0), f'{joint}: v', f'v [{position}/s]', v, **_THIN)
         drawing.steady_axis(ax, result.run.t, v)
         reach = 1.25 * float(np.abs(term).max()) or 1.0
         for column, part, style in ((1, _WHOLE, {**_THIN, 'linewidth': 0.35}),
@@ -161,8 +161,7 @@ def _figures(results: Sequence[Result]) -> Iterator[tuple[str, Figure, str]]:
         complete = any(r.metrics()['max_error_norm1_rad'] is not None for r in results)
         yield 'comparison_error', error_comparison(results), (
             'Sum of the absolute joint errors over time on a logarithmic axis, one panel per '
-            'experiment.' + (' The legend gives the largest value within the shaded time.'
-                             if complete else ''))
+            'experiment.' + (' Grey: the time that is evaluated.' if complete else ''))
         yield 'comparison_scores', score_comparison(results), (
             'Left: RMS error of each joint. Right: torque variation, Σ |Δτ| per second.')
     for result, run_name in zip(results, names(results)):

@@ -100,6 +100,8 @@ class SignalPlots(NamedTuple):
         Of the same joints.
     signals : sequence of str
         Chosen at first, by the names of ``web/plots.js``.
+    settled : float
+        The time before does not scale the axes while later ones are shown [s].
     mark : float, optional
         A time that is marked [s].
 
@@ -111,6 +113,7 @@ class SignalPlots(NamedTuple):
     units: Sequence[str]
     runs: Sequence[PlottedRun]
     signals: Sequence[str]
+    settled: float
     mark: float | None = None
 
 
@@ -173,7 +176,7 @@ def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section]
 
 
 def _own(name: str) -> Markup:
-    return Markup(files(_PACKAGE).joinpath('web', name).read_text('utf-8'))
+    return Markup(files(_PACKAGE).joinpath(f'web/{name}').read_text('utf-8'))
 
 
 def _part(item: Item, root: Path, numbers: Iterator[int], anchors: Iterator[int]
@@ -190,7 +193,7 @@ def _part(item: Item, root: Path, numbers: Iterator[int], anchors: Iterator[int]
     if isinstance(item, SignalPlots):
         part['data'] = {
             'joints': item.joints, 'units': item.units, 'mark': item.mark,
-            'signals': item.signals, 'runs': [
+            'settled': item.settled, 'signals': item.signals, 'runs': [
                 {'name': x.name, 'key': x.path.stem, 'path': markup.url(_relative(x.path, root))}
                 for x in item.runs]}
     if isinstance(item, Table):

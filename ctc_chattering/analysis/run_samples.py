@@ -51,25 +51,29 @@ def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlot
         If a file cannot be written.
 
     """
-    groups: dict[tuple[str, ...], list[tuple[Result, PlottedRun, bool]]] = {}
-    used: set[str] = set()
+    groups: dict[tuple[str, ...], list[tuple[Result, str]]] = {}
     for result, name in zip(results, names(results)):
-        stem = file_stem(name, used)
-        t, signals = decimated(result.run.t, signals_of(result), MOST)
-        path = directory / f'{stem}.js'
-        write_text(path, f'ctcSamples[{json.dumps(stem)}] = "{coded(t, signals)}";\n')
-        groups.setdefault(
-            (result.experiment, *result.joint_names, *result.position_units), []).append(
-                (result, PlottedRun(name, path), len(t) < len(result.run.t)))
-    return [_plots(group) for group in groups.values()]
+        groups.setdefault((result.experiment, *result.joint_names, *result.position_units),
+                          []).append((result, name))
+    used: set[str] = set()
+    return [_written(group, directory, used) for group in groups.values()]
 
 
-def _plots(group: Sequence[tuple[Result, PlottedRun, bool]]) -> SignalPlots:
-    first = group[0][0]
-    marks = {time for result, _, _ in group for time, _ in result.marks}
-    text = ('Error e = q_d − q, torque sent, V and further signals of every sample. Axes are '
-            'scaled without the first second while later ones are shown.')
-    long = [run.name for _, run, extremes in group if extremes]
+def _written(group: Sequence[tuple[Result, str]], directory: Path, used: set[str]) -> SignalPlots:
+    """Write the samples of runs that are plotted together."""
+    first, runs, long = group[0][0], [], []
+    for result, name in group:
+        t, signals = decimated(result.run.t, signals_of(result, len(group) == 1), MOST)
+        path = directory / f'{file_stem(name, used)}.js'
+        write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{coded(t, signals)}";\n')
+        runs.append(PlottedRun(name.removeprefix(f'{result.experiment}: '), path))
+        long += [name] if len(t) < len(result.run.t) else []
+    # Not the start, with its large errors.
+    settled = min(first.window[0], 0.4 * float(first.run.t[-1]))
+    marks = {time for result, _ in group for time, _ in result.marks}
+    text = ('Error e = q_d − q, torque sent, V and further signals of every sample. While times '
+            f'after {2.0 * settled:.3g} s are shown, axes are scaled without the first '
+            f'{settled:.3g} s.')
     if long:
         text += (f' Too long to show every sample of: {", ".join(long)}. The least and greatest '
                  'value of each stretch are there, so rates and spectra are wrong; ctc export '
@@ -77,16 +81,19 @@ def _plots(group: Sequence[tuple[Result, PlottedRun, bool]]) -> SignalPlots:
     if len(marks) == 1:
         text += ' The line marks the change of law or switching.'
     return SignalPlots(
-        f'Signals of {first.experiment}', text, first.joint_names, first.position_units,
-        [run for _, run, _ in group], _CHOSEN, marks.pop() if len(marks) == 1 else None)
+        f'Signals of {first.experiment}', text, first.joint_names, first.position_units, runs,
+        _CHOSEN, settled, marks.pop() if len(marks) == 1 else None)
 
 
-def signals_of(result: Result) -> dict[str, Array]:
-    """Return signals by the names of ``web/plots.js``; q_d is q + e."""
+def signals_of(result: Result, parts: bool) -> dict[str, Array]:
+    """Return signals by the names of ``web/plots.js``, with the parts of the torque or without."""
     run, terms = result.run, result.terms
-    return {'q': run.q, 'dq': run.dq, 'e': run.q_d - run.q, 'torque': run.tau, 'v': terms.v,
-            'nominal': terms.nominal, 'compensation': terms.compensation, 'robust': terms.robust,
-            'V': terms.lyapunov[:, None]}
+    found = {'q': run.q, 'dq': run.dq, 'e': run.q_d - run.q, 'torque': run.tau, 'v': terms.v,
+             'V': terms.lyapunov[:, None]}
+    if parts:
+        found |= {'nominal': terms.nominal, 'compensation': terms.compensation,
+                  'robust': terms.robust}
+    return found
 
 
 def decimated(t: Array, signals: dict[str, Array], most: int) -> tuple[Array, dict[str, Array]]:

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.studies.comparison import Outcome, RECOMMENDED, Variant
 from ctc_chattering.studies.comparison_tables import groups, heading
@@ -51,19 +52,14 @@ def errors(group: Sequence[Outcome]) -> Figure:
     """Draw RMS error and torque variation under one condition: a row a variant, a dot a joint."""
     figure, grid = drawing.sheet(
         f'{heading(group[0])}: error and torque variation (number: joint)', 1, (1.0, 1.0),
-        0.36 * len(group) + 0.3, left=2.9)
+        drawing.dots_height(len(group[0].joints)) * len(group) + 0.3, left=2.9)
     for column, (quantity, unit, values) in enumerate((
             ('RMS error', 'rad', [x.score.rms for x in group]),
             ('torque variation', 'N·m/s', [x.score.variation for x in group]))):
         ax = drawing.panel(figure, grid[0, column], f'{quantity}, 5 s to 10 s', '')
         ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(group) - 0.4, -0.6))
         for y, (outcome, row) in enumerate(zip(group, values)):
-            colour = LAW_COLOURS[outcome.task.variant.law]
-            ax.plot(row, [y] * len(row), 'o', color=colour, markersize=12,
-                    markeredgecolor='white')
-            for i, x in enumerate(row, 1):
-                ax.text(x, y, str(i), color='white', fontsize=8, weight='bold', ha='center',
-                        va='center_baseline')
+            drawing.numbered_dots(ax, y, row, LAW_COLOURS[outcome.task.variant.law])
             if outcome.score.failure:
                 ax.text(0.5, y, 'diverged', ha='center', va='center', fontsize=9,
                         color='#444444', transform=ax.get_yaxis_transform())
@@ -79,8 +75,7 @@ def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
     look = styles([x.task.variant for x in outcomes])
     columns = min(_COLUMNS, len(parts))
     rows = -(-len(parts) // columns)
-    below = 0.24 * -(-len(look) // 4) + 0.15
-    figure, grid = drawing.sheet(title, rows, (1.0,) * columns, 3.6, below=below)
+    figure, grid = drawing.sheet(title, rows, (1.0,) * columns, 3.6)
     for k, group in enumerate(parts):
         ax = drawing.panel(figure, grid[k // columns, k % columns],
                            heading(group[0]).rpartition(', ')[2], 'RMS error [rad]')
@@ -92,8 +87,7 @@ def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
         for axis, key in (('x', 'variation'), ('y', 'rms')):
             drawing.decades(ax, axis, [_mean(getattr(x.score, key)) for x in group
                                        if not x.score.failure])
-    handles = [Line2D([], [], label=label(variant), **style) for variant, style in look.items()]
-    figure.legend(handles=handles, loc='lower center', ncol=4, frameon=False, fontsize=9)
+    legend(figure, [Line2D([], [], label=label(x), **style) for x, style in look.items()])
     return figure
 
 
@@ -132,8 +126,10 @@ def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     for (experiment, backend), mine in robots.items():
         yield f'{experiment}_{backend}', trade_off(
             mine, f'{experiment}, plant {backend}: error and torque variation'), (
-            'Geometric means over the joints; lower left is better.')
+            'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower left '
+            'is better.')
         for group in groups(mine):
             condition = group[0].task.condition
             yield '_'.join((experiment, backend, *([condition.name] if condition else []))), (
-                errors(group)), (f'{condition.title}.' if condition else 'As in the file.')
+                errors(group)), (
+                    f'A row a law; {condition.title if condition else "as in the file"}.')

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.result import simulated
 from ctc_chattering.analysis.run_names import LAW_COLOURS
@@ -52,13 +53,14 @@ QUANTITIES = (('rms', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
 #: The slice drawn of the time domain: friction of joint 2 changes its sign at 7.75 s [s].
 SLICE = (7.70, 7.85)
+_OVERVIEW = ('RMS error and torque variation of joint 2 over the second half of each run. A row a '
+             'case, a mark a run; grey: from the least to the greatest.')
 
 
 def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xlabel: str
           ) -> Figure:
     """Draw both quantities against the abscissa of the cases in `groups`, one panel row each."""
     figure, grid = drawing.sheet(title, len(groups), (1.0, 1.0), 3.1)
-    _legend(figure, outcomes)
     for (k, group), (column, (key, name, unit)) in itertools.product(
             enumerate(groups), enumerate(QUANTITIES)):
         mine = [o for o in outcomes if o.case.group == group]
@@ -79,6 +81,7 @@ def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xl
             drawing.label(ax, 0.01, 0.04, 'diverged: ' + ', '.join(failed))
     for column in (0, 1):
         _same_ordinate(figure.axes[column::2])
+    _legend(figure, outcomes)
     return figure
 
 
@@ -87,7 +90,6 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     table, look = study.rows(outcomes), _styles(outcomes)
     figure, grid = drawing.sheet(title, 1, (1.0, 1.0),
                                  (0.21 + 0.02 * len(look)) * len(table) + 0.3, left=3.9)
-    _legend(figure, outcomes)
     cases = [row[0].case for row in table]
     names = [case.name if case.group == BASIC else f'{case.group}: {case.name}'
              for case in cases]
@@ -114,6 +116,7 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
         drawing.decades(ax, 'x', [x[1] for o in outcomes if (x := getattr(o.score, key))])
         ax.set_yticks(range(len(table)), [''] * len(table) if column else names)
         ax.tick_params(axis='y', length=0, labelsize=8)
+    _legend(figure, outcomes)
     return figure
 
 
@@ -183,7 +186,7 @@ def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:
             'v and the chattering term of joint 2 while its friction changes sign. The axes of a '
             'row are the same.')
     if basic:
-        yield 'basic', overview(basic, f'{BASIC}, joint 2'), f'{BASIC}, joint 2.'
+        yield 'basic', overview(basic, f'{BASIC}, joint 2'), _OVERVIEW
     for name, wanted, title, xlabel in (
             ('sample_period', (PERIOD,), 'Sample period', 'sample period h [ms]'),
             ('gain', (GAIN,), 'Gain, h = 1 ms', 'gain ka [N·m]'),
@@ -191,11 +194,13 @@ def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:
              'standard deviation σ [rad/s]')):
         present = [group for group in wanted if group in groups]
         if present and not (laws and name == 'gain'):  # Recommended settings have their own.
-            yield name, sweep(outcomes, present, title, xlabel), f'{title}.'
+            yield name, sweep(outcomes, present, title, xlabel), (
+                'RMS error and torque variation of joint 2 over the second half of each run; all '
+                'other parameters have their defaults.')
     rest = [o for o in outcomes if o.case.group not in (BASIC, PERIOD, GAIN)]
     if rest:
         yield 'imperfections', overview(rest, 'One imperfection at a time, joint 2'), (
-            'One imperfection at a time, joint 2.')
+            _OVERVIEW)
 
 
 def _styles(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, Any]]:
@@ -205,10 +210,8 @@ def _styles(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, Any]]:
 
 
 def _legend(figure: Figure, outcomes: Sequence[CaseOutcome]) -> None:
-    handles = [Line2D([], [], label=name, **style) for name, style in _styles(outcomes).items()]
-    few = len(handles) <= 5
-    figure.legend(handles=handles, loc='upper right', ncol=len(handles) if few else 5,
-                  frameon=False, fontsize=9 if few else 8, columnspacing=2.0 if few else 1.2)
+    legend(figure, [Line2D([], [], label=name, **style)
+                    for name, style in _styles(outcomes).items()])
 
 
 def _same_ordinate(panels: Sequence[Axes], room: float = 0.0) -> None:

@@ -30,6 +30,8 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
+from figure_layout import overlaps
+from made_up_runs import made_up
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
@@ -37,24 +39,13 @@ import pytest
 
 pytestmark = pytest.mark.filterwarnings('error')
 LAWS = {law: ControllerConfig(law=law) for law in ('compensation', 'chattering')}
+LAWS_SHOWN = ('compensation', 'chattering', 'observer_feedback')
 DRAWN = (figures.tracking, figures.torques, figures.internals)
 
 
 def simulated(law: str, duration: float, experiment: str = 'friction') -> Result:
     run = simulate(PlantConfig(duration=duration), LAWS[law], ReferenceConfig())
     return Result(experiment, [(0.0, LAWS[law])], run)
-
-
-def made_up(n: int, samples: int = 300, **values: Any) -> Result:
-    """Return a result for `n` joints that no model here has."""
-    t = np.array([i * 1e-3 for i in range(samples)])
-    x = np.sin(np.outer(t, 20.0 + np.arange(n)))
-    config = ControllerConfig.from_mapping({
-        'model': 'other:Arm', 'joint_names': [f'axis{i}' for i in range(n)], **values})
-    run = Run(t, x, x, x + 0.1, x, x, 5.0 * x, 0.1 * x)
-    terms = RunTerms(run.tau, run.tau, x, 10.0 * np.sign(x), run.v,
-                     1e-6 + np.square(x).sum(axis=1))
-    return Result('friction', [(0.0, config)], run, terms)
 
 
 @pytest.fixture(scope='module')
@@ -230,8 +221,7 @@ def test_comparison_puts_the_laws_of_an_experiment_together(
         error = np.abs(result.run.q_d - result.run.q).sum(axis=1)
         assert np.array_equal(drawn(friction, line), error)
         assert friction.lines[line].get_color() == LAW_COLOURS[result.law]
-        largest = result.metrics()['max_error_norm1_rad']
-        assert friction.lines[line].get_label() == f'{result.law}: ≤ {largest:.2g} rad'
+        assert friction.lines[line].get_label() == result.law
     assert '→ chattering' in texts(changed)
     assert all(ax.get_yscale() == 'log' for ax in figure.axes)
     assert friction.get_ylim() == changed.get_ylim()
@@ -243,9 +233,13 @@ def test_scores_are_the_metrics(compensation: Result, chattering: Result, switch
     for ax, key, unit in zip(figure.axes, ('rms_error_rad', 'torque_variation_nm_per_s'),
                              ('[rad]', '[N·m/s]')):
         assert ax.get_xlabel().endswith(unit)
+        dots = iter(ax.lines)
         for y, result in enumerate(results[:2]):
-            assert np.asarray(ax.lines[y].get_xdata()).tolist() == result.metrics()[key]
-            assert drawn(ax, y).tolist() == [y, y]
+            for joint, (value, dot) in enumerate(zip(result.metrics()[key], dots), 1):
+                (x,), (row,) = dot.get_data()
+                assert (x, round(row)) == (value, y)
+                assert any(text.get_text() == str(joint) and text.get_position() == (x, row)
+                           for text in ax.texts)
         assert 'no sample from 5 s to 10 s' in texts(ax)
     assert figure.axes[0].get_yticklabels()[2].get_text() == 'switch: compensation → chattering'
 
@@ -256,8 +250,8 @@ def test_equal_scores_have_an_axis_of_whole_decades() -> None:
         low, high = np.log10(ax.get_xlim())
         assert (low, high) == pytest.approx((round(low), round(high)))
         assert low < high
-        shown = np.asarray(ax.lines[0].get_xdata())
-        assert len(shown) == 7
+        shown = np.ravel([line.get_xdata() for line in ax.lines])
+        assert len(shown) == 14
         assert 10.0 ** low < shown.min() and shown.max() < 10.0 ** high
 
 
@@ -295,6 +289,21 @@ def test_a_directory_that_cannot_be_made(chattering: Result, tmp_path: Path) -> 
     (tmp_path / 'file').write_text('')
     with pytest.raises(CtcError, match=r'^cannot write .*file'):
         figures.save_figures([chattering], tmp_path / 'file')
+
+
+@pytest.mark.parametrize('n', [2, 7])
+def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
+    """Check all kinds of figures with long names, and that a legend within axes is found."""
+    names = [f'a_joint_of_robot_{i}' for i in range(n)]
+    runs = [made_up(n, 50, joint_names=names, law=law) for law in LAWS_SHOWN]
+    several = [dataclasses.replace(x, experiment=y) for y in ('a', 'b') for x in runs]
+    drawings = [draw(runs[1]) for draw in DRAWN[:3 if n == 2 else 1]]
+    drawings += [comparison_figures.error_comparison(several),
+                 comparison_figures.score_comparison(several)]
+    for figure in drawings:
+        assert not overlaps(figure)
+    drawings[0].axes[0].legend(loc='upper right')
+    assert any('legend' in text for text in overlaps(drawings[0]))
 
 
 GANTRY = """<robot name="gantry"><link name="a"/><link name="b"/><link name="c"/>

@@ -25,12 +25,12 @@ function loaded(path) {
   });
 }
 async function mount(element) {
-  const { joints, units, runs, mark, signals } = JSON.parse(element.textContent);
+  const { joints, units, runs, mark, signals, settled } = JSON.parse(element.textContent);
   try {
     await Promise.all(runs.map(run => ctcSamples[run.key] || loaded(run.path)));
     element.textContent = '';
     const plots = ctcPlots.mount(element, { joints, units, runs: runs.map(
-      run => ({ name: run.name, packed: ctcSamples[run.key] })) }, { signals, settled: 1.0 });
+      run => ({ name: run.name, packed: ctcSamples[run.key] })) }, { signals, settled });
     if (mark !== null) plots.mark(mark);
   } catch (error) {
     element.replaceChildren(Object.assign(document.createElement('p'), { textContent: error.message }));

@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import stribeck_velocity, TermKind
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
@@ -174,6 +175,6 @@ def _validation(validation: Validation, verdicts: Sequence[Verdict]) -> _Named:
             axes.plot(t, predicted, color=_FIT, linewidth=0.8, label='predicted')
             axes.plot(t, validation.torque[:, i] - predicted, color=REFERENCE, linewidth=0.6,
                       label='difference')
-        axes.legend(fontsize=8, loc='upper right')
+    legend_of(*panels)
     return 'validation', figure, ('Torque of a run that was not used, and the prediction where '
                                   'the joint slides; none for a joint that is not usable.')

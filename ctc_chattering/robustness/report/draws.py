@@ -17,10 +17,11 @@
 from __future__ import annotations
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.boundary import pooled
 from ctc_chattering.robustness.report.data import KINDS, MapData, spaced
-from ctc_chattering.robustness.report.lines import legend_beside, names_on, styles
+from ctc_chattering.robustness.report.lines import names_on, styles
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 import numpy as np
@@ -33,7 +34,7 @@ _STEPS = 1000
 
 def distributions(data: MapData) -> Figure:
     """Draw the share of runs with an error up to a value."""
-    figure, grid = drawing.sheet('Distribution of the error', 1, (3.4, 1.0), 3.6)
+    figure, grid = drawing.sheet('Distribution of the error', 1, (1.0,), 3.6)
     ax = drawing.panel(figure, grid[0, 0], '', 'share of runs with this error or less')
     error = data.rows['error'].to_numpy()
     known = error[np.isfinite(error) & (error > 0.0)]
@@ -50,7 +51,7 @@ def distributions(data: MapData) -> Figure:
                 label=data.variants[v])
     ax.set(xlabel='RMS error [rad]', ylim=(-0.02, 1.02))
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
-    legend_beside(ax)
+    legend_of(ax)
     return figure
 
 
@@ -58,7 +59,7 @@ def shares(data: MapData) -> Figure:
     """Draw the share of each kind of failure, with the interval of all."""
     n = len(data.variants)
     left = min(4.0, 0.5 + 0.075 * max(map(len, data.variants)))
-    figure, grid = drawing.sheet('Failures by kind', 1, (4.0, 1.0), 0.36 * n + 0.4, left=left)
+    figure, grid = drawing.sheet('Failures by kind', 1, (1.0,), 0.36 * n + 0.4, left=left)
     ax = drawing.panel(figure, grid[0, 0], '', '')
     runs = np.array([len(data.of(v)) for v in range(n)])
     ax.set_axisbelow(True)
@@ -75,7 +76,7 @@ def shares(data: MapData) -> Figure:
     ax.xaxis.set_major_formatter(PercentFormatter(1.0))
     names_on(ax, data.variants)
     if before.any():
-        legend_beside(ax)
+        legend_of(ax)
     return figure
 
 

@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend
 from ctc_chattering.analysis.number_format import short
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.axis import round_decades
@@ -53,8 +54,8 @@ def error_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
         ticks = round_decades(low, high, 8)
         bar.set_yticks(ticks, [short(x) for x in ticks])
         bar.set_yticks([], minor=True)
-    found.legend(states(found.places, data, [np.isinf(x) for x in shown],
-                        'half of the runs or more diverged'))
+    legend(found.figure, states(found.places, data, [np.isinf(x) for x in shown],
+                                'half of the runs or more diverged'))
     return drawing.fit_titles(found.figure)
 
 
@@ -69,8 +70,8 @@ def failure_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
         handles.update({handle.get_label(): handle for handle in boundary(place, data)})
     found.colour_bar(drawn, 'share of runs that fail', ticks=[0.0, 0.25, 0.5, 0.75, 1.0],
                      format='{x:.0%}')
-    found.legend([*(handles[name] for name in LINES if name in handles),
-                  *states(found.places, data, [], '')])
+    legend(found.figure, [*(handles[name] for name in LINES if name in handles),
+                          *states(found.places, data, [], '')])
     return drawing.fit_titles(found.figure)
 
 
@@ -93,7 +94,7 @@ def gain_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
         drawn = mesh(place, data, beyond, cmap=cmap, norm=Normalize(-most, most))
     name = data.variants[base]
     found.colour_bar(drawn, f'decades less error than {name}')
-    found.legend([*_one_diverged(shown, name), *states(
+    legend(found.figure, [*_one_diverged(shown, name), *states(
         found.places, data, [np.isnan(x) for x in shown], 'both diverged')])
     return drawing.fit_titles(found.figure)
 

@@ -22,6 +22,7 @@ import textwrap
 from typing import Any
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import LEVEL, wilson
@@ -51,7 +52,7 @@ def styles(data: MapData) -> list[dict[str, Any]]:
 def lines(data: MapData) -> Figure:
     """Draw median error and failure probability over the only axis."""
     (axis,) = data.axes
-    figure, grid = drawing.sheet(f'Error and failures over {axis.name}', 2, (3.4, 1.0), 3.0)
+    figure, grid = drawing.sheet(f'Error and failures over {axis.name}', 2, (1.0,), 3.0)
     above = drawing.panel(figure, grid[0, 0], 'median of the RMS error', 'RMS error [rad]')
     below = drawing.panel(figure, grid[1, 0],
                           'failure probability, with intervals of 95 % (Wilson)',
@@ -69,7 +70,7 @@ def lines(data: MapData) -> Figure:
     below.set_ylim(-0.04, 1.04)
     for ax in (above, below):
         _ruled(ax, axis, 10)
-    legend_beside(above)
+    legend_of(above)
     return drawing.fit_titles(figure)
 
 
@@ -109,13 +110,6 @@ def _median(ax: Axes, axis: GridAxis, values: Array, aside: float = 0.0, **style
 def _ruled(ax: Axes, axis: GridAxis, most: int) -> None:
     ax.set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
     ax.set_xticks(*axis.ticks(most))
-
-
-def legend_beside(ax: Axes) -> None:
-    """Put the legend on the right of the axes."""
-    handles, names = ax.get_legend_handles_labels()
-    ax.legend(handles, [textwrap.fill(name, 34) for name in names],
-              loc='upper left', bbox_to_anchor=(1.01, 1.02), frameon=False, fontsize=9)
 
 
 def names_on(ax: Axes, names: Sequence[str]) -> None:

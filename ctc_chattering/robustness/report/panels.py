@@ -37,7 +37,7 @@ import numpy as np
 import numpy.typing as npt
 
 #: Of a sheet and its panels [inch].
-_WIDTH, _LEFT, _RIGHT, _TOP, _LEGEND, _BOTTOM = 11.0, 0.8, 1.15, 0.5, 0.22, 0.55
+_WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM = 11.0, 0.8, 1.15, 0.5, 0.55
 _SIDE, _GAP, _TITLE, _HEADER, _WIDEST, _TALLEST = 0.16, 0.14, 0.24, 0.3, 4.4, 3.0
 #: Which cells.
 Mask = npt.NDArray[np.bool_]
@@ -84,15 +84,6 @@ class Sheet:
         ax.tick_params(labelsize=9)
         return ax
 
-    def legend(self, handles: Sequence[Patch | Line2D]) -> None:
-        """Draw a legend below the title."""
-        if handles:
-            height = self.figure.get_size_inches()[1]
-            self.figure.legend(
-                handles=list(handles), loc='upper left', ncol=len(handles), frameon=False,
-                fontsize=9, bbox_to_anchor=(0.1 / _WIDTH, 1.0 - 0.4 / height),
-                handlelength=1.8, columnspacing=1.6, borderaxespad=0.0)
-
 
 def sheet(data: MapData, title: str, variants: Sequence[int], rest: tuple[int, ...]) -> Sheet:
     """
@@ -115,7 +106,7 @@ def sheet(data: MapData, title: str, variants: Sequence[int], rest: tuple[int, .
     width = min((_WIDTH - _LEFT - header - _RIGHT - (columns - 1) * _SIDE) / columns, _WIDEST)
     height = min(0.8 * width, _TALLEST) if rows < 4 else max(min(0.6 * width, 1.9), 1.25)
     gap = _GAP + (0.0 if heads else _TITLE)
-    above = _TOP + _LEGEND + _TITLE
+    above = _TOP + _TITLE
     inner = rows * height + (rows - 1) * gap
     whole = above + inner + _BOTTOM
     figure, _ = drawing.sheet(title, 1, (1.0,), whole - 1.33)

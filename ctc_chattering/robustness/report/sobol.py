@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.analysis.tables import Table, two_lines
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.data import MapData
@@ -124,6 +125,5 @@ def sobol_figure(data: MapData) -> Figure:
         ax.set(xlabel='part of the variance', xlim=(0.0, 1.05))
         ax.grid(False, axis='y')
         names_on(ax, names if not k % columns else [''] * len(names))
-        if not k:
-            ax.legend(loc='lower right', fontsize=9, frameon=False)
+    legend_of(figure.axes[0])
     return drawing.fit_titles(figure)

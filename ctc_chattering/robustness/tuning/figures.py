@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ctc_chattering.analysis import drawing
+from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.robustness.tuning.report import part_of_runs
 from ctc_chattering.robustness.tuning.runs import Candidate, Tuning
 from ctc_chattering.robustness.tuning.search import CONSTRAINTS, DIVERGED
@@ -62,8 +63,7 @@ def front_figure(tuning: Tuning) -> Figure:
                     markerfacecolor='white' if fresh else colour, zorder=3)
     _marks(ax, tuning)
     _fit(ax, [_place(x, fresh) for x in (*tuning.points, *tuning.others) for fresh in (0, 1)])
-    ax.legend(fontsize=9, frameon=False, loc='upper left', bbox_to_anchor=(1.01, 1.0))
-    ax.set_position((0.075, ax.get_position().y0, 0.58, ax.get_position().height))
+    legend_of(ax)
     return figure
 
 
@@ -94,7 +94,7 @@ def _marks(ax: Axes, tuning: Tuning) -> None:
         broken = ', '.join(x for x in CONSTRAINTS if candidate.fresh.violating[x])
         ax.plot(*_place(candidate, True), marker, color=colour, markersize=9, linestyle='',
                 markeredgecolor='white', zorder=4,
-                label=candidate.name + (f'\n(violates: {broken})' if broken else ''))
+                label=candidate.name + (f' (violates: {broken})' if broken else ''))
     for k, candidate in enumerate(tuning.points):
         if k in (0, len(tuning.points) - 1, tuning.knee):
             ax.annotate(candidate.name, _place(candidate, False), xytext=(5, 4),
@@ -172,9 +172,7 @@ def draws_figure(tuning: Tuning) -> Figure:
                     marker, color=colour, markersize=size, alpha=0.7,
                     label='gains of the file' if candidate in tuning.others else
                     'recommended point')
-        if not k:
-            figure.legend(*ax.get_legend_handles_labels(), loc='upper right', ncol=2,
-                          frameon=False, fontsize=9)
+    legend_of(figure.axes[0])
     return figure
 
 
@@ -199,7 +197,8 @@ def _all(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
         'above or to the right of the front, the search has fitted its own draws.')
     if tuning.points:
         yield 'numbers', gains_figure(tuning), (
-            'Dashed: ends of the range that is searched. At an end the range may be too narrow.')
+            'What was searched, at each point of the front. Star: recommended. Dashed: ends of '
+            'the range that is searched. At an end the range may be too narrow.')
     if tuning.spec.uncertain:
         yield 'draws', draws_figure(tuning), (
             'A dot a draw: which uncertain quantity makes the error.')

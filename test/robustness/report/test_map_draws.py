@@ -77,8 +77,7 @@ def test_bars_are_the_shares_of_the_kinds(data: MapData) -> None:
         worse = [int(data.of(v)['failure'].isin(KINDS[:kind]).sum())
                  for v in range(len(data.variants))]
         assert [bar.get_x() for bar in mine] == pytest.approx([n / 80 for n in worse][:len(mine)])
-    legend = ax.get_legend()
-    assert legend is not None
+    (legend,) = ax.get_figure().legends
     assert [text.get_text() for text in legend.get_texts()] == [
         kind for kind in KINDS if (data.rows['failure'] == kind).any()]
     (interval,) = ax.collections
