@@ -23,7 +23,7 @@ from typing import Any
 from ctc_chattering.launch.requests import Requests
 from ctc_chattering.live.controls import numbers
 from ctc_chattering.live.graph_reader import GraphReader
-from ctc_chattering.live.recording import Recording
+from ctc_chattering.live.recorder_process import Recording
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 
 #: Time to wait for a service and its answer [s].

@@ -21,7 +21,7 @@ import signal
 from typing import Any
 
 from bags import reports_of
-from ctc_chattering.live.recording import Recording
+from ctc_chattering.live.recorder_process import Recording
 from processes import probe, wait_for
 import pytest
 
