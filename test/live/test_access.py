@@ -199,6 +199,7 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
     start = library.serve
 
     class Other(viser.ViserServer):  # type: ignore[misc, name-defined]
+
         def __init__(self, *arguments: Any, **options: Any) -> None:
 
             with monkeypatch.context() as patch:
