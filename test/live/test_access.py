@@ -201,7 +201,6 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
     class Other(viser.ViserServer):  # type: ignore[misc, name-defined]
 
         def __init__(self, *arguments: Any, **options: Any) -> None:
-
             with monkeypatch.context() as patch:
                 patch.setattr(library, 'serve', start)
                 super().__init__(*arguments, **options)
