@@ -204,8 +204,8 @@ def test_a_viser_whose_requests_cannot_be_checked_is_not_started(
     start = library.serve
 
     class Other(viser.ViserServer):  # type: ignore[misc, name-defined]
-        def __init__(self, *arguments: Any, **options: Any) -> None:
 
+        def __init__(self, *arguments: Any, **options: Any) -> None:
             with monkeypatch.context() as patch:
                 patch.setattr(library, 'serve', start)
                 super().__init__(*arguments, **options)
