@@ -210,7 +210,7 @@ class Computation:
 
         def ended(error: BaseException) -> str:
             return (f'{str(error) or "stopped"}; {done} of {total} runs are in '
-                    f'{directory.path}, the same command goes on')
+                    f'{directory.path}, run the same command to continue')
         try:
             self._progress(done, total)
             for key, table in pool.computed(
