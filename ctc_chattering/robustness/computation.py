@@ -189,7 +189,7 @@ class Computation:
         count, left = len(parts), _count(todo)
         self._show(f'{_count(parts)} runs in {count} chunk{"s" * (count > 1)}')
         if left < _count(parts):
-            self._show(f'{_count(parts) - left} runs are there already')
+            self._show(f'{_count(parts) - left} runs are already computed')
 
     @contextmanager
     def _workers(self, jobs: int) -> Iterator[Client]:
