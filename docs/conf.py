@@ -27,6 +27,7 @@ from typing import Any
 
 import ctc_chattering
 from docutils import nodes
+from docutils.parsers.rst.states import Inliner
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 
@@ -38,9 +39,10 @@ release = ctc_chattering.__version__
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.autosummary',
               'sphinx.ext.napoleon', 'sphinx.ext.viewcode']
 #: README.md is on the front page.
-include_patterns = ['*.md', '*.rst', 'docs/**.md', 'docs/**.rst']
+include_patterns = ['*.md', '*.rst', 'docs/**.md', 'docs/**.rst',
+                    'examples/README.md']
 exclude_patterns = ['.*', '**_templates', 'README.md', 'build', 'config', 'ctc_chattering',
-                    'examples', 'install', 'log', 'results', 'site', 'soak', 'test']
+                    'install', 'log', 'results', 'site', 'soak', 'test']
 templates_path = ['docs/_templates']
 
 #: Headings have the anchors that GitHub gives them.
@@ -75,6 +77,12 @@ def without_field_numbers(*event: Any) -> None:
         lines.clear()
 
 
+def bar(_: Inliner, match: re.Match[str], __: int) -> tuple[str, list[Any], str, list[Any]]:
+    """Leave the bars of a magnitude such as |v| as they are: here they name no substitution."""
+    end = match.end('start')
+    return match.string[:end], [], match.string[end:], []
+
+
 def titled(_: Sphinx, name: str, source: list[str]) -> None:
     """Give the tables that `ctc compare` writes the title that a page needs."""
     if name.endswith('/compare'):
@@ -105,6 +113,7 @@ def unbroken(_: Sphinx, doctree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> None:
     """Connect what is between reading and writing a page."""
+    Inliner.dispatch['|'] = bar
     app.connect('autodoc-process-docstring', without_field_numbers)
     app.connect('source-read', titled)
     app.connect('doctree-read', resolvable)

@@ -23,6 +23,8 @@ Hypothesis tries the same examples every time, however slow the machine.
 """
 
 from collections.abc import Iterator
+import gc
+from importlib.util import find_spec
 import os
 import signal
 
@@ -54,11 +56,18 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what needs a browser where there is none."""
-    if chromium() is None:
-        left_out = [item for item in items if item.get_closest_marker('browser')]
-        items[:] = [item for item in items if item not in left_out]
-        config.hook.pytest_deselected(items=left_out)
+    """Leave out what needs a browser, or control_msgs, where there is none."""
+    for marker, there in (('browser', chromium()), ('control_msgs', find_spec('control_msgs'))):
+        if there is None:
+            left_out = [item for item in items if item.get_closest_marker(marker)]
+            items[:] = [item for item in items if item not in left_out]
+            config.hook.pytest_deselected(items=left_out)
+
+
+def pytest_collection_finish() -> None:
+    """Have the garbage collector pass over what all tests share: modules, and the tests."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -23,6 +23,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from ctc_chattering.analysis.legends import TITLE, title_of
 from ctc_chattering.analysis.output import file_stem, writing
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array
@@ -110,7 +111,7 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
                     _NOT_XML.sub(b'', data.getvalue()) if kind == 'svg' else data.getvalue())
             first, *others = (directory / f'{stem}.{kind}' for kind in dict.fromkeys(kinds))
             width, height = 96.0 * figure.get_size_inches()
-            files.append(FigureFile(first, figure.get_suptitle(), caption, tuple(others),
+            files.append(FigureFile(first, title_of(figure), caption, tuple(others),
                                     (round(width), round(height))))
     return files
 
@@ -132,7 +133,7 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.15 / _WIDTH, y=1.0 - 0.16 / whole, ha='left', va='top',
-                    fontsize=13, weight='bold', parse_math=False)
+                    label=TITLE, fontsize=13, weight='bold', parse_math=False)
     width = (_WIDTH - left - _RIGHT) / len(widths)
     return figure, figure.add_gridspec(
         rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,

@@ -48,7 +48,7 @@ def metrics(run: Run, window: tuple[float, float] = WINDOW, band: float = BAND,
     window : (float, float)
         First and last instant of the samples evaluated [s].
     band : float
-        Band of ``|v_i|`` for the reaching time [rad/s].
+        Band of |v_i| for the reaching time [rad/s].
     period : float, optional
         Sample period [s]. Variation, steps and rates of the torque are then those of the
         samples with none missing in between; without it, of all neighbours.
@@ -120,7 +120,7 @@ def rms(x: Array) -> Array:
 
 def reaching_time(t: Array, v: Array, band: float = BAND) -> float | None:
     """
-    Return the first time [s] from which every ``|v_i|`` stays within `band` to the end.
+    Return the first time [s] from which every |v_i| stays within `band` to the end.
 
     None if the last sample is outside, or there is none.
     """

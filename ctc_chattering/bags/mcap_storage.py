@@ -40,7 +40,7 @@ class McapStorage(Storage):
     Raises
     ------
     ValueError
-        If it is cut off, or its index has another checksum.
+        If it is empty, cut off, or its index has another checksum.
 
     """
 
@@ -51,6 +51,8 @@ class McapStorage(Storage):
         self._chunks: list[tuple[int, int, frozenset[int] | None]] = []
         self._counts: Counter[int] = Counter()
         self._times: list[int] = []
+        if not path.stat().st_size:
+            raise ValueError('is empty')
         with path.open('rb') as stream:
             self._data: Any = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
         try:

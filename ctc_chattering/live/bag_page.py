@@ -101,8 +101,8 @@ class BagPage:
 
     def _seek(self, t: Any) -> None:
         """Go to a time that was clicked in a plot, if it is one."""
-        if isinstance(t, int | float) and math.isfinite(t):
-            self._wanted = min(max(self._player.begin, float(t)), self._player.end)
+        if type(t) in (int, float) and t == t:  # Not nan.
+            self._wanted = float(min(max(self._player.begin, t), self._player.end))
             self._slider.value = round(self._wanted, 3)
 
     def _on_play(self, _event: Any) -> None:

@@ -27,8 +27,9 @@ import numpy as np
 FIELD, ASPECT = 0.8, 0.9
 #: Part of the view that the arms fill, where they are now and wherever they will be.
 _NOW, _EVER = 0.8, 0.98
-#: From the arm to the camera: of one arm, and of several, which stand one behind the other.
-_DIRECTIONS = ((0.2, -1.0, 0.15), (-0.8, -0.8, 0.25))
+#: From the arm to the camera: of one arm, in a wide view and in a narrow one, of which the second
+#: is taken if it comes so much closer; and of several arms, which stand one behind the other.
+_WIDE, _NARROW, _CLOSER, _SEVERAL = (0.2, -1.0, 0.15), (0.8, -0.8, 0.2), 0.85, (-0.8, -0.8, 0.25)
 #: Between the roots of two arms, as a part of the reach.
 _APART = 0.65
 
@@ -61,7 +62,17 @@ def camera_of(now: Array, ever: Array, count: int = 1, aspect: float = ASPECT) -
         Width of the view as a part of its height.
 
     """
-    back = np.array(_DIRECTIONS[min(count, 2) - 1])
+    if count > 1:
+        return _seen_from(_SEVERAL, now, ever, aspect)[1]
+    distance, camera = _seen_from(_WIDE, now, ever, aspect)
+    closer, other = _seen_from(_NARROW, now, ever, aspect)
+    return other if closer < _CLOSER * distance else camera
+
+
+def _seen_from(direction: tuple[float, float, float], now: Array, ever: Array, aspect: float
+               ) -> tuple[float, Camera]:
+    """Return the least distance from which all can be seen, and the camera there."""
+    back = np.array(direction)
     back /= np.linalg.norm(back)
     right = np.cross((0.0, 0.0, 1.0), back)
     right /= np.linalg.norm(right)
@@ -76,7 +87,7 @@ def camera_of(now: Array, ever: Array, count: int = 1, aspect: float = ASPECT) -
         # Of a point: |across| <= fills * size * (distance - depth).
         distance = max(distance, float((np.abs(x[:, :2]) / (fills * size) + x[:, 2:]).max()))
     target = middle @ axes
-    return Camera(_three(target + distance * back), _three(target))
+    return distance, Camera(_three(target + distance * back), _three(target))
 
 
 def is_at(camera: Camera, other: Any, tolerance: float = 1e-2) -> bool:

@@ -31,7 +31,7 @@ ALL = -1
 
 
 @dataclasses.dataclass(frozen=True)
-class Gain:
+class GainSlider:
     """
     A gain in force, as its slider shows it.
 
@@ -97,7 +97,7 @@ class Gain:
         return list(made) if isinstance(made, tuple) else made
 
 
-def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> list[Gain]:
+def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> list[GainSlider]:
     """Return the gains among a controller's parameters in force; what is no gain is left out."""
     law = parameters.get('law')
     found = []
@@ -112,9 +112,9 @@ def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> list[Gain]:
             f'the law {law} does not take it')
         n = len(names)
         if spec.kind == 'float':
-            found.append(Gain(spec, (value,), off=off))
+            found.append(GainSlider(spec, (value,), off=off))
         elif len(value) == n:
-            found.append(Gain(spec, value, off=off))
+            found.append(GainSlider(spec, value, off=off))
         else:
-            found.append(Gain(spec, value[::n + 1], value, off))
+            found.append(GainSlider(spec, value[::n + 1], value, off))
     return found

@@ -23,7 +23,7 @@ from typing import Any
 from ctc_chattering.launch.requests import Requests
 from ctc_chattering.live.controls import numbers
 from ctc_chattering.live.graph_reader import GraphReader
-from ctc_chattering.live.recorder_process import Recording
+from ctc_chattering.live.recorder_process import RecorderProcess
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 
 #: Time to wait for a service and its answer [s].
@@ -47,7 +47,7 @@ class GraphCommands:
     Attributes
     ----------
     requests : Requests
-    recording : Recording
+    recording : RecorderProcess
 
     """
 
@@ -55,7 +55,7 @@ class GraphCommands:
                  answer: Callable[[str, bool, str], None]) -> None:
         self._reader = reader
         self.requests = Requests(reader, answer, _PATIENCE)
-        self.recording = Recording(bags, ros_args, answer)
+        self.recording = RecorderProcess(bags, ros_args, answer)
 
     def poll(self) -> None:
         """Send what waits, and tell the answers that have come."""

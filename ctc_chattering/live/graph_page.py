@@ -193,7 +193,8 @@ class GraphPage:
                             domain=os.environ.get('ROS_DOMAIN_ID', '0'))
         switching = f', {config.switching}' if config.takes('switching') else ''
         counts = '; '.join(f'{name} {misses} misses, {refused} refused' for name, misses, refused
-                           in (counted(name, report) for name, report in reports.items()))
+                           in (counted(name, report) for name, report in reports.items()
+                               if name != 'bringup'))
         return fragment(_SUMMARY, law=config.law + switching, counts=counts,
                         period=f'{1e3 * config.control_period:g}')
 

@@ -61,7 +61,7 @@ class LawPanel:
         parameters : mapping
             The controller's, in force.
         record : mapping
-            As `Recording.shown` returns it.
+            As `RecorderProcess.shown` returns it.
 
         """
         self._names, self._parameters = tuple(names), parameters

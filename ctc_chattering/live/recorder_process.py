@@ -32,7 +32,7 @@ _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_.-]{0,63}')
 _PATIENCE = 20.0
 
 
-class Recording:
+class RecorderProcess:
     """
     Starts and stops a recorder, one at a time.
 

@@ -21,7 +21,7 @@ limit R::
 
     dτ/dt = (c - τ) / T, within ±R                                                        (DR1)
 
-It rises at the rate R until ``|c - τ|`` = R T, then exponentially; without a lag it rises to c.
+It rises at the rate R until |c - τ| = R T, then exponentially; without a lag it rises to c.
 Both parts have a closed form, so that no integrator is needed and T may be shorter than its step.
 """
 

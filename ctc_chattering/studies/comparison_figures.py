@@ -126,8 +126,10 @@ def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
     for (experiment, backend), mine in robots.items():
         yield f'{experiment}_{backend}', trade_off(
             mine, f'{experiment}, plant {backend}: error and torque variation'), (
-            'Geometric means over the joints; lower left is better.')
+            'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower left '
+            'is better.')
         for group in groups(mine):
             condition = group[0].task.condition
             yield '_'.join((experiment, backend, *([condition.name] if condition else []))), (
-                errors(group)), (f'{condition.title}.' if condition else 'As in the file.')
+                errors(group)), (
+                    f'A row a law; {condition.title if condition else "as in the file"}.')

@@ -53,6 +53,8 @@ QUANTITIES = (('rms', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
 #: The slice drawn of the time domain: friction of joint 2 changes its sign at 7.75 s [s].
 SLICE = (7.70, 7.85)
+_OVERVIEW = ('RMS error and torque variation of joint 2 over the second half of each run. A row a '
+             'case, a mark a run; grey: from the least to the greatest.')
 
 
 def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xlabel: str
@@ -184,7 +186,7 @@ def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:
             'v and the chattering term of joint 2 while its friction changes sign. The axes of a '
             'row are the same.')
     if basic:
-        yield 'basic', overview(basic, f'{BASIC}, joint 2'), f'{BASIC}, joint 2.'
+        yield 'basic', overview(basic, f'{BASIC}, joint 2'), _OVERVIEW
     for name, wanted, title, xlabel in (
             ('sample_period', (PERIOD,), 'Sample period', 'sample period h [ms]'),
             ('gain', (GAIN,), 'Gain, h = 1 ms', 'gain ka [N·m]'),
@@ -192,11 +194,13 @@ def _all(outcomes: Sequence[CaseOutcome]) -> Iterator[tuple[str, Figure, str]]:
              'standard deviation σ [rad/s]')):
         present = [group for group in wanted if group in groups]
         if present and not (laws and name == 'gain'):  # Recommended settings have their own.
-            yield name, sweep(outcomes, present, title, xlabel), f'{title}.'
+            yield name, sweep(outcomes, present, title, xlabel), (
+                'RMS error and torque variation of joint 2 over the second half of each run; all '
+                'other parameters have their defaults.')
     rest = [o for o in outcomes if o.case.group not in (BASIC, PERIOD, GAIN)]
     if rest:
         yield 'imperfections', overview(rest, 'One imperfection at a time, joint 2'), (
-            'One imperfection at a time, joint 2.')
+            _OVERVIEW)
 
 
 def _styles(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, Any]]:

@@ -95,7 +95,7 @@ def to_markdown(kind: StudyKind, outcomes: Sequence[CaseOutcome],
     if figures:
         lines += ['', '## Figures']
     for figure in figures:
-        lines += ['', f'![{figure.caption}]({figure.path.relative_to(out).as_posix()})']
+        lines += ['', f'![{figure.title}.]({figure.path.relative_to(out).as_posix()})']
     return '\n'.join([*lines, ''])
 
 

@@ -31,6 +31,7 @@ from ctc_chattering.simulation.closed_loop import Event, Run, simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from figure_layout import overlaps
+from made_up_runs import made_up
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
@@ -45,18 +46,6 @@ DRAWN = (figures.tracking, figures.torques, figures.internals)
 def simulated(law: str, duration: float, experiment: str = 'friction') -> Result:
     run = simulate(PlantConfig(duration=duration), LAWS[law], ReferenceConfig())
     return Result(experiment, [(0.0, LAWS[law])], run)
-
-
-def made_up(n: int, samples: int = 300, **values: Any) -> Result:
-    """Return a result for `n` joints that no model here has."""
-    t = np.array([i * 1e-3 for i in range(samples)])
-    x = np.sin(np.outer(t, 20.0 + np.arange(n)))
-    config = ControllerConfig.from_mapping({
-        'model': 'other:Arm', 'joint_names': [f'axis{i}' for i in range(n)], **values})
-    run = Run(t, x, x, x + 0.1, x, x, 5.0 * x, 0.1 * x)
-    terms = RunTerms(run.tau, run.tau, x, 10.0 * np.sign(x), run.v,
-                     1e-6 + np.square(x).sum(axis=1))
-    return Result('friction', [(0.0, config)], run, terms)
 
 
 @pytest.fixture(scope='module')

@@ -224,7 +224,7 @@ def test_plot(tmp_path: Path) -> None:
     result = ctc('plot', *bags, '--out', tmp_path / 'out')
     assert result.returncode == 0, result.stderr
     assert {x.name for x in (tmp_path / 'out').iterdir()} == {
-        'figures', 'metrics.json', 'index.html'}
+        'figures', 'metrics.json', 'index.html', 'samples'}
     assert list((tmp_path / 'out' / 'figures').iterdir())
     runs = json.loads((tmp_path / 'out' / 'metrics.json').read_text())['runs']
     assert [run['law'] for run in runs] == ['compensation', 'chattering']

@@ -52,7 +52,8 @@ def test_a_run_is_written_drawn_and_named(tmp_path: Path) -> None:
     assert 'in the map: error: joint' in result.stdout
     folder = out / 'explain' / str(RUN)
     assert {x.name for x in folder.iterdir()} == {
-        'run.yaml', 'trajectory.npz', 'metrics.json', 'figures', 'index.html'}
+        'run.yaml', 'trajectory.npz', 'metrics.json', 'figures', 'index.html',
+        'samples'}
     entry = json.loads((folder / 'metrics.json').read_text(encoding='utf-8'))['runs'][0]
     assert entry['window_s'] == [0.05, 0.1]
     assert entry['rms_error_rad'] is not None

@@ -41,8 +41,7 @@ PAGES = (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').g
 ELSEWHERE = {
     'make ': 'installs, or runs this suite and the five experiments',
     'mkdir -p ~/ws': 'the network, and a directory of the user',
-    'python3 -m venv': 'makes an environment', 'pip install': 'the network',
-    'source .venv': 'the network', 'cd ~/ws': 'a workspace of the user',
+    'pip install': 'the network',
     'rosdep ': 'rosdep and apt', 'source install': 'a workspace of the user',
     'colcon build': 'colcon and ROS 2', 'alias ctc=': 'is for a terminal',
     'ros2 param': 'the client ros2', 'ros2 service': 'the client ros2',

@@ -91,11 +91,16 @@ def test_another_origin_is_refused_with_the_token(origin: str) -> None:
     assert 'Origin' in refusal('/?token=TOKEN', ('Host', HOST), ('Origin', origin))
 
 
-@pytest.mark.parametrize('query', ['websocket=ws://evil.example', 'playbackPath=http://x', 'a'])
+@pytest.mark.parametrize('query', [
+    'websocket=ws://evil.example', 'playbackPath=http://x', 'a', 'initialCameraUp=x',
+    'darkMode=http://x', 'logCamera&websocket=ws://x', 'xdarkMode='])
 def test_the_page_is_not_told_to_connect_elsewhere(query: str) -> None:
     """Check that of viser: its client takes the server from the address, and renders its HTML."""
     assert 'no more' in refusal(f'/?token=TOKEN&{query}', ('Host', HOST))
     assert 'no more' in refusal(f'/?{query}&token=TOKEN', ('Host', HOST))
+    view = '/view/?logCamera&darkMode&initialCameraPosition=-1.5,2,3e-1&initialCameraFov=0.8'
+    assert refusal(f'{view}&token=TOKEN', ('Host', HOST)) == ''
+    assert 'token' in refusal(view + '&initialCameraFar=1', ('Host', HOST))
 
 
 def test_on_all_addresses_the_name_and_the_address_asked_for_are_allowed() -> None:

@@ -21,7 +21,7 @@ import signal
 from typing import Any
 
 from bags import reports_of
-from ctc_chattering.live.recorder_process import Recording
+from ctc_chattering.live.recorder_process import RecorderProcess
 from processes import probe, wait_for
 import pytest
 
@@ -33,8 +33,8 @@ def told() -> Told:
     return []
 
 
-def recording(folder: Path, told: Told) -> Recording:
-    return Recording(folder, [], lambda *words: told.append(words))
+def recording(folder: Path, told: Told) -> RecorderProcess:
+    return RecorderProcess(folder, [], lambda *words: told.append(words))
 
 
 @pytest.mark.parametrize('name', [

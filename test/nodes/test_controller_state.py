@@ -23,16 +23,16 @@ from processes import probe
 import pytest
 from ros_messages import MS, ns, reference, state
 
-pytestmark = pytest.mark.ros
-control_msgs = pytest.importorskip('control_msgs.msg')
+pytestmark = [pytest.mark.ros, pytest.mark.control_msgs]
 
 
 def test_reference_state_error_and_torque_of_a_sample() -> None:
+    from control_msgs.msg import JointTrajectoryControllerState
+
     motion = [Sinusoid(ReferenceConfig()).at(k * MS) for k in range(3)]
     q, dq = (0.1, 0.2), (0.3, -0.4)
     with probe() as it:
-        found = it.listen(control_msgs.JointTrajectoryControllerState,
-                          'controller/controller_state')
+        found = it.listen(JointTrajectoryControllerState, 'controller/controller_state')
         controller = ControllerUnderTest(it, '-p', 'state_decimation:=1')
         controller.references.publish(reference(['joint1', 'joint2'], motion))
         torque = controller.answer(state(0, joint1=(q[0], dq[0]), joint2=(q[1], dq[1])))

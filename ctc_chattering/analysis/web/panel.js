@@ -165,10 +165,11 @@ class Panel {
     const count = end - begin;
     // Lines end where samples are missing.
     const gap = count > 2 ? 2.5 * usual(t, begin, end) : Infinity;
-    let [column, least, most, last] = [-1, 0, 0, 0], down = false;
+    let [column, least, most, last] = [-1, 0, 0, 0], down = false, height = 0;
     const flush = () => {
       if (column < 0) return;
       ctx.lineTo(column, y(least)); ctx.lineTo(column, y(most)); ctx.lineTo(column, y(last));
+      height += most - least;
     };
     ctx.beginPath();
     for (let i = begin; i < end; i++) {
@@ -187,6 +188,8 @@ class Panel {
       last = v;
     }
     flush();
+    // Dashes of a band are no help, and take long.
+    if (height > 10 * (max - min)) ctx.setLineDash([]);
     ctx.stroke();
     if (count * 5 * ratio > bbox.width) return;
     ctx.beginPath();

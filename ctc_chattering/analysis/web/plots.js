@@ -185,7 +185,8 @@ class Plots {
       for (const panel of this.panels) panel.update();
       this.all.setAttribute('aria-pressed', String(!this.view));
       this.point(this.cursor);
-      this.pause = Math.min(500, 2 * (performance.now() - begin));
+      // uPlot draws after this function, and the browser after that.
+      setTimeout(() => { this.pause = Math.min(1000, 2 * (performance.now() - begin)); });
     }), this.pause || 0);
   }
   remove() {

@@ -28,9 +28,9 @@ docs/theory.md. All of (ST1) is taken at v⁺, the next v without a perturbation
     w[k+1] = w[k] + h k2 ξ,     a = k1 √|v⁺| sgn(v⁺) + w[k+1]                                (ST3)
 
 (ST2) has one solution: v⁺ = 0 and ξ = r / (b h² k2) if that is within ±1; otherwise ξ = sgn(r) and
-√|v⁺| is the positive root of s² + b h k1 s + b h² k2 - ``|r|`` = 0. While v⁺ = 0, v is -b h M⁻¹ P.
+√|v⁺| is the positive root of s² + b h k1 s + b h² k2 - |r| = 0. While v⁺ = 0, v is -b h M⁻¹ P.
 
-With ``|d(M⁻¹ P)/dt|`` ≤ L on every joint, v stays there if k2 > L; k1 > √(k2 + L) brings it there
+With |d(M⁻¹ P)/dt| ≤ L on every joint, v stays there if k2 > L; k1 > √(k2 + L) brings it there
 (Seeber & Horn 2017). With M̂ = c M the sampled v is multiplied by 1 - c at each sample: c < 2.
 Under an input delay -M w is no part of the prediction: w follows v within a sample, and both would
 correct the same error.

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.numerics.machine_code import Code, invoke, Layout
 from ctc_chattering.numerics.simd.records import register
-from ctc_chattering.numerics.simd.vectors import lowered, overloaded
+from ctc_chattering.numerics.simd.vectors import INTERNAL, lowered, overloaded
 from llvmlite import ir
 import numba
 from numba import types
@@ -53,7 +53,8 @@ def _machine_code(code: Code) -> tuple[str, bytes]:
 def _entry(code: Code) -> Any:
     """Return a function that takes the address of the places of all arguments."""
     names: dict[str, Any] = {'_place': _place, '_record': _record, '_array': _array,
-                             'function': numba.extending.register_jitable(code.function)}
+                             'function': numba.extending.register_jitable(
+                                 **INTERNAL)(code.function)}
     place = count()
 
     def construction(argument: Layout) -> str:

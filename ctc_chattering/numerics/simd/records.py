@@ -25,7 +25,7 @@ from ctc_chattering.numerics import compilable
 from ctc_chattering.numerics.records import kinds_of, load, rows, store, value, write
 from ctc_chattering.numerics.simd import joint_by_joint, matrices, vectors  # noqa: F401
 from ctc_chattering.numerics.simd.matrices import MatrixType
-from ctc_chattering.numerics.simd.vectors import lowered, overloaded, read, VectorType
+from ctc_chattering.numerics.simd.vectors import INTERNAL, lowered, overloaded, read, VectorType
 from numba import types
 from numba.extending import overload_method, register_jitable
 
@@ -123,7 +123,7 @@ def register() -> None:
         return
     _check_names()
     for marked in compilable.FUNCTIONS[len(_REGISTERED[0]):]:
-        _REGISTERED[0].append(register_jitable(marked))
+        _REGISTERED[0].append(register_jitable(**INTERNAL)(marked))
     for marked in compilable.RECORDS[len(_REGISTERED[1]):]:
         for name, method in _methods(marked):
             _register_method(marked, name, method)
@@ -157,5 +157,6 @@ def _register_method(marked: type, name: str, method: Callable[..., Any]) -> Non
 
     setattr(chosen, '__signature__', inspect.signature(bare))  # noqa: B010
     for kind in (types.NamedTuple, types.NamedUniTuple):
-        options: Any = {'strict': False}  # Their arguments may have other names.
+        # Their arguments may have other names.
+        options: Any = {'strict': False, 'jit_options': INTERNAL}
         overload_method(kind, name, **options)(chosen)

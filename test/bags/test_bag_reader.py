@@ -1,0 +1,73 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Opening bags of both kinds: odd names, single files, and what is wrong in one line."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+from ctc_chattering.bags.repair import open_bag
+from ctc_chattering.errors import CtcError
+from motion_bags import joint_state, write
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+PLUGINS = {'mcap': StoragePlugin.MCAP, 'db3': StoragePlugin.SQLITE3}
+
+
+def made(path: Path, ending: str) -> Path:
+    """Return a bag with 50 states, a millisecond apart, whose name means something in a URI."""
+    messages = [('/joint_states', t, joint_state(t, ('a', 'b'), np.full(2, t), None, None))
+                for t in range(0, 50_000_000, 1_000_000)]
+    bag = write(path / 'bag', messages, PLUGINS[ending])
+    return bag.rename(path / 'we#ird %41?')
+
+
+@pytest.mark.parametrize('ending', PLUGINS)
+@pytest.mark.parametrize('is_file', [False, True])
+def test_a_directory_and_a_single_file(tmp_path: Path, ending: str, is_file: bool) -> None:
+    bag = made(tmp_path, ending)
+    with closing(open_bag(bag / f'bag.{ending}' if is_file else bag)) as reader:
+        found = [(x.topic, t, reader.deserialize(data, x.msgtype).position.tolist())
+                 for x, t, data in reader.messages()]
+        assert found == [('/joint_states', t, [t, t]) for t in range(0, 50_000_000, 1_000_000)]
+        assert (reader.start_time, reader.end_time, reader.message_count) == (0, 49_000_000, 50)
+
+
+@pytest.mark.parametrize(('ending', 'content', 'message'), [
+    ('mcap', b'', 'damaged: bag.mcap is empty; "ctc repair'),
+    ('mcap', b'hello' * 99, 'damaged: bag.mcap is cut off; "ctc repair'),
+    ('db3', b'', 'not a bag: no such table'),
+    ('db3', b'hello' * 99, 'not a bag: file is not a database'),
+    ('yaml', b'rosbag2_bagfile_information: [1, 2', r'metadata.yaml: ParserError: '),
+    ('yaml', b'rosbag2_bagfile_information: {version: 10}', 'version 10; known: 1 to 9'),
+    ('yaml', b'rosbag2_bagfile_information: {version: 9}', "KeyError: 'message_count'"),
+    ('yaml', b'7', 'metadata.yaml: TypeError')])
+def test_what_cannot_be_read_is_said_in_one_line(
+        tmp_path: Path, ending: str, content: bytes, message: str) -> None:
+    bag = made(tmp_path, 'db3' if ending == 'db3' else 'mcap')
+    (bag / ('metadata.yaml' if ending == 'yaml' else f'bag.{ending}')).write_bytes(content)
+    with pytest.raises(CtcError) as error:
+        open_bag(bag)
+    assert message in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / 'notes.txt').write_text('hi')
+    with pytest.raises(CtcError, match=r"unknown storage '\.txt'; known: mcap, sqlite3"):
+        open_bag(tmp_path / 'notes.txt')
