@@ -62,8 +62,7 @@ def test_runs_of_an_experiment_are_plotted_together(tmp_path: Path) -> None:
 @pytest.mark.parametrize('samples', [10, 999, 1000, 12_345])
 def test_long_runs_keep_their_extremes(samples: int) -> None:
     rng = np.random.default_rng(samples)
-    t, q, e = np.arange(samples) * 1e-3, rng.normal(size=(samples, 2)), rng.normal(
-        size=(samples, 2))
+    t, (q, e) = 1e-3 * np.arange(samples, dtype=float), rng.normal(size=(2, samples, 2))
     e[samples // 3, 1] = 99.0
     few, signals = decimated(t, {'q': q, 'e': e}, 5000)
     assert len(few) * 5 <= 5000 + 2 * 5 and (np.diff(few) >= 0.0).all()
