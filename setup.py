@@ -77,8 +77,9 @@ setup(
         # Everything above.
         'all': ['ctc_chattering[compile,identify,live,map,mujoco,ros,rosbags,tune,urdf]'],
         'test': ['clarabel', 'dask[distributed]', 'example-robot-data', 'hypothesis', 'mcap>=1.6',
-                 'mujoco', 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'pyarrow',
-                 'pytest', 'pytest-xdist', 'rosbags>=0.11', 'scipy>=1.15', 'viser>=1.1'],
+                 'mujoco', 'numba', 'optuna>=5', 'pandas>=2', 'pin', 'playwright', 'polars',
+                 'pyarrow', 'pytest', 'pytest-xdist', 'rosbags>=0.11', 'scipy>=1.15',
+                 'viser>=1.1'],
         # The site of `make docs`.
         'docs': ['furo', 'myst-parser', 'sphinx>=7.2'],
         # The plugins that ament_flake8 of jazzy has.
