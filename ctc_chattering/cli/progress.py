@@ -107,11 +107,18 @@ def progress_bar(*iterable: Any, **options: Any) -> Any:
 @contextmanager
 def counting_bar(**options: Any) -> Iterator[Callable[[int, int], None]]:
     """Yield a function of what is done and of all there is, which a bar shows."""
-    with progress_bar(total=0, **options) as bar:
-        def moved(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
+    bars: list[Any] = []
+
+    def moved(done: int, total: int) -> None:
+        if not bars:  # What is refused before the first call is one line.
+            bars.append(progress_bar(total=total, **options))
+        bars[0].total = total
+        bars[0].update(done - bars[0].n)
+    try:
         yield moved
+    finally:
+        for bar in bars:
+            bar.close()
 
 
 class _Lines(io.TextIOBase):

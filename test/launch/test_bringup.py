@@ -41,11 +41,13 @@ NODES = ('plant', 'controller', 'reference', 'recorder')
 
 
 def running(process: subprocess.Popen[str], bag: Path) -> dict[str, int]:
-    """Wait until all nodes run and the recorder has its bag; return their processes by name."""
+    """Wait until all nodes run and the recorder has samples; return their processes by name."""
     def found() -> dict[str, int]:
         return {node: pid for pid, line in descendants(process.pid).items()
                 for node in NODES if f'ctc_chattering.cli.node {node} ' in line}
-    wait_for(lambda: len(found()) == len(NODES) and bag.exists(), 'the nodes')
+    wait_for(lambda: len(found()) == len(NODES), 'the nodes')
+    # Some samples: the recorder has been heard by all, and hears all.
+    wait_for(lambda: sum(x.stat().st_size for x in bag.glob('*.mcap')) > 50_000, 'samples')
     return found()
 
 
@@ -116,7 +118,7 @@ def test_real_time_takes_its_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('arguments', 'status', 'message'), [
-    (('--params-file', 'missing.yaml'), 2, 'missing.yaml: there is no such file'),
+    (('--params-file', 'missing.yaml'), 2, 'missing.yaml: no such file'),
     (('--duration', 'nan'), 2, 'plant: duration: nan is not allowed'),
     (('--control-period', '0.0'), 2, 'control_period: 0.0 is not allowed'),
     (('--record', '/'), 1, '/: exists already, not overwritten'),

@@ -22,6 +22,7 @@ from typing import Any
 
 from bags import reports_of
 from ctc_chattering.live.recorder_process import RecorderProcess
+from diagnostic_msgs.msg import DiagnosticArray
 from processes import probe, wait_for
 import pytest
 
@@ -70,7 +71,10 @@ def test_records_until_it_is_stopped_and_tells_of_a_death(tmp_path: Path, told: 
         it.start('other')
         wait_for(lambda: it.shown()['state'] == 'on', 'the recorder')
         assert it.shown()['path'] == str(folder / 'run')
-        wait_for(lambda: list((folder / 'run').glob('*.mcap')), 'the bag')
+        for name in ('recorder', 'reference'):  # What both say after they have met.
+            reports = graph.listen(DiagnosticArray, '/diagnostics')
+            graph.until(lambda: any(status.name == f'/{name}' for array in reports
+                                    for status in array.status), name)
         graph.children[0].signal(signal.SIGINT)  # Its last words are recorded.
         graph.until(lambda: graph.children[0].status is not None, 'the end of the reference')
         it.stop()

@@ -446,7 +446,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     page = (out / 'index.html').read_text(encoding='utf-8')
     assert page.count('<img ') == 3
     assert page.count('<table>') == 4
-    numbers = page[page.index('<h2>Numbers'):page.index('<h2>Figures')]
+    numbers = page[page.index('<h2>Numbers'):]
     assert re.findall(r'<b>(.*?)</b>', numbers) == re.findall(r'\*\*(.*?)\*\*', text)
     assert text.count('; plain\n') == 4
     assert text in ctc(*arguments).stdout

@@ -153,7 +153,7 @@ def test_the_values_to_be_written_have_the_duration_of_the_file() -> None:
     ({'uncertain': {'noise': {'parameter': 'plant.velocity_noise', 'uniform': [-1, 2]}}}, {},
      'noise = -1: '),
     ({'repeats': 0}, {}, 'repeats: 0 is not allowed'),
-    ({'params_file': 'nothing'}, {}, 'nothing: there is no such file')])
+    ({'params_file': 'nothing'}, {}, 'nothing: no such file')])
 def test_what_is_wrong_is_one_line(tree: dict[str, Any], tune: dict[str, Any], words: str
                                    ) -> None:
     with pytest.raises(CtcError, match=words) as caught:
