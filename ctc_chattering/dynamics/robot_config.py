@@ -27,10 +27,10 @@ class RobotConfig(Config):
 
     joint_names: tuple[str, ...] = parameter(
         'joint_names', 'str[]', ('joint1', 'joint2'),
-        'Joints in the order of the model, of the gains and of the torques.', read_only=True)
+        'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
         'model', 'str', 'two_link',
-        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
+        'Robot model: two_link, urdf, or package.module:Class.', read_only=True)
     description: str = parameter(
         'description', 'str', '',
         'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '

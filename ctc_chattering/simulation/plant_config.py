@@ -159,8 +159,8 @@ class PlantConfig(RobotConfig):
         'Viscous friction of the brakes while no torque arrives.', unit='N*m*s/rad',
         minimum=0.0, shape='n')
     control_period: float = parameter(
-        'control_period', 'float', 1e-3, 'Sample period h; the torque is held over it.', unit='s',
-        minimum=0.0, exclusive=True, maximum=10.0, read_only=True)
+        'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
+        exclusive=True, maximum=10.0, read_only=True)
     integration_step: float = parameter(
         'integration_step', 'float', 1e-3,
         'Largest step of the integrator, at most one control period.', unit='s',

@@ -48,15 +48,15 @@ class ReferenceConfig(Config):
     title: ClassVar[str] = 'reference'
 
     joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints of the desired motion.',
-        read_only=True)
+        'joint_names', 'str[]', ('joint1', 'joint2'),
+        'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
         'model', 'str', 'two_link',
-        'Robot model; with urdf the motion is checked against its limits.', read_only=True)
+        'Robot model: two_link, urdf, or package.module:Class.', read_only=True)
     description: str = parameter(
         'description', 'str', '',
-        'Model urdf: file of the robot, a path or package://NAME/PATH; empty for the topic '
-        'robot_description.', read_only=True)
+        'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '
+        'for the topic robot_description.', read_only=True)
     profile: str = parameter(
         'profile', 'str', 'sinusoid',
         'Between center - amplitude and center + amplitude: a sinusoid, or moves of trapezoidal '
@@ -80,7 +80,7 @@ class ReferenceConfig(Config):
         'Time of a smooth start from where the robot is; 0 for none, as in the paper.',
         unit='s', minimum=0.0, maximum=3600.0)
     control_period: float = parameter(
-        'control_period', 'float', 1e-3, 'Spacing of the points.', unit='s', minimum=0.0,
+        'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
         exclusive=True, maximum=10.0, read_only=True)
 
     def validate(self) -> None:
