@@ -35,7 +35,7 @@ from ctc_chattering.trajectory.reference import ReferenceConfig
 def _wait_for() -> Any:
     return parameter(
         'wait_for', 'str[]', ('',),
-        'Nodes that must have subscribed before the first message is sent (set by bringup).',
+        'Nodes that must have subscribed before the first message (set by bringup).',
         shape='any', read_only=True)
 
 
@@ -47,12 +47,11 @@ class RealTimeSettings(Config):
 
     thread_priority: int = parameter(
         'thread_priority', 'int', 0,
-        'Real time: SCHED_FIFO priority to request, given up above half a processor; 0 for '
-        'none.',
+        'Real time: SCHED_FIFO priority, given up above half a processor; 0 for none.',
         minimum=0, maximum=99, read_only=True)
     lock_memory: bool = parameter(
         'lock_memory', 'bool', False,
-        'Real time: whether to lock memory, so that it is never swapped out.',
+        'Real time: memory is never swapped out.',
         read_only=True)
     cpu_affinity: int = parameter(
         'cpu_affinity', 'int', -1, 'Processor to run on; -1 for any.',
@@ -67,16 +66,16 @@ class PlantSettings(Config):
 
     hold_at: float = parameter(
         'hold_at', 'float', 0.0,
-        'Lockstep: pause simulated time before the first state at or after this time, until the '
-        'value is set again; 0 for never.', unit='s', minimum=0.0)
+        'Lockstep: simulated time stops before the first state at or after this time, until it '
+        'is set again; 0 for never.', unit='s', minimum=0.0)
     clock_period: float = parameter(
         'clock_period', 'float', 0.01, 'Lockstep: simulated time between two messages on clock.',
         unit='s', minimum=0.0, exclusive=True, read_only=True)
     command_timeout: float = parameter(
         'command_timeout', 'float', 0.02,
-        'Real time: after this time without a command (at least three control periods), the '
-        'torque is 0 and the brakes hold, until the next one. At most 1/Kv: a torque held for '
-        'longer makes the motion diverge.', unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
+        'Real time: after this time without a command (at least three control periods), torque 0 '
+        'and brakes until the next one. At most 1/Kv, or the motion may diverge.',
+        unit='s', minimum=0.0, exclusive=True, maximum=3600.0)
     wait_for: tuple[str, ...] = _wait_for()
 
 
@@ -88,20 +87,20 @@ class ControllerSettings(Config):
 
     state_timeout: float = parameter(
         'state_timeout', 'float', 0.02,
-        'Real time: after this time without a state (at least three control periods), or after a '
-        'gap of that length in its stamps, the law restarts.', unit='s', minimum=0.0,
+        'Real time: after this time without a state (at least three control periods), or such a '
+        'gap of its stamps, the law restarts.', unit='s', minimum=0.0,
         exclusive=True, maximum=3600.0, read_only=True)
     reference_timeout: float = parameter(
         'reference_timeout', 'float', 0.1,
-        'A late reference is continued at its last velocity for this time; then its position is '
-        'held.', unit='s', minimum=0.0, maximum=3600.0, read_only=True)
+        'A late reference continues at its last velocity for this time, then stands.',
+        unit='s', minimum=0.0, maximum=3600.0, read_only=True)
     restart_duration: float = parameter(
         'restart_duration', 'float', 2.0,
         "Time over which the desired motion returns from the robot's position to the reference "
-        'after more than 0.1 s without a torque; 0 for none.', unit='s', minimum=0.0,
+        'after 0.1 s without a torque; 0 for none.', unit='s', minimum=0.0,
         maximum=3600.0)
     enabled: bool = parameter(
-        'enabled', 'bool', True, 'Whether torques are sent from the start; see ~/enable.',
+        'enabled', 'bool', True, 'Send torques from the start; see ~/enable.',
         read_only=True)
     state_decimation: int = parameter(
         'state_decimation', 'int', 10,
@@ -117,7 +116,7 @@ class ReferenceSettings(Config):
     title: ClassVar[str] = 'reference'
 
     horizon: float = parameter(
-        'horizon', 'float', 0.5, 'Time by which the motion is published in advance.', unit='s',
+        'horizon', 'float', 0.5, 'Time by which the motion is published ahead.', unit='s',
         minimum=0.01, maximum=60.0, read_only=True)
     wait_for: tuple[str, ...] = _wait_for()
 
@@ -144,8 +143,8 @@ class BringupSettings(Config):
         shape='any', read_only=True)
     one_processor: bool = parameter(
         'one_processor', 'bool', True,
-        'Lockstep: run plant and controller, which take turns, on one processor, which is '
-        'faster than waking each other across two.', read_only=True)
+        'Lockstep: plant and controller, which take turns, run on one processor, which is faster.',
+        read_only=True)
 
 
 #: The configurations that make up the parameters of each executable.

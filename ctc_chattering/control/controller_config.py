@@ -58,8 +58,8 @@ class ControllerConfig(RobotConfig):
         shape='nn', usual=(1.0, 1e3))
     ka: tuple[float, ...] = parameter(
         'ka', 'float[]', 10.0,
-        'Chattering gain Ka; must exceed friction plus disturbance. Under laws that observe '
-        'a state, the bound of the estimate; must also exceed the error of the model.',
+        'Chattering gain Ka; must exceed friction plus disturbance. Of laws that observe a '
+        'state, the bound of the estimate; must also exceed the error of the model.',
         unit='N*m', minimum=0.0, shape='n', usual=(0.1, 1e3),
         laws=('chattering', *_OBSERVING))
     lambda_: float = parameter(
@@ -76,32 +76,33 @@ class ControllerConfig(RobotConfig):
         unit='rad/s', minimum=0.0, exclusive=True, laws=('chattering',))
     observer_bandwidth: float = parameter(
         'observer_bandwidth', 'float', 200.0,
-        'Switching implicit_observer: bandwidth of the estimate of the perturbation; .inf for '
-        'one sample. At most 0.3 / lag of the drives.',
+        'Switching implicit_observer: bandwidth of the estimate, at most 0.3 / lag of the '
+        'drives; .inf for one sample.',
         unit='rad/s', minimum=0.0, exclusive=True, infinite=True, laws=('chattering',))
     estimator_bandwidth: float = parameter(
         'estimator_bandwidth', 'float', 100.0,
-        'Bandwidth of the observer of state and perturbation, or of the velocity.',
+        'Bandwidth of the observer, or of the Kalman filter.',
         unit='rad/s', minimum=0.0, exclusive=True, maximum=1e4, laws=_OF_DRIVES)
     actuator_lag: tuple[float, ...] = parameter(
-        'actuator_lag', 'float[]', float('inf'), 'Time constant of the drives; .inf if '
-        'unknown: 3 ms are then assumed.', unit='s', minimum=0.0, maximum=1.0, infinite=True,
+        'actuator_lag', 'float[]', float('inf'),
+        'Time constant of the drives; .inf if unknown: 3 ms.',
+        unit='s', minimum=0.0, maximum=1.0, infinite=True,
         shape='n', laws=_OF_DRIVES)
     torque_rate_limit: tuple[float, ...] = parameter(
         'torque_rate_limit', 'float[]', float('inf'),
-        'Rate limit of the torque of the drives; .inf if unknown.', unit='N*m/s',
+        'Rate limit of the drives; .inf if unknown.', unit='N*m/s',
         minimum=0.0, exclusive=True, infinite=True, shape='n', laws=_OF_DRIVES)
     friction_learning: float = parameter(
         'friction_learning', 'float', 20.0,
-        'Learning rate of the level of friction; 0 for no learning.', unit='1/s', minimum=0.0,
+        'Learning rate of the level of friction; 0 for none.', unit='1/s', minimum=0.0,
         maximum=1e3, laws=('observer_feedback',))
     ki: tuple[float, ...] = parameter(
         'ki', 'float[]', 100.0,
-        'Integral gain Ki, less than Kv Kp; a triple pole at -p needs kv 3 p, kp 3 p^2, ki p^3.',
+        'Integral gain Ki, less than Kv Kp; docs/laws.md.',
         unit='1/s^3', minimum=0.0, shape='n', laws=('integral', 'pid_kalman'))
     lead_ratio: float = parameter(
         'lead_ratio', 'float', 0.5,
-        'Fraction of the lag of the drives that the lead leaves; 1 for no lead.', minimum=0.0,
+        'Fraction of the lag that the lead leaves; 1 for no lead.', minimum=0.0,
         exclusive=True, maximum=1.0, laws=('pid_kalman',))
     momentum_gain: float = parameter(
         'momentum_gain', 'float', 200.0,
@@ -112,30 +113,30 @@ class ControllerConfig(RobotConfig):
         minimum=0.0, exclusive=True, shape='n', laws=('super_twisting',))
     super_twisting_k2: tuple[float, ...] = parameter(
         'super_twisting_k2', 'float[]', 2000.0,
-        'Gain of the integral of sgn(v); must exceed the rate of change of the acceleration that '
-        'the perturbation causes.', unit='rad/s^3', minimum=0.0, exclusive=True, shape='n',
+        'Gain of the integral of sgn(v); must exceed the rate of change of the acceleration by '
+        'the perturbation.', unit='rad/s^3', minimum=0.0, exclusive=True, shape='n',
         laws=('super_twisting',))
     adaptation_gain: tuple[float, ...] = parameter(
         'adaptation_gain', 'float[]', 100.0,
-        'Adaptation rate of the level of friction; less than D Kv / h (docs/laws.md).',
+        'Adaptation rate of the level of friction; less than D Kv / h.',
         unit='N*m/rad', minimum=0.0, shape='n', laws=('slotine_li',))
     friction_level: tuple[float, ...] = parameter(
         'friction_level', 'float[]', 0.0,
-        'Known Coulomb friction; slotine_li and observer_feedback start adapting from it.',
+        'Known Coulomb friction; slotine_li and observer_feedback adapt it.',
         unit='N*m', minimum=0.0, shape='n',
         laws=('slotine_li', 'friction_feedforward', *_OF_DRIVES))
     friction_velocity: float = parameter(
         'friction_velocity', 'float', 0.05,
-        'Velocity over which the compensated friction changes sign.', unit='rad/s',
+        'Velocity over which this friction changes sign.', unit='rad/s',
         minimum=0.0, exclusive=True,
         laws=('slotine_li', 'friction_feedforward', 'pid_kalman', 'extended_state_observer'))
     friction_lead: float = parameter(
         'friction_lead', 'float', 0.0,
-        'Time before a reversal at which the feedforward friction changes sign.', unit='s',
+        'Time before a reversal at which this friction changes sign.', unit='s',
         minimum=0.0, maximum=0.1, laws=('pid_kalman', 'extended_state_observer'))
     input_delay: int = parameter(
         'input_delay', 'int', 0,
-        'Known delay of the torque, in samples, over which the law predicts the state.', minimum=0,
+        'Known delay of the torque, in samples; the law predicts the state.', minimum=0,
         maximum=100, read_only=True)
     inertia_scale: float = parameter(
         'inertia_scale', 'float', 1.0, 'Factor on M and C, to study model errors.', minimum=0.0,
@@ -145,7 +146,7 @@ class ControllerConfig(RobotConfig):
         read_only=True)
     effort_limit: tuple[float, ...] = parameter(
         'effort_limit', 'float[]', float('inf'),
-        'Largest torque sent; .inf for the limit in the description, or unlimited.',
+        'Largest torque sent; .inf for that of the description, or unlimited.',
         unit='N*m', minimum=0.0, exclusive=True, infinite=True, shape='n')
     effort_rate_limit: tuple[float, ...] = parameter(
         'effort_rate_limit', 'float[]', float('inf'),
@@ -153,7 +154,7 @@ class ControllerConfig(RobotConfig):
         unit='N*m/s', minimum=0.0, exclusive=True, infinite=True, shape='n')
     anti_windup: bool = parameter(
         'anti_windup', 'bool', True,
-        'Keep torque clipped by the effort limits out of the filter (3) and of integrals.',
+        'Filter (3) and integrals do not wind up at the effort limits.',
         laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li', 'pid_kalman'))
     error_limit: tuple[float, ...] = parameter(
         'error_limit', 'float[]', float('inf'),

@@ -27,18 +27,18 @@ class RobotConfig(Config):
 
     joint_names: tuple[str, ...] = parameter(
         'joint_names', 'str[]', ('joint1', 'joint2'),
-        'Joints in the order of the model, of the gains and of the torques.', read_only=True)
+        'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
         'model', 'str', 'two_link',
-        'Robot model: M, C and G; two_link, urdf, or package.module:Class.', read_only=True)
+        'Robot model: two_link, urdf, or package.module:Class.', read_only=True)
     description: str = parameter(
         'description', 'str', '',
-        "Model urdf or backend mujoco: the robot's file, a path or package://NAME/PATH; empty for "
-        'the topic robot_description.', read_only=True)
+        'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '
+        'for the topic robot_description.', read_only=True)
     locked: tuple[str, ...] = parameter(
         'locked', 'str[]', ('',),
-        'Positions of joints of the robot that are not in joint_names, each "name position"; '
-        'default 0.', shape='any', read_only=True)
+        'Positions of joints not in joint_names, each "name position"; default 0.',
+        shape='any', read_only=True)
     gravity: float = parameter(
         'gravity', 'float', 9.81, 'Acceleration of gravity in G.', unit='m/s^2', minimum=0.0,
         read_only=True)

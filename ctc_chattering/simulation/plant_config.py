@@ -44,8 +44,9 @@ class PlantConfig(RobotConfig):
         'Simulator: the equations of `model`, or MuJoCo with `description`.',
         choices=BACKENDS, read_only=True)
     payload: float = parameter(
-        'payload', 'float', 0.0, 'Mass at the end of the arm that the model does not have; for '
-        'robots in a URDF.', unit='kg', minimum=0.0, read_only=True)
+        'payload', 'float', 0.0,
+        'Mass at the end of the arm, unknown to the model; URDF only.',
+        unit='kg', minimum=0.0, read_only=True)
     coulomb_friction: tuple[float, ...] = parameter(
         'coulomb_friction', 'float[]', 9.9, 'Coulomb friction Kf.', unit='N*m', minimum=0.0,
         shape='n')
@@ -54,14 +55,14 @@ class PlantConfig(RobotConfig):
         unit='N*m*s/rad', minimum=0.0, shape='n')
     stribeck_friction: tuple[float, ...] = parameter(
         'stribeck_friction', 'float[]', 0.0,
-        'Friction at rest in excess of Kf; it fades as exp(-(dq / stribeck_velocity)^2).',
+        'Friction at rest beyond Kf; fades as exp(-(dq / stribeck_velocity)^2).',
         unit='N*m', minimum=0.0, shape='n')
     stribeck_velocity: tuple[float, ...] = parameter(
         'stribeck_velocity', 'float[]', 0.05, 'Velocity at which stribeck_friction is 1/e.',
         unit='rad/s', minimum=0.0, exclusive=True, shape='n')
     load_friction: tuple[float, ...] = parameter(
         'load_friction', 'float[]', 0.0,
-        'Fraction of the magnitude of the torque, averaged over a period, that adds to Kf.',
+        'Fraction of the magnitude of the mean torque that adds to Kf.',
         minimum=0.0, maximum=0.9, shape='n')
     friction_asymmetry: tuple[float, ...] = parameter(
         'friction_asymmetry', 'float[]', 0.0,
@@ -69,7 +70,7 @@ class PlantConfig(RobotConfig):
         minimum=-1.0, maximum=1.0, shape='n')
     friction_model: str = parameter(
         'friction_model', 'str', '',
-        'Additional custom friction, package.module:Name, backend builtin; empty for none.',
+        'Friction of your own, package.module:Name, backend builtin; empty for none.',
         read_only=True)
     joint_stiffness: tuple[float, ...] = parameter(
         'joint_stiffness', 'float[]', float('inf'),
@@ -90,7 +91,7 @@ class PlantConfig(RobotConfig):
         unit='rad/s', shape='n')
     disturbance_push: tuple[float, ...] = parameter(
         'disturbance.push', 'float[]', 0.0,
-        'Torque added to the disturbance for disturbance.push_duration after it is set.',
+        'Torque added for disturbance.push_duration after it is set.',
         unit='N*m', shape='n')
     disturbance_push_duration: float = parameter(
         'disturbance.push_duration', 'float', 0.2, 'Duration of a push.', unit='s',
@@ -113,23 +114,23 @@ class PlantConfig(RobotConfig):
         unit='rad', minimum=0.0, shape='n', read_only=True)
     encoder_side: str = parameter(
         'encoder_side', 'str', 'motor',
-        'Elastic joints: the side on which position and velocity are measured.',
+        'Elastic joints: the side that is measured.',
         choices=('motor', 'link'), read_only=True)
     velocity_sensor: str = parameter(
         'velocity_sensor', 'str', 'exact',
-        'Measured velocity: exact, the difference of two measured positions over one period, or '
-        'that difference after a first-order low-pass. velocity_noise is added before it.',
+        'Measured velocity: exact, difference of two measured positions, or that behind a '
+        'first-order low-pass.',
         choices=VELOCITY_SENSORS, read_only=True)
     velocity_cutoff: float = parameter(
         'velocity_cutoff', 'float', 500.0, 'Velocity sensor filtered: cut-off frequency.',
         unit='rad/s', minimum=0.0, exclusive=True, read_only=True)
     sample_loss: float = parameter(
         'sample_loss', 'float', 0.0,
-        'Probability that a state is not sent; the drives then hold the last torque. At most two '
-        'in a row are lost, and never the first or the last.', minimum=0.0, maximum=0.5)
+        'Probability that a state is not sent: at most two in a row, never the first or the last.',
+        minimum=0.0, maximum=0.5)
     late_samples: float = parameter(
         'late_samples', 'float', 0.0,
-        'Probability that a torque arrives one period late; the drives then hold the last one.',
+        'Probability that a torque arrives one period late.',
         minimum=0.0, maximum=1.0)
     noise_seed: int = parameter(
         'noise_seed', 'int', 0,
@@ -147,34 +148,33 @@ class PlantConfig(RobotConfig):
         'none.', unit='N*m', minimum=0.0, shape='n', read_only=True)
     torque_rate_limit: tuple[float, ...] = parameter(
         'torque_rate_limit', 'float[]', float('inf'),
-        'Rate limit of the torque of the drives; .inf for unlimited.', unit='N*m/s',
+        'Rate limit of the drives; .inf for unlimited.', unit='N*m/s',
         minimum=0.0, exclusive=True, infinite=True, shape='n', read_only=True)
     actuator_lag: tuple[float, ...] = parameter(
         'actuator_lag', 'float[]', 0.0,
-        'Time constant with which the torque follows the command; 0 for none.', unit='s',
+        'Time constant of the drives; 0 for none.', unit='s',
         minimum=0.0, shape='n', read_only=True)
     fault_damping: tuple[float, ...] = parameter(
         'fault_damping', 'float[]', 20.0,
-        'Viscous friction of the brakes, which engage while no torque arrives.', unit='N*m*s/rad',
+        'Viscous friction of the brakes while no torque arrives.', unit='N*m*s/rad',
         minimum=0.0, shape='n')
     control_period: float = parameter(
-        'control_period', 'float', 1e-3, 'Sample period h; the torque is held over it.', unit='s',
-        minimum=0.0, exclusive=True, maximum=10.0, read_only=True)
+        'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
+        exclusive=True, maximum=10.0, read_only=True)
     integration_step: float = parameter(
         'integration_step', 'float', 1e-3,
         'Largest step of the integrator, at most one control period.', unit='s',
         minimum=1e-9, read_only=True)
     pacing: str = parameter(
         'pacing', 'str', 'real_time',
-        'Publish by the clock of the node, or in simulated time after each answer.',
+        'By the clock, or in simulated time after each answer.',
         choices=PACINGS, read_only=True)
     duration: float = parameter(
         'duration', 'float', 0.0, 'Simulated time after which the run ends; 0 for never.',
         unit='s', minimum=0.0, maximum=1e9, read_only=True)
     experiment: str = parameter(
         'experiment', 'str', '',
-        'Title of the run in metrics and figures; empty for the name of the parameter file, or of '
-        'the bag.',
+        'Title of the run in metrics and figures; empty for the name of file or bag.',
         read_only=True)
 
     def validate(self) -> None:

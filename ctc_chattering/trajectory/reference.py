@@ -48,20 +48,19 @@ class ReferenceConfig(Config):
     title: ClassVar[str] = 'reference'
 
     joint_names: tuple[str, ...] = parameter(
-        'joint_names', 'str[]', ('joint1', 'joint2'), 'Joints of the desired motion.',
-        read_only=True)
+        'joint_names', 'str[]', ('joint1', 'joint2'),
+        'Joints, in the order of gains and torques.', read_only=True)
     model: str = parameter(
         'model', 'str', 'two_link',
-        'Robot model; with urdf the motion is checked against the limits of position, velocity '
-        'and acceleration in the URDF.', read_only=True)
+        'Robot model: two_link, urdf, or package.module:Class.', read_only=True)
     description: str = parameter(
         'description', 'str', '',
-        "Model urdf: the robot's file, a path or package://NAME/PATH; empty for the topic "
-        'robot_description.', read_only=True)
+        'Model urdf or backend mujoco: file of the robot, a path or package://NAME/PATH; empty '
+        'for the topic robot_description.', read_only=True)
     profile: str = parameter(
         'profile', 'str', 'sinusoid',
-        'Motion between center - amplitude and center + amplitude: a sinusoid, or moves of '
-        'trapezoidal velocity, half as fast, with a rest after each.', choices=PROFILES,
+        'Between center - amplitude and center + amplitude: a sinusoid, or moves of trapezoidal '
+        'velocity, half as fast, with a rest after each.', choices=PROFILES,
         read_only=True)
     center: tuple[float, ...] = parameter(
         'center', 'float[]', (pi, 0.5 * pi), 'Centre of the sinusoid.', unit='rad', shape='n')
@@ -74,14 +73,14 @@ class ReferenceConfig(Config):
         'phase', 'float[]', 0.0, 'Phase of the sinusoid at t = 0.', unit='rad', shape='n')
     trajectory_file: str = parameter(
         'trajectory_file', 'str', '',
-        'YAML file of waypoints, laid out as trajectory_msgs/JointTrajectory, in place of the '
-        'sinusoid; empty for none.', read_only=True)
+        'YAML file of waypoints, as trajectory_msgs/JointTrajectory, in place of the profile; '
+        'empty for none.', read_only=True)
     start_duration: float = parameter(
         'start_duration', 'float', 0.0,
-        'Time over which a smooth start leads from where the robot is into the motion; 0 for '
-        'none, as in the paper.', unit='s', minimum=0.0, maximum=3600.0)
+        'Time of a smooth start from where the robot is; 0 for none, as in the paper.',
+        unit='s', minimum=0.0, maximum=3600.0)
     control_period: float = parameter(
-        'control_period', 'float', 1e-3, 'Spacing of the points.', unit='s', minimum=0.0,
+        'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,
         exclusive=True, maximum=10.0, read_only=True)
 
     def validate(self) -> None:
