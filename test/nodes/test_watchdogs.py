@@ -148,7 +148,10 @@ def test_without_states_the_torque_stops_and_restarts_without_a_bump(
             plant.process.wait(PATIENCE)
         report = graph.diagnostics.until(
             'controller', lambda r: r.level == ERROR and 'no state' in r.message, 'the error')
-        graph.until_silent()
+        graph.probe.until(lambda: graph.commands and list(graph.commands[-1].data) == ZERO,
+                          'a command of zero')
+        assert any(graph.commands[-2].data)
+        # No longer than that: after its lease a stopped publisher must be discovered again.
     finally:
         last = ns(graph.states[-1].header.stamp)
         graph.clear()
