@@ -356,7 +356,8 @@ def test_states_of_another_clock_have_a_reference_in_its_time() -> None:
         assert (report.level, report.values['time']) == (OK, 'real')
         assert all(5 * S < ns(m.header.stamp) < 60 * S for m in tracking)
         assert list(tracking[0].position[:2]) == pytest.approx([0.4, -0.3], abs=0.02)
-        assert len(source.commands) >= len(tracking)
+        count = len(tracking)  # Of one sample, what is sent last may be heard first.
+        it.until(lambda: len(source.commands) >= count, 'a command for each')
 
 
 # Waypoints, as MoveIt sends them.
