@@ -331,6 +331,11 @@ class Config:
         return made
 
 
+def unit_text(unit: str) -> str:
+    """Return a declared unit as pages and tables have it: N·m for ``N*m``, s² for ``s^2``."""
+    return unit.replace('*', '·').replace('^2', '²').replace('^3', '³')
+
+
 def check_joint_names(names: tuple[str, ...]) -> None:
     """Raise `ParameterError` unless there are names, each of them once and none empty."""
     if not names or len(set(names)) != len(names) or not all(names):

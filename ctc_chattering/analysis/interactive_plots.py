@@ -19,11 +19,11 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib.resources import files
 import json
 from typing import Any
 
-from ctc_chattering.analysis.markup import Markup
+from ctc_chattering.analysis.markup import asset, Markup
+from ctc_chattering.analysis.result import Result
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -31,10 +31,12 @@ import numpy as np
 _SCRIPTS = ('samples.js', 'panel.js', 'plots.js')
 #: Signals that differ less than 32 bits tell: q of q_d, and one time of the next.
 _EXACT = ('t', 'q', 'q_d')
+#: Parts of a torque as the controller publishes them: nominal + compensation + robust.
+PARTS = ('nominal', 'compensation', 'robust')
 
 
 def _read(name: str) -> str:
-    return (files('ctc_chattering.analysis') / 'web' / name).read_text('utf-8')
+    return asset('ctc_chattering.analysis', f'web/{name}')
 
 
 @lru_cache
@@ -45,6 +47,14 @@ def component() -> Markup:
     return Markup(f'<style>{style}</style>\n<script>\n/*{_read("uPlot.LICENSE")}*/\n'
                   f'{_read("uPlot.iife.min.js")}\nconst ctcPlots = (() => {{\n"use strict";\n{own}'
                   'return { mount: (...given) => new Plots(...given) };\n})();\n</script>')
+
+
+def signals_of(result: Result) -> dict[str, Array]:
+    """Return all signals of a run by the names that plots.js lists, each of shape (N, columns)."""
+    run, terms = result.run, result.terms
+    parts = terms.nominal, -terms.compensation, -terms.robust
+    return {'q': run.q, 'q_d': run.q_d, 'dq': run.dq, 'e': run.e, 'v': terms.v,
+            'V': terms.lyapunov[:, None], 'torque': run.tau, **dict(zip(PARTS, parts))}
 
 
 def packed(t: Array, signals: Mapping[str, Array], **head: Any) -> bytes:

@@ -27,7 +27,7 @@ from ctc_chattering.analysis.number_format import in_html
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-__all__ = ['Markup', 'fragment', 'page', 'url']
+__all__ = ['Markup', 'asset', 'fragment', 'page', 'url']
 
 
 def _source(name: str) -> str:
@@ -68,6 +68,11 @@ def fragment(source: str, /, **values: Any) -> Markup:
 def page(package: str, template: str, **values: Any) -> Markup:
     """Return the page of a template that is a file of `package`, with values as `fragment`."""
     return Markup(_ENVIRONMENT.get_template(f'{package}/{template}').render(**values))
+
+
+def asset(package: str, name: str) -> Markup:
+    """Return a style or script, a file of `package`, as it is."""
+    return Markup(_source(f'{package}/{name}'))
 
 
 def url(path: str) -> str:

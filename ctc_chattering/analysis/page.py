@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from itertools import count, pairwise
 import os
 from pathlib import Path
@@ -176,7 +175,7 @@ def write_page(path: Path, headline: str, lead: str, sections: Sequence[Section]
 
 
 def _own(name: str) -> Markup:
-    return Markup(files(_PACKAGE).joinpath(f'web/{name}').read_text('utf-8'))
+    return markup.asset(_PACKAGE, f'web/{name}')
 
 
 def _part(item: Item, root: Path, numbers: Iterator[int], anchors: Iterator[int]

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 
-from ctc_chattering.analysis.interactive_plots import coded
+from ctc_chattering.analysis.interactive_plots import coded, PARTS, signals_of
 from ctc_chattering.analysis.output import file_stem, write_text
 from ctc_chattering.analysis.page import PlottedRun, SignalPlots
 from ctc_chattering.analysis.result import Result
@@ -63,7 +63,10 @@ def _written(group: Sequence[tuple[Result, str]], directory: Path, used: set[str
     """Write the samples of runs that are plotted together."""
     first, runs, long = group[0][0], [], []
     for result, name in group:
-        t, signals = decimated(result.run.t, signals_of(result, len(group) == 1), MOST)
+        # The page has q_d from q and e; beside each other, runs have no parts of the torque.
+        left_out = ('q_d', *(PARTS if len(group) > 1 else ()))
+        t, signals = decimated(result.run.t, {
+            x: rows for x, rows in signals_of(result).items() if x not in left_out}, MOST)
         path = directory / f'{file_stem(name, used)}.js'
         write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{coded(t, signals)}";\n')
         runs.append(PlottedRun(name.removeprefix(f'{result.experiment}: '), path))
@@ -83,17 +86,6 @@ def _written(group: Sequence[tuple[Result, str]], directory: Path, used: set[str
     return SignalPlots(
         f'Signals of {first.experiment}', text, first.joint_names, first.position_units, runs,
         _CHOSEN, settled, marks.pop() if len(marks) == 1 else None)
-
-
-def signals_of(result: Result, parts: bool) -> dict[str, Array]:
-    """Return signals by the names of ``web/plots.js``, with the parts of the torque or without."""
-    run, terms = result.run, result.terms
-    found = {'q': run.q, 'dq': run.dq, 'e': run.q_d - run.q, 'torque': run.tau, 'v': terms.v,
-             'V': terms.lyapunov[:, None]}
-    if parts:
-        found |= {'nominal': terms.nominal, 'compensation': terms.compensation,
-                  'robust': terms.robust}
-    return found
 
 
 def decimated(t: Array, signals: dict[str, Array], most: int) -> tuple[Array, dict[str, Array]]:

@@ -122,8 +122,7 @@ class McapStorage(Storage):
     def messages(self, keys: Collection[Key]) -> Iterator[Message]:
         """Yield topic and type, log time [ns] and data of some topics, in the order of time."""
         wanted = {number: connection.key for number, connection in zip(
-            self._channels, map(self._connection, self._channels.values()))
-            if connection.key in keys}
+            self._channels, self.connections) if connection.key in keys}
         chunks = [x for x in self._chunks if x[2] is None or not x[2].isdisjoint(wanted)]
         waiting: list[Message] = []
         for (_, place, _), later in zip(chunks, [*chunks[1:], None]):

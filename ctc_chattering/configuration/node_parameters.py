@@ -27,7 +27,7 @@ import math
 from typing import Any, ClassVar
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.parameters import Config, Parameter, parameter
+from ctc_chattering.parameters import Config, Parameter, parameter, unit_text
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.trajectory.reference import ReferenceConfig
 
@@ -205,9 +205,8 @@ def _row(spec: Parameter) -> str:
         meaning += f' {">" if spec.exclusive else "≥"} {spec.minimum:g}.'
     if spec.laws:
         meaning += f' Law {", ".join(f"`{x}`" for x in spec.laws)}.'
-    unit = spec.unit.replace('*', '·').replace('^2', '²').replace('^3', '³')
-    return (f'| `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | {unit} | '
-            f'{"" if spec.read_only else "yes"} | {meaning} |')
+    return (f'| `{spec.name}` | {spec.kind}{shape} | `{_shown(spec.default)}` | '
+            f'{unit_text(spec.unit)} | {"" if spec.read_only else "yes"} | {meaning} |')
 
 
 def _shown(value: object) -> str:

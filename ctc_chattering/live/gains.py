@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
-from ctc_chattering.parameters import Parameter
+from ctc_chattering.parameters import Parameter, unit_text
 
 #: The gains with a slider.
 GAINS = ('kp', 'kv', 'lambda', 'ka')
@@ -62,8 +62,8 @@ class GainSlider:
     def shown(self) -> dict[str, Any]:
         """Return what the page has to know."""
         least, most = self.limits
-        return {'name': self.spec.name, 'unit': self.spec.unit.replace('*', '·')
-                .replace('^2', '²'), 'about': self.spec.meaning, 'least': least, 'most': most,
+        return {'name': self.spec.name, 'unit': unit_text(self.spec.unit),
+                'about': self.spec.meaning, 'least': least, 'most': most,
                 'values': self.values, 'each': len(self.values) > 1 and not self.matrix,
                 'off': self.off}
 

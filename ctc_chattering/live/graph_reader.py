@@ -23,11 +23,12 @@ import os
 import time
 from typing import Any
 
+from ctc_chattering.analysis.interactive_plots import PARTS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
 from ctc_chattering.live.history import Track
-from ctc_chattering.live.samples import Instant, PARTS, Samples
+from ctc_chattering.live.samples import Instant, Samples
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.joint_order import select
@@ -204,8 +205,7 @@ class GraphReader(BaseNode):
         n = len(self.names)
         v, torques = (_at(t, *self.tracks[x].read(last)) for x in (topics.FILTER, topics.TORQUES))
         parts = torques[:, :-1].reshape(len(t), len(PARTS), n)
-        return Samples(t, rows[:, n:], v, torques[:, -1],
-                       np.concatenate((parts.sum(axis=1, keepdims=True), parts), axis=1))
+        return Samples(t, rows[:, n:], v, parts.sum(axis=1))
 
     def _select(self, names: Sequence[str], state: StateMessage, *rows: Sequence[float]) -> Any:
         if not self.names:

@@ -18,13 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import errno
-from importlib.resources import files
 import logging
 import socket
 from typing import Any
 
 from ctc_chattering.analysis.interactive_plots import component
-from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.markup import asset, fragment, Markup
 from ctc_chattering.analysis.markup import page as page_of
 from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.live.access import is_local
@@ -148,7 +147,7 @@ class Page:
 def _parts() -> Markup:
     """Return the scripts and the style of the page's own controls and of the frame of the view."""
     def read(name: str) -> Markup:
-        return Markup((files('ctc_chattering.live') / 'web' / name).read_text('utf-8'))
+        return asset('ctc_chattering.live', f'web/{name}')
     return fragment('<style>{{ style }}</style>{% for x in scripts %}<script>{{ x }}</script>'
                     '{% endfor %}', style=read('controls.css'),
                     scripts=[read('controls.js'), read('view.js')])

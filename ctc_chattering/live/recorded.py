@@ -17,12 +17,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-from ctc_chattering.analysis.interactive_plots import packed
+from ctc_chattering.analysis.interactive_plots import packed, PARTS, signals_of
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.samples import Instant, PARTS, Samples
+from ctc_chattering.live.samples import Instant, Samples
 from ctc_chattering.live.skeleton import Skeleton, skeleton_of
 import numpy as np
 
@@ -50,8 +49,8 @@ class RecordedRun:
         None for a model without a description, or with one that cannot be drawn.
     remark : str
         Why it cannot; else empty.
-    signals : dict of str to ndarray, shape (N,) or (N, n)
-        All of them, by the names that plots.js has.
+    signals : dict of str to ndarray
+        As `signals_of` returns them.
     begin, end : float
         Times of the first and of the last sample [s].
     settled : float
@@ -60,7 +59,7 @@ class RecordedRun:
     """
 
     def __init__(self, result: Result) -> None:
-        run, terms = result.run, result.terms
+        run = result.run
         self.result = result
         # The name of a file may have bytes that are no text.
         self.name = (result.source or result.label).encode('utf-8', 'replace').decode()
@@ -73,13 +72,8 @@ class RecordedRun:
         self.begin, self.end = float(run.t[0]), float(run.t[-1])
         self.settled = self.begin + min(_SETTLED, 0.2 * (self.end - self.begin))
         self._run = run
-        self.samples = Samples(
-            run.t, run.q_d - run.q, terms.v, terms.lyapunov, np.stack(
-                (run.tau, terms.nominal, -terms.compensation, -terms.robust), axis=1))
-        self.signals: dict[str, Any] = {
-            'q': run.q, 'q_d': run.q_d, 'dq': run.dq, 'e': self.samples.e, 'v': terms.v,
-            'V': terms.lyapunov,
-            **{name: self.samples.torques[:, i] for i, name in enumerate(('torque', *PARTS))}}
+        self.signals = signals_of(result)
+        self.samples = Samples(run.t, self.signals['e'], self.signals['v'], run.tau)
 
     def packed(self, r: int) -> Iterator[bytes]:
         """Yield all samples for the plots, as those of run number `r`, in parts."""

@@ -23,8 +23,6 @@ from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
-#: Part of a torque as the controller publishes it: nominal + compensation + robust.
-PARTS = ('nominal', 'compensation', 'robust')
 #: Colours of lines: the palette of Okabe and Ito, which people with any colour vision can
 #: distinguish.
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#808080')
@@ -48,18 +46,15 @@ class Samples:
         [s].
     e, v : ndarray, shape (N, n)
         Position error [rad] and filtered error [rad/s].
-    lyapunov : ndarray, shape (N,)
-        V [J].
-    torques : ndarray, shape (N, 4, n)
-        The torque of the law, and its parts as in `PARTS` [N·m].
+    torque : ndarray, shape (N, n)
+        Of the law [N·m].
 
     """
 
     t: Array
     e: Array
     v: Array
-    lyapunov: Array
-    torques: Array
+    torque: Array
 
     def part(self, rows: slice) -> Samples:
         """Return some of the samples."""
@@ -101,7 +96,7 @@ def table(names: Sequence[str], instant: Instant, samples: Samples, title: str =
     errors = rms(samples)
     rows = []
     for i, name in enumerate(names):
-        v, tau = (samples.v[-1, i], samples.torques[-1, 0, i]) if known else (np.nan, np.nan)
+        v, tau = (samples.v[-1, i], samples.torque[-1, i]) if known else (np.nan, np.nan)
         rows.append((name, f'{instant.q[i]:.6f}', f'{instant.q_d[i]:.6f}',
                      f'{instant.q_d[i] - instant.q[i]:.2e}', f'{errors[i]:.2e}', f'{v:.2e}',
                      f'{tau:.1f}'))

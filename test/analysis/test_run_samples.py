@@ -23,6 +23,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from ctc_chattering.analysis.interactive_plots import PARTS
 from ctc_chattering.analysis.run_samples import decimated, write_samples
 from made_up_runs import made_up
 import numpy as np
@@ -55,8 +56,12 @@ def test_runs_of_an_experiment_are_plotted_together(tmp_path: Path) -> None:
                           ) or np.allclose(found['e', 1], 0.1, rtol=1e-6)
     assert np.array_equal(found['torque', 0], two.run.tau[:, 0].astype('f4'))
     assert np.array_equal(found['V', 0], two.terms.lyapunov.astype('f4'))
-    # The parts of the torque only where the run is alone.
-    assert ('robust', 0) not in found and ('robust', 0) in columns(plots[1].runs[0].path)
+    # The parts of the torque only where the run is alone; as published, with signs by which they add up.
+    alone = columns(plots[1].runs[0].path)
+    assert ('robust', 0) not in found and ('robust', 0) in alone
+    parts = other.terms
+    total = (parts.nominal - parts.compensation - parts.robust)[:, 1]
+    assert sum(alone[x, 1] for x in PARTS) == pytest.approx(total, rel=1e-5, abs=1e-5)
 
 
 @pytest.mark.parametrize('samples', [10, 999, 1000, 12_345])

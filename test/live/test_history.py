@@ -92,7 +92,7 @@ def test_pages_get_each_sample_once_and_all_where_time_begins_again() -> None:
 def test_rms_is_over_the_last_second() -> None:
     t = np.arange(3001) / 1000
     e = np.where(t > 2.0, 3.0, 100.0)[:, None]
-    samples = Samples(t, e, e, e[:, 0], np.zeros((3001, 4, 1)))
+    samples = Samples(t, e, e, np.zeros((3001, 1)))
     assert rms(samples) == pytest.approx([3.0])
-    none = Samples(t[:0], e[:0], e[:0], t[:0], np.zeros((0, 4, 1)))
+    none = Samples(t[:0], e[:0], e[:0], np.zeros((0, 1)))
     assert np.isnan(rms(none)).all()

@@ -18,10 +18,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 
 from ctc_chattering.analysis.number_format import number_text
-from ctc_chattering.analysis.output import finite, prepare, write_text
+from ctc_chattering.analysis.output import prepare, write_json
 from ctc_chattering.analysis.tables import print_columns, Table
 from ctc_chattering.cli.options import add_format, add_output, add_params_file, load_setup
 from ctc_chattering.cli.presentation import print_page
@@ -82,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out is not None:
         from ctc_chattering.analysis import drawing
         from ctc_chattering.analysis.page import Section, write_page
-        write_text(options.out / _JSON, json.dumps(finite(as_json(found)), indent=2) + '\n')
+        write_json(as_json(found), options.out / _JSON)
         figures = drawing.save(region(loops, found), options.out / _FIGURES,
                                ('svg', options.format))
         write_page(options.out / _PAGE, f'Stability of {config.law}', _LEAD, [

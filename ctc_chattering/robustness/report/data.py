@@ -23,6 +23,7 @@ from typing import Any
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.parameters import unit_text
 from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import share
 import numpy as np
@@ -89,8 +90,7 @@ class MapData:
             raise CtcError(
                 f'failure: {unknown[0]!r} is not allowed; allowed: {", ".join(KINDS)}')
         rows['error'] = rows['error'].fillna(np.inf)
-        every = [GridAxis(name, tuple(np.unique(rows[name]).tolist()),
-                          unit.replace('*', '·').replace('^2', '²'))
+        every = [GridAxis(name, tuple(np.unique(rows[name]).tolist()), unit_text(unit))
                  for name, unit in axes.items()]
         self.axes = tuple(x for x in every if len(x.values) > 1)
         self.fixed = tuple(x for x in every if len(x.values) == 1)
