@@ -56,7 +56,7 @@ def test_runs_of_an_experiment_are_plotted_together(tmp_path: Path) -> None:
                           ) or np.allclose(found['e', 1], 0.1, rtol=1e-6)
     assert np.array_equal(found['torque', 0], two.run.tau[:, 0].astype('f4'))
     assert np.array_equal(found['V', 0], two.terms.lyapunov.astype('f4'))
-    # The parts of the torque only where the run is alone; as published, with signs by which they add up.
+    # The parts of the torque only where the run is alone; as published, so that they add up.
     alone = columns(plots[1].runs[0].path)
     assert ('robust', 0) not in found and ('robust', 0) in alone
     parts = other.terms
