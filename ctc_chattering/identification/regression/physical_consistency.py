@@ -134,7 +134,8 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
     MachineError
         If bounds bite and Clarabel is not installed.
     CtcError
-        If there are numbers that are not finite, or the solver finds no solution.
+        If there are numbers that are not finite, the information is negative or too large for
+        what is expected beside it, or the solver finds no solution.
 
     """
     known = np.concatenate((estimate.prior.ravel(), estimate.rotor_prior, estimate.gravity_about))
@@ -147,7 +148,7 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
     information = T.T @ estimate.information @ T
     information = 0.5 * (information + information.T)
     H = information + np.eye(len(known)) / _EXPECTED ** 2
-    lower = np.linalg.cholesky(H)
+    lower = _root(H)
     wanted = np.linalg.solve(H, T.T @ estimate.information @ (estimate.found - known))
     bounds = np.concatenate([
         *(stacked(_inside(S, x) - _LEAST * np.eye(4)) for S, x in zip(roots, estimate.prior)),
@@ -161,6 +162,17 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
     return ConsistentBodies(
         estimate, parameters.reshape(-1, 10), rotor, gravity,
         known + T @ wanted, inverse.T @ inverse, T @ T.T, cost)
+
+
+def _root(H: Array) -> Array:
+    """Return L of H = L Lᵀ; raise `CtcError` if there is none."""
+    try:
+        return np.linalg.cholesky(H)
+    except np.linalg.LinAlgError:
+        low, high = np.linalg.eigvalsh(H)[[0, -1]]
+        raise CtcError('the information of inertial parameters, in changes as large as the bodies,'
+                       f' is from {low:.3g} to {high:.3g}; allowed: from 0 to about 1e12'
+                       ) from None
 
 
 def _units(prior: Array) -> list[Array]:

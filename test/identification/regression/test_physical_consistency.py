@@ -183,6 +183,15 @@ def test_refused() -> None:
         consistent(BodyEstimate(TWO_LINKS, 0.0 * prior, prior, np.zeros((20, 20))))
 
 
+@pytest.mark.parametrize('noise, sign', [(1e-12, 1.0), (0.01, -1.0)])
+def test_information_that_no_data_have_is_refused(noise: float, sign: float) -> None:
+    """A torque that is known to 1e-12 N*m hides what is expected of the bodies in rounding."""
+    prior, rows = robot('panda')
+    estimate = estimated(prior, rows, prior, np.zeros(7), noise)
+    with pytest.raises(CtcError, match=r'is from -.* to .*; allowed: from 0 to about 1e12'):
+        consistent(dataclasses.replace(estimate, information=sign * estimate.information))
+
+
 def test_without_clarabel(monkeypatch: pytest.MonkeyPatch) -> None:
     """One line that says how to get it; what keeps its bounds needs none."""
     monkeypatch.setitem(sys.modules, 'clarabel', None)
