@@ -17,7 +17,7 @@ Which command answers which state, by the times at which a recorder received bot
 
 Commands have no stamps. A controller answers each state once, after a time that changes little;
 what a recorder adds to that is jitter. The stamps of the states show how unevenly the recorder
-received them.
+received them. In lockstep, where time goes as fast as the answers come, their order tells.
 """
 
 from __future__ import annotations
@@ -31,6 +31,10 @@ from scipy.ndimage import median_filter  # type: ignore[import-untyped]
 
 #: States over which the time between stamp and reception is taken.
 _AROUND = 201
+#: Part by which the time between states differs from that of their stamps in lockstep; commands
+#: over which their count is taken there, and the part of those that are heard beside it beyond
+#: which it is in doubt.
+_PACED, _COUNTED, _DOUBTFUL = 0.02, 1001, 0.2
 #: Part of a period beyond which, from the usual time after a state, it is not sure which one is
 #: answered; and part of the commands for which that does not matter.
 _SURE, _NEGLIGIBLE = 0.35, 0.002
@@ -80,6 +84,8 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         order = np.argsort(times, kind='stable')
         values, times = values[order], times[order]
     raw = np.searchsorted(received, times, side='right') - 1
+    if not _in_real_time(stamps, received):
+        return _counted(values, raw, stamps)
     if _twice(raw) <= _NEGLIGIBLE:
         return _placed(values, raw, stamps, 0.0)
     ahead = (received - received[0]) - (stamps - stamps[0]).astype(float)
@@ -109,6 +115,43 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
     return _placed(values, raw, stamps, 0.5)
 
 
+def _in_real_time(stamps: Indices, received: Indices) -> bool:
+    """Return whether states are received as fast as their stamps go on."""
+    wall, theirs = (np.diff(x[::_AROUND].astype(float)) for x in (received, stamps))
+    return not len(wall) or bool(
+        np.median(np.abs(wall - theirs)) <= _PACED * np.median(np.abs(theirs)))
+
+
+def _counted(values: Array, raw: Indices, stamps: Indices) -> Answers:
+    """
+    Return commands in lockstep: each state is sent after the answer to the one before.
+
+    So commands are answers in their order, whatever time they take. What a recorder hears too
+    late, or not at all, moves one by the median over those around it.
+    """
+    numbers = _numbers(stamps)
+    count = np.arange(len(raw))
+    ahead = np.where(raw < 0, -1, numbers[np.maximum(raw, 0)]) - count
+    usual = median_filter(ahead, min(_COUNTED, len(ahead)), mode='nearest')
+    place = count + usual
+    which = np.searchsorted(numbers, place)
+    lost = (place < 0) | (numbers[np.minimum(which, len(numbers) - 1)] != place)
+    beside = [float((x > 0).mean()) for x in (usual - ahead, ahead - usual)]
+    # Where commands are missing, it is not sure which ones.
+    unsure = sum(beside) if np.ptp(usual) else 0.0
+    before, after = (1.0 if x > _DOUBTFUL else unsure for x in beside)
+    return _placed(values, np.where(lost, -1, which), stamps, before, after)
+
+
+def _numbers(stamps: Indices) -> Indices:
+    """Return the number of each state, counting those that were not recorded."""
+    step = np.diff(stamps)
+    period = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
+    found: Indices = np.concatenate(([0], np.cumsum(np.clip(np.rint(step / period), 1, _HELD))
+                                     )).astype(int)
+    return found
+
+
 def _twice(which: Indices) -> float:
     """Return for which part of all commands there is another one in their place."""
     return float((np.diff(which) == 0).mean()) if len(which) > 1 else 0.0
@@ -129,7 +172,8 @@ def _apart(which: Indices, after: Array, count: int) -> Indices:
     return found
 
 
-def _placed(values: Array, which: Indices, stamps: Indices, unsure: float) -> Answers:
+def _placed(values: Array, which: Indices, stamps: Indices, before: float,
+            after: float | None = None) -> Answers:
     """
     Return for each state its command, or the one before if it has none.
 
@@ -141,8 +185,9 @@ def _placed(values: Array, which: Indices, stamps: Indices, unsure: float) -> An
         State that each answers; none outside of their range.
     stamps : ndarray, shape (N,)
         Of the states [ns].
-    unsure : float
-        Part of the commands that may answer the state beside.
+    before, after : float
+        Part of the commands that may answer the state before, and the one after; the same
+        without the second.
 
     """
     count = len(stamps)
@@ -151,13 +196,12 @@ def _placed(values: Array, which: Indices, stamps: Indices, unsure: float) -> An
     np.maximum.at(last, which[inside], np.flatnonzero(inside))
     last = np.maximum.accumulate(last)
     found = values[np.maximum(last, 0)].astype(float, copy=False)
-    step = np.diff(stamps)
-    period = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
-    samples = np.concatenate(([0.0], np.cumsum(np.clip(np.rint(step / period), 1, _HELD))))
+    samples = _numbers(stamps)
     age = samples - samples[np.clip(which[np.maximum(last, 0)], 0, count - 1)]
     known = (last >= 0) & (age <= _HELD)
     found[~known] = np.nan
     # Where a command was not recorded, one that is older stands in its place.
     older = float(age[known].mean()) if known.any() else 0.0
-    part = unsure if unsure > _NEGLIGIBLE else 0.0
-    return Answers(found, (-part - (older if older > _NEGLIGIBLE else 0.0), part))
+    less, more = (x if x > _NEGLIGIBLE else 0.0
+                  for x in (before, before if after is None else after))
+    return Answers(found, (-less - (older if older > _NEGLIGIBLE else 0.0), more))

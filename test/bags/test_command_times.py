@@ -72,3 +72,32 @@ def test_lost_messages_make_the_delay_uncertain_by_their_part(states: float, com
     assert found.late[0] - 0.01 <= shift <= found.late[1] + 0.01
     assert (found.command[known, 0] != true[known]).mean() == pytest.approx(commands, abs=0.01)
     assert found.late[0] == pytest.approx(-0.2 * (commands > 0.0), abs=0.05)
+
+
+def in_lockstep(answer: float, after: float, jitter: float, stall: float, loss: float
+                ) -> tuple[Answers, np.ndarray]:
+    """Return the answers where each state follows a command; times in parts of a sample."""
+    rng = np.random.default_rng(1)
+    waits = H * rng.gamma(4.0, 0.25, (N, 2)) * (answer, after)
+    waits += H * rng.exponential(stall, (N, 2)) * (rng.random((N, 2)) < 0.01)
+    sent = np.cumsum(waits.ravel()).reshape(N, 2)
+    got = np.maximum.accumulate(sent + H * rng.exponential(jitter, (N, 2)), axis=0).astype(int)
+    left, kept = rng.random((2, N)) >= loss
+    # A state is sent with the second time, and the first is that of the command before.
+    return answers(np.arange(1, N)[kept[1:], None].astype(float), got[1:, 0][kept[1:]],
+                   STATES[left], got[left, 1]), np.arange(N)[left] + 1
+
+
+@pytest.mark.parametrize(('answer', 'after', 'jitter', 'stall', 'loss', 'sure'), [
+    (0.3, 0.2, 0.02, 0.0, 0.0, True), (0.3, 0.2, 0.06, 3.0, 0.0, True),
+    (0.3, 0.03, 0.1, 0.0, 0.0, False), (0.03, 0.3, 0.1, 3.0, 0.0, False),
+    (0.45, 0.05, 0.02, 20.0, 0.1, False)])
+def test_answers_in_lockstep_are_counted(answer: float, after: float, jitter: float,
+                                         stall: float, loss: float, sure: bool) -> None:
+    """Without losses each has its place, and `late` has what is not sure of it."""
+    found, true = in_lockstep(answer, after, jitter, stall, loss)
+    known = np.isfinite(found.command[:, 0])
+    off = found.command[known, 0] - true[known]
+    assert loss or (off == 0.0).mean() > 0.98
+    assert found.late[0] - 0.01 <= off.mean() <= found.late[1] + 0.01
+    assert (found.late == (0.0, 0.0)) == sure

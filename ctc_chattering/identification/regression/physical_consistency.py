@@ -167,7 +167,8 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
 def _root(H: Array) -> Array:
     """Return L of H = L Lᵀ; raise `CtcError` if there is none."""
     try:
-        return np.linalg.cholesky(H)
+        found: Array = np.linalg.cholesky(H)
+        return found
     except np.linalg.LinAlgError:
         low, high = np.linalg.eigvalsh(H)[[0, -1]]
         raise CtcError('the information of inertial parameters, in changes as large as the bodies,'
