@@ -28,7 +28,17 @@ function view(frame, store) {
       inside.addEventListener(kind, event => {
         moved ||= event.target.tagName === 'CANVAS' || kind === 'keydown';
       }, { capture: true, passive: true });
+    fold(inside.document);
   });
+  // On a narrow page viser's panel is a sheet over the arm: it begins folded.
+  function fold(page) {
+    const SHEET = '[style*="position: fixed"][style*="bottom: 0"][style*="width: 20em"]';
+    const folded = new MutationObserver(() => {
+      const handle = page.querySelector(`${SHEET} [style*="cursor: pointer"]`);
+      if (handle) { folded.disconnect(); handle.click(); }
+    });
+    folded.observe(page.body, { childList: true, subtree: true });
+  }
   night.addEventListener('change', open);
   open();
   // What the server says of the arms: a camera for others is of no use.
