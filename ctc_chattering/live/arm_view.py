@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from ctc_chattering.live.framing import corners
+from ctc_chattering.live.framing import outermost
 from ctc_chattering.live.meshes import drawn
 from ctc_chattering.live.skeleton import quaternion, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
@@ -61,8 +61,7 @@ class ArmView:
         self._place = np.array(place)
         self._root = server.scene.add_frame(f'/{name}', show_axes=False, position=place)
         shapes = drawn(skeleton)
-        #: Boxes around the bodies.
-        self._boxes = [corners([vertices for vertices, _ in body]) for body in shapes]
+        self._outlines = [outermost([vertices for vertices, _ in body]) for body in shapes]
         self._parts, self._frames = {}, {}
         for part, colour, scale, opacity, side in (
                 ('arm', ARM_COLOUR, 1.0, None, 'front'),
@@ -83,11 +82,11 @@ class ArmView:
             f'/{name}/ghost/label', '', visible=False, anchor='bottom-left')
 
     def points(self, positions: Iterable[Array]) -> Array:
-        """Return corners around the arm at `positions`, each of shape (n,), shape (N, 3) [m]."""
+        """Return the outline of the arm at `positions`, each of shape (n,), shape (N, 3) [m]."""
         found = [np.empty((0, 3))]
         for q in positions:
-            found += [box @ pose[:3, :3].T + pose[:3, 3]
-                      for box, pose in zip(self._boxes, self.skeleton.poses(q))]
+            found += [outline @ pose[:3, :3].T + pose[:3, 3]
+                      for outline, pose in zip(self._outlines, self.skeleton.poses(q))]
         points: Array = np.concatenate(found) + self._place
         return points
 

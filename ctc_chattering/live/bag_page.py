@@ -82,14 +82,14 @@ class BagPage:
     def _look(self, seconds: float = math.inf) -> None:
         """Have cameras show the motion of so many seconds before and after now."""
         t = self._player.t
-        drawn = [(arm, run.at(t).q, run.result.run.q[
-            run.index(t - seconds):run.index(t + seconds) + 1])
-            for arm, run in zip(self._arms, self._runs) if arm is not None]
+        drawn = []
+        for arm, run in zip(self._arms, self._runs):
+            if arm is not None:
+                rows = slice(run.index(t - seconds), run.index(t + seconds) + 1)
+                rows = slice(rows.start, rows.stop, (rows.stop - rows.start) // _SEEN + 1)
+                drawn.append(arm.points((*run.result.run.q[rows], *run.result.run.q_d[rows])))
         if drawn:
-            self._page.cameras.look(
-                np.concatenate([arm.points([q]) for arm, q, _ in drawn]),
-                np.concatenate([arm.points(q[::len(q) // _SEEN + 1]) for arm, _, q in drawn]),
-                len(drawn))
+            self._page.cameras.look(np.concatenate(drawn), len(drawn))
 
     def _fit(self, event: Any) -> None:
         self._look(_AROUND)

@@ -43,20 +43,20 @@ class Cameras:
 
     def __init__(self, server: Any) -> None:
         self._server = server
-        #: Points that are shown, now and ever, and the number of arms.
-        self._shown: tuple[Any, Any, int] | None = None
+        #: Points that are shown, and the number of arms.
+        self._shown: tuple[Any, int] | None = None
         #: The camera that each browser was given last, by its number.
         self._given: dict[int, Camera] = {}
         #: The last cameras that browsers were given when they came, of which they know one.
         self._initial: deque[Camera] = deque(maxlen=_KEPT)
         self._due = 0.0
 
-    def look(self, now: Any, ever: Any, count: int) -> None:
+    def look(self, points: Any, count: int) -> None:
         """Show points, as `camera_of` takes them, to all who have not moved their camera."""
-        if not len(now):
+        if not len(points):
             return
-        self._shown = now, ever, count
-        self._initial.append(camera_of(now, ever, count))
+        self._shown = points, count
+        self._initial.append(camera_of(points, count))
         initial = self._server.initial_camera
         initial.fov = FIELD
         initial.position, initial.look_at = self._initial[-1]

@@ -16,12 +16,10 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-import time
 from typing import Any
 
-from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.markup import fragment
 from ctc_chattering.analysis.number_format import in_field
 
 #: Parameters with a field of their own: title, node, name.
@@ -31,11 +29,6 @@ FIELDS = (
     ('viscous friction', 'plant', 'viscous_friction'),
     ('disturbance [N·m]', 'plant', 'disturbance.amplitude'),
     ('its frequency [rad/s]', 'plant', 'disturbance.frequency'))
-_LOG_LINES = 8
-_LOG = """<div class="ctc-log" style="font-size:0.8em;padding:4px 8px">
-{%- for line in lines %}{{ line }}{% endfor %}</div>"""
-_ANSWER = """<div><span style="color:{{ colour }}">{{ sign }}</span> {{ time }}
-<b>{{ what }}</b>: {{ answer }}</div>"""
 _REASON = '<div class="ctc-reason" style="font-size:0.8em;padding:0 12px 4px">{{ reason }}</div>'
 #: Why simulated time cannot be stopped, where it cannot.
 _REAL = 'hold, step and run: the plant has pacing: {}; only in lockstep its time can be held'
@@ -62,10 +55,8 @@ class Controls:
         self._gui, self._ask = gui, ask
         self._fields: dict[tuple[str, str], Any] = {}
         self._values: dict[tuple[str, str], str] = {}
-        self._log: deque[Markup] = deque(maxlen=_LOG_LINES)
         self._folder = gui.add_folder('controls')
         with self._folder:
-            self._log_view = gui.add_html('')
             self._torques()
             self._send()
             self._push(names)
@@ -123,13 +114,6 @@ class Controls:
         reason = '' if pacing == 'lockstep' else (
             _NO_PLANT if pacing is None else _REAL.format(pacing))
         self._reason.content = str(fragment(_REASON, reason=reason)) if reason else ''
-
-    def log(self, what: str, done: bool, answer: str) -> None:
-        """Show what became of a request."""
-        sign, colour = ('✓', '#009e73') if done else ('✗ refused', '#d55e00')
-        self._log.appendleft(fragment(_ANSWER, sign=sign, colour=colour, what=what, answer=answer,
-                                      time=time.strftime('%H:%M:%S')))
-        self._log_view.content = str(fragment(_LOG, lines=self._log))
 
     def remove(self) -> None:
         """Take them from the page."""

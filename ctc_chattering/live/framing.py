@@ -17,7 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import tan
+from itertools import product
+from math import cos, radians, sin, tan
 from typing import Any, NamedTuple
 
 from ctc_chattering.numerics.linear_algebra import Array
@@ -25,13 +26,20 @@ import numpy as np
 
 #: Vertical angle of view [rad]; width of a view as a part of its height where it is not known.
 FIELD, ASPECT = 0.8, 0.9
-#: Part of the view that the arms fill, where they are now and wherever they will be.
-_NOW, _EVER = 0.8, 0.98
-#: From the arm to the camera: of one arm, in a wide view and in a narrow one, of which the second
-#: is taken if it comes so much closer; and of several arms, which stand one behind the other.
-_WIDE, _NARROW, _CLOSER, _SEVERAL = (0.2, -1.0, 0.15), (0.8, -0.8, 0.2), 0.85, (-0.8, -0.8, 0.25)
+#: Part of the width or of the height of the view, whichever is less room, that the arms fill.
+_FILLS = 0.85
+#: Directions from the arms to the camera, those that are preferred first: azimuths of one arm and
+#: of several, which would hide each other from the side, and elevations [rad].
+_AZIMUTHS, _ELEVATIONS = tuple(map(radians, (
+    -75, -60, -45, -30, -15, 75, 60, 45, 30, 15))), (radians(12), radians(25))
+_SEVERAL = tuple(x for x in _AZIMUTHS if abs(x) < radians(50))
+#: The first direction is taken from which the arms fill so large a part of the best.
+_GOOD = 0.9
 #: Between the roots of two arms, as a part of the reach.
 _APART = 0.65
+#: Where a body is furthest out, seen from its middle: corners, edges and faces of a cube.
+_WAYS = np.array([x for x in product((-1.0, 0.0, 1.0), repeat=3) if any(x)])
+_WAYS /= np.linalg.norm(_WAYS, axis=1)[:, None]
 
 
 class Camera(NamedTuple):
@@ -46,48 +54,41 @@ def roots(count: int, reach: float) -> list[tuple[float, float, float]]:
     return [(0.0, _APART * reach * (i - 0.5 * (count - 1)), 0.0) for i in range(count)]
 
 
-def camera_of(now: Array, ever: Array, count: int = 1, aspect: float = ASPECT) -> Camera:
+def camera_of(points: Array, count: int = 1, aspect: float = ASPECT) -> Camera:
     """
     Return the camera that shows all of some points as large as a view allows.
 
     Parameters
     ----------
-    now : ndarray, shape (N, 3)
-        Points of the arms where they are [m].
-    ever : ndarray, shape (M, 3)
-        Points of the arms where they may be [m].
+    points : ndarray, shape (N, 3)
+        Of the arms, where they are and where they may be [m].
     count : int
         Number of arms.
     aspect : float
         Width of the view as a part of its height.
 
     """
-    if count > 1:
-        return _seen_from(_SEVERAL, now, ever, aspect)[1]
-    distance, camera = _seen_from(_WIDE, now, ever, aspect)
-    closer, other = _seen_from(_NARROW, now, ever, aspect)
-    return other if closer < _CLOSER * distance else camera
+    found = [_seen_from(azimuth, elevation, points, aspect)
+             for elevation in _ELEVATIONS for azimuth in (_AZIMUTHS if count == 1 else _SEVERAL)]
+    best = max(area for area, _ in found)
+    return next(camera for area, camera in found if area >= _GOOD * best)
 
 
-def _seen_from(direction: tuple[float, float, float], now: Array, ever: Array, aspect: float
+def _seen_from(azimuth: float, elevation: float, points: Array, aspect: float
                ) -> tuple[float, Camera]:
-    """Return the least distance from which all can be seen, and the camera there."""
-    back = np.array(direction)
-    back /= np.linalg.norm(back)
-    right = np.cross((0.0, 0.0, 1.0), back)
-    right /= np.linalg.norm(right)
+    """Return the part of the view that the points' box fills, and the nearest camera."""
+    back = np.array((cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)))
+    right = np.array((-sin(azimuth), cos(azimuth), 0.0))
     axes = np.stack((right, np.cross(back, right), back))
-    points = np.concatenate((now, ever))
     seen = points @ axes.T
-    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    size = np.array((aspect, 1.0)) * tan(0.5 * FIELD)
-    distance = 0.0
-    for part, fills in ((now, _NOW), (points, _EVER)):
-        x = part @ axes.T - middle
-        # Of a point: |across| <= fills * size * (distance - depth).
-        distance = max(distance, float((np.abs(x[:, :2]) / (fills * size) + x[:, 2:]).max()))
-    target = middle @ axes
-    return distance, Camera(_three(target + distance * back), _three(target))
+    across, depth = seen[:, :2], seen[:, 2:]
+    # A point is seen if |across - middle| <= size (distance - depth).
+    size = _FILLS * tan(0.5 * FIELD) * np.array((aspect, 1.0))
+    least, most = (depth - across / size).max(axis=0), (depth + across / size).max(axis=0)
+    middle, distance = 0.5 * size * (most - least), float((0.5 * (most + least)).max())
+    area = float(np.ptp((across - middle) / (size * (distance - depth)), axis=0).prod())
+    position, target = (np.append(middle, x) @ axes for x in (distance, depth.mean()))
+    return area, Camera(_three(position), _three(target))
 
 
 def is_at(camera: Camera, other: Any, tolerance: float = 1e-2) -> bool:
@@ -102,11 +103,9 @@ def _three(x: Array) -> tuple[float, float, float]:
     return a, b, c
 
 
-def corners(vertices: Sequence[Array]) -> Array:
-    """Return the corners of the box around points, shape (8, 3); of none, shape (0, 3)."""
+def outermost(vertices: Sequence[Array]) -> Array:
+    """Return those of some points that are furthest out, shape (N, 3); of none, shape (0, 3)."""
     if not vertices:
         return np.empty((0, 3))
     points = np.concatenate(vertices)
-    box = np.stack((points.min(axis=0), points.max(axis=0)))
-    return np.array([[box[i, 0], box[j, 1], box[k, 2]]
-                     for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    return points[np.unique(np.argmax(points @ _WAYS.T, axis=0))]

@@ -199,8 +199,6 @@ class GraphPage:
                         period=f'{1e3 * config.control_period:g}')
 
     def _show_answer(self, what: str, done: bool, answer: str) -> None:
-        if self._controls is not None:
-            self._controls.log(what, done, answer)
         if self._panel is not None:
             self._panel.answer(what, done, answer)
 

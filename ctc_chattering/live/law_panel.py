@@ -27,7 +27,7 @@ from ctc_chattering.errors import CtcError
 from ctc_chattering.live.gains import gains_of
 
 #: Answers that are shown.
-_ANSWERS = 4
+_ANSWERS = 6
 
 
 class LawPanel:

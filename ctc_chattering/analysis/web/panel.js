@@ -100,6 +100,10 @@ class Panel {
     const p = this.plots.data.units?.[this.joints[0]] || 'rad', t = p === 'm' ? 'N' : 'N·m';
     return KINDS[this.kind].unit.replace('p', p).replace('t', t);
   }
+  get visible() {
+    const { top, bottom } = this.element.getBoundingClientRect();
+    return bottom > 0 && top < innerHeight;
+  }
   // Take what is to be drawn, and scale the axes to it.
   update() {
     const [from, to] = this.plots.range();

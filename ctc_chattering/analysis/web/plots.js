@@ -38,6 +38,8 @@ class Plots {
     this.chosen = { signals: options.signals || ['e', 'q', 'V', 'torque'], joints: null,
       ...this.remembered() };
     this.panels = [];
+    // Of a running graph only what is in sight is drawn.
+    this.seen = new IntersectionObserver(() => this.redraw());
     this.replace(data);
     this.resized = new ResizeObserver(() => this.resize());
     this.resized.observe(this.element);
@@ -71,6 +73,7 @@ class Plots {
     return found.length ? found : names.map((_, i) => i);
   }
   build() {
+    this.seen.disconnect();
     for (const panel of this.panels) panel.u.destroy();
     this.element.replaceChildren();
     this.panels = [];
@@ -88,6 +91,7 @@ class Plots {
       const groups = KINDS[kind].common ? [[0]] : together ? [joints] : joints.map(i => [i]);
       for (const group of groups) this.panels.push(new Panel(this, row, kind, group));
     }
+    for (const panel of this.panels) this.seen.observe(panel.element);
     this.resize();
     this.redraw();
   }
@@ -182,7 +186,7 @@ class Plots {
     setTimeout(() => requestAnimationFrame(() => {
       this.waiting = false;
       const begin = performance.now();
-      for (const panel of this.panels) panel.update();
+      for (const panel of this.panels) if (!this.options.window || panel.visible) panel.update();
       this.all.setAttribute('aria-pressed', String(!this.view));
       this.point(this.cursor);
       // uPlot draws after this function, and the browser after that.
@@ -192,6 +196,7 @@ class Plots {
   remove() {
     dark.removeEventListener('change', this.themed);
     this.resized.disconnect();
+    this.seen.disconnect();
     for (const panel of this.panels) panel.u.destroy();
     this.panels = [];
     this.element.remove();
@@ -204,7 +209,9 @@ function download(name, blob) {
   link.href = url; link.download = name; link.click();
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
-function save(plots, format) {
+async function save(plots, format) {
+  for (const panel of plots.panels) panel.update();
+  await new Promise(requestAnimationFrame);  // uPlot draws later.
   if (format === 'png') picture(plots).toBlob(blob => download('plots.png', blob));
   else for (const run of plots.runs.filter(x => x.shown)) {
     const lines = plots.panels.filter(panel => !KINDS[panel.kind].spectrum).flatMap(

@@ -28,7 +28,37 @@ function view(frame, store) {
       inside.addEventListener(kind, event => {
         moved ||= event.target.tagName === 'CANVAS' || kind === 'keydown';
       }, { capture: true, passive: true });
+    fold(inside.document);
+    seldom(inside);
   });
+  // Without a graphics card the view takes all of the processor: where a frame comes late, the next
+  // one waits twice as long, so that the plots have their turn.
+  function seldom(inside) {
+    const draw = inside.requestAnimationFrame.bind(inside), waiting = new Set();
+    let late = 0, last = 0;
+    inside.requestAnimationFrame = done => {
+      const id = ++last, ask = () => {
+        const begin = performance.now();
+        draw(now => {
+          if (waiting.delete(id)) done(now);
+          late = performance.now() - begin;
+        });
+      };
+      waiting.add(id);
+      if (late > 50) setTimeout(ask, Math.min(500, 2 * late)); else ask();
+      return id;
+    };
+    inside.cancelAnimationFrame = id => waiting.delete(id);
+  }
+  // On a narrow page viser's panel is a sheet over the arm: it begins folded.
+  function fold(page) {
+    const SHEET = '[style*="position: fixed"][style*="bottom: 0"][style*="width: 20em"]';
+    const folded = new MutationObserver(() => {
+      const handle = page.querySelector(`${SHEET} [style*="cursor: pointer"]`);
+      if (handle) { folded.disconnect(); handle.click(); }
+    });
+    folded.observe(page.body, { childList: true, subtree: true });
+  }
   night.addEventListener('change', open);
   open();
   // What the server says of the arms: a camera for others is of no use.
