@@ -25,7 +25,7 @@ from urllib.parse import quote
 
 from ctc_chattering.analysis.number_format import in_html
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
-from markupsafe import Markup
+from markupsafe import escape, Markup
 
 __all__ = ['Markup', 'asset', 'fragment', 'page', 'url']
 
@@ -80,4 +80,9 @@ def url(path: str) -> str:
     return quote(os.fsencode(path))
 
 
-_ENVIRONMENT.filters.update(number=in_html, url=url, json=json.dumps)
+def _breakable(text: str) -> Markup:
+    """Return text that may go on in another line after an underscore."""
+    return escape(text).replace('_', Markup('_<wbr>'))
+
+
+_ENVIRONMENT.filters.update(number=in_html, url=url, json=json.dumps, breakable=_breakable)

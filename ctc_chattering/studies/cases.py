@@ -146,9 +146,9 @@ def _drives() -> Iterator[Case]:
             yield _case('Elastic joints', f'{stiffness:.0e} N·m/rad, encoder of the {side}',
                         plant={'joint_stiffness': _both(stiffness), 'joint_damping': _both(10.0),
                                'motor_inertia': [1.0, 0.1], 'encoder_side': side})
-    for x in (0.01, 0.1):
-        yield _case('Lost samples', f'{100 * x:g} %', x, plant={'sample_loss': x})
-        yield _case('Late samples', f'{100 * x:g} %', x, plant={'late_samples': x})
+    for group, name in (('Lost samples', 'sample_loss'), ('Late samples', 'late_samples')):
+        for x in (0.01, 0.1):
+            yield _case(group, f'{100 * x:g} %', x, plant={name: x})
 
 
 def _sensors() -> Iterator[Case]:

@@ -41,6 +41,8 @@ from ctc_chattering.studies.score import Score, score
 #: What the tables show: attribute, heading, unit, format.
 QUANTITIES = (('rms', 'RMS e', 'rad', '.2e'),
               ('variation', 'torque variation', 'N·m/s', '.0f'))
+#: Title of the table that sums up the others.
+RANKING = 'Ranking'
 
 
 class CaseOutcome(NamedTuple):
@@ -141,11 +143,11 @@ def about(outcomes: Sequence[CaseOutcome]) -> Markup:
 
 
 def tables(outcomes: Sequence[CaseOutcome]) -> Iterator[Table]:
-    """Yield a table for each group of cases, and the ranking of the switchings."""
+    """Yield the ranking of the switchings, and a table for each group of cases."""
+    yield _ranking(rows(outcomes))
     heads = ['case', 'quantity', *dict.fromkeys(o.variant for o in outcomes)]
     for group, members in itertools.groupby(rows(outcomes), lambda row: row[0].case.group):
         yield Table(group, heads, [line for row in members for line in _lines(row)], 2)
-    yield _ranking(rows(outcomes))
 
 
 def _lines(row: Sequence[CaseOutcome]) -> Iterator[list[str]]:
@@ -170,6 +172,6 @@ def _ranking(table: Sequence[Sequence[CaseOutcome]]) -> Table:
     heads = [*(f'{extreme} {quantity}' for extreme in ('smallest', 'largest')
                for _, quantity, _, _ in QUANTITIES), 'runs that diverged']
     return Table(
-        'Ranking', ['switching', *heads],
+        RANKING, ['switching', *heads],
         [[o.variant, *(str(counts[head, o.variant]) for head in heads)] for o in table[0]],
         note=f'{2 * len(table)} comparisons: {len(table)} cases with two joints each.')

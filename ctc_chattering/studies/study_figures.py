@@ -88,11 +88,12 @@ def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xl
 def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
     """Draw both quantities of every case in `outcomes`, a line per case, a mark per variant."""
     table, look = study.rows(outcomes), _styles(outcomes)
-    figure, grid = drawing.sheet(title, 1, (1.0, 1.0),
-                                 (0.21 + 0.02 * len(look)) * len(table) + 0.3, left=3.9)
     cases = [row[0].case for row in table]
     names = [case.name if case.group == BASIC else f'{case.group}: {case.name}'
              for case in cases]
+    figure, grid = drawing.sheet(
+        title, 1, (1.0, 1.0), (0.17 + 0.02 * len(look)) * len(table) + 0.3,
+        left=0.4 + 0.067 * max(map(len, names)))
     for column, (key, name, unit) in enumerate(QUANTITIES):
         ax = drawing.panel(figure, grid[0, column], name, '')
         ax.set(xlabel=f'{name} [{unit}]', xscale='log', ylim=(len(table) - 0.4, -0.6))

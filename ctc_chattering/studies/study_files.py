@@ -23,7 +23,7 @@ from types import ModuleType
 
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import write_text
-from ctc_chattering.analysis.page import Section, write_page
+from ctc_chattering.analysis.page import Folded, Section, write_page
 from ctc_chattering.analysis.tables import markdown, markdown_table
 from ctc_chattering.control.controller_config import LAWS as ALL_LAWS
 from ctc_chattering.control.controller_config import RIVALS
@@ -78,8 +78,10 @@ def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path, ext
     write_text(table, to_csv(outcomes, kind.what))
     figures = save_study_figures(outcomes, out / kind.figures, extra)
     write_text(text, to_markdown(kind, outcomes, figures, out))
+    numbers = [Folded(x.title or 'All cases', [x._replace(title='')], x.title == study.RANKING)
+               for x in kind.module.tables(outcomes)]
     write_page(page, _title(kind), kind.module.about(outcomes), [
-        Section('Figures', figures), Section('Numbers', list(kind.module.tables(outcomes)))],
+        Section('Figures', figures), Section('Numbers', numbers)],
         [(x, x) for x in kind.names[:2]], command)
     return page
 

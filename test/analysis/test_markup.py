@@ -76,7 +76,8 @@ class Page(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, tuple(name for name, _ in attrs)))
+        if tag != 'wbr':  # Where a name may be broken.
+            self.elements.append((tag, tuple(name for name, _ in attrs)))
         self.urls += [value or '' for name, value in attrs if name in ('href', 'src')]
 
     def handle_data(self, data: str) -> None:

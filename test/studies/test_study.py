@@ -19,6 +19,7 @@ import dataclasses
 import io
 import math
 from pathlib import Path
+import re
 
 from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
 from ctc_chattering.analysis.metrics import metrics
@@ -154,6 +155,8 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert all(f'](figures/{name})' in text for name in figures)
     page = (out / 'study.html').read_text(encoding='utf-8')
     assert all(f'src="figures/{name}"' in page for name in figures)
+    titles = re.findall('<details id="part[0-9]+"( open)?><summary>(.*)</summary>', page)
+    assert titles == [(' open', 'Ranking'), ('', cases.BASIC), ('', cases.PERIOD)]
     assert page.count('<table>') == 3 and '<code>ctc study</code>' in page
     table = (out / 'study.csv').read_text(encoding='utf-8')
     (out / 'mine').touch()

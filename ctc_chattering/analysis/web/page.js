@@ -10,9 +10,12 @@ function open() {
 }
 addEventListener('hashchange', open);
 open();
+let unfolded = [];
 addEventListener('beforeprint', () => {
-  for (const x of document.querySelectorAll('main details')) x.open = true;
+  unfolded = [...document.querySelectorAll('main details:not([open])')];
+  for (const x of unfolded) x.open = true;
 });
+addEventListener('afterprint', () => { for (const x of unfolded) x.open = false; });
 // The signals of runs: their files are read when the plots come into view.
 window.ctcSamples = {};
 function loaded(path) {
