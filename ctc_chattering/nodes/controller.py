@@ -42,6 +42,7 @@ from ctc_chattering.ros.serialization import (
     TrajectoryReader,
 )
 from ctc_chattering.ros.subscription import ValidatedSubscription
+from ctc_chattering.ros.throttled_log import ThrottledLog
 from ctc_chattering.ros.topics import CLOCK, COMMANDS, JOINT_STATES, REFERENCE, ROBOT_DESCRIPTION
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
@@ -68,7 +69,8 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         writer = EffortWriter(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
-            lambda tau: self._commands.publish(writer.write(tau)), self.get_logger())
+            lambda tau: self._commands.publish(writer.write(tau)),
+            ThrottledLog(self.get_logger()))
         self.on_change()
         self.tick = min(TICK, seconds(self._loop.watchdog.timeout) / 2)
         #: Whether all who are to receive the torques do, and whether the clock is published.
