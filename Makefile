@@ -28,8 +28,8 @@ $(VENV)/.docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
 	touch $@
 
-# Processes that run tests: more than two processors, for many tests mostly wait.
-WORKERS ?= 3
+# Processes that run tests: more than two processors have, for many tests mostly wait.
+WORKERS ?= 5
 test: $(READY)
 	@begin=$$(date +%s); \
 	$(MAKE) --no-print-directory --jobs=2 --output-sync lint suite; status=$$?; \

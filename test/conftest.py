@@ -25,6 +25,8 @@ Hypothesis tries the same examples every time, however slow the machine.
 from collections.abc import Iterator
 import gc
 from importlib.util import find_spec
+from itertools import accumulate, groupby
+from operator import itemgetter
 import os
 import signal
 
@@ -55,13 +57,32 @@ def pytest_configure(config: pytest.Config) -> None:
     drop_rights()
 
 
+@pytest.hookimpl(trylast=True)  # Without tests that are left out by their marks.
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what needs a browser, or control_msgs, where there is none."""
+    """Leave out what needs a browser, or control_msgs, where there is none; put in order."""
     for marker, there in (('browser', chromium()), ('control_msgs', find_spec('control_msgs'))):
         if there is None:
             left_out = [item for item in items if item.get_closest_marker(marker)]
             items[:] = [item for item in items if item not in left_out]
             config.hook.pytest_deselected(items=left_out)
+    items[:] = spread(items)
+
+
+def spread(items: list[pytest.Item]) -> list[pytest.Item]:
+    """
+    Return tests with the modules that start ROS processes spread evenly among the others.
+
+    They mostly wait, and workers are given equal numbers of tests in this order: so some wait
+    and others compute at all times.
+    """
+    modules = [list(module) for _, module in groupby(items, lambda item: item.path)]
+    placed: list[tuple[float, list[pytest.Item]]] = []
+    for waiting in (False, True):
+        of_kind = [module for module in modules
+                   if waiting == any(item.get_closest_marker('ros') for item in module)]
+        ends = list(accumulate(map(len, of_kind)))
+        placed += [(end / ends[-1], module) for end, module in zip(ends, of_kind)]
+    return [item for _, module in sorted(placed, key=itemgetter(0)) for item in module]
 
 
 def pytest_collection_finish() -> None:

@@ -124,9 +124,10 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
                 step._records.transit, plain.transit, rtol=1e-10, atol=1e-9)
 
 
-# Three joints are compiled here for the law with most equations; seven by `make slow`.
+# Three joints are compiled here for a short law; the longest one, and seven, by `make slow`.
 @pytest.mark.parametrize(('law', 'switching', 'n'), [
-    *((*variant, 2) for variant in VARIANTS), ('observer_feedback', 'sign', 3),
+    *((*variant, 2) for variant in VARIANTS), ('integral', 'sign', 3),
+    pytest.param('observer_feedback', 'sign', 3, marks=pytest.mark.slow),
     *(pytest.param(*variant, 7, marks=pytest.mark.slow) for variant in VARIANTS)])
 def test_a_step_is_that_of_plain_python(law: str, switching: str, n: int) -> None:
     for seed in range(8):

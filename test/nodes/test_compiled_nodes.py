@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from ctc_chattering.analysis.compilation import compile_setups
@@ -23,7 +24,7 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.launch.child_process import Child
 from ctc_chattering.numerics.machine_code import HOW_TO_COMPILE
-from faults import Diagnostics
+from faults import Diagnostics, Report
 import numpy as np
 from processes import interrupt, probe
 import pytest
@@ -67,11 +68,13 @@ def test_nodes_say_what_computes_them(
         def said() -> int:
             return len([x for x in it.lines if HOW_TO_COMPILE in x and '[INFO]' in x])
 
+        def says(computed_by: str, report: Report) -> bool:
+            return report.values['computed by'] == computed_by
+
         def check(computed_by: str, *ros_args: str) -> list[Child]:
             children = [it.start(name, *ros_args) for name in ('plant', 'controller')]
             for child in children:  # The first report may be of the node before.
-                assert computed_by in [
-                    reports.next(child.name).values['computed by'] for _ in range(3)]
+                reports.until(child.name, partial(says, computed_by), computed_by)
             return children
 
         for how, *ros_args in (('machine code',), ('plain Python', '-p', 'compiled:=false')):

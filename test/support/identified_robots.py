@@ -25,6 +25,8 @@ from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.identification.regression.identify import Identification, identify
+from ctc_chattering.identification.regression.model_errors import candidates
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.simulation.closed_loop import Run, simulate
 from ctc_chattering.simulation.plant import Plant
@@ -180,3 +182,20 @@ def record(name: str, seed: int, duration: float = 60.0, *, backend: str = 'buil
         route=route, robot=body, model=model)
     recording = Recording(name, robot.joints, run.t, run.q, run.dq, None, run.tau)
     return Recorded(recording, config, law, model, run)
+
+
+@cache
+def identified(duration: float, noise: float = 1e-3) -> tuple[Recorded, Identification]:
+    """
+    Return a recording of the paper's arm, and what is identified of it, once per process.
+
+    Parameters
+    ----------
+    duration : float
+        [s].
+    noise : float
+        Of the velocities [rad/s].
+
+    """
+    made = record('two_link', 7, duration, plant={'velocity_noise': [noise] * 2})
+    return made, identify([made.recording.checked()], made.model, candidates(made.model))

@@ -17,23 +17,36 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Severity
-from ctc_chattering.identification.regression.identify import identify
-from ctc_chattering.identification.regression.model_errors import candidates
-from ctc_chattering.identification.report.perturbation import perturbation, tail_bound
+from ctc_chattering.identification.regression.identify import Identification
+from ctc_chattering.identification.report.perturbation import (
+    MeasuredPerturbation,
+    perturbation,
+    tail_bound,
+)
 from ctc_chattering.identification.report.perturbation_bound import MARGIN, perturbation_bound
 from ctc_chattering.identification.report.torque_steps import torque_rate
-from identified_robots import record
+from identified_robots import identified, Recorded
 import numpy as np
 import pytest
 
-MADE = record('two_link', 7, 12.0)
-FOUND = identify([MADE.recording.checked()], MADE.model, candidates(MADE.model))
-RUN = perturbation(FOUND)
-COULOMB, VISCOUS = np.array(MADE.plant.coulomb_friction), np.array(MADE.plant.viscous_friction)
+
+# Made where a test needs them: not in each process that collects tests.
+def made() -> Recorded:
+    return identified(12.0)[0]
+
+
+def base() -> Identification:
+    return identified(12.0)[1]
+
+
+@cache
+def measured() -> MeasuredPerturbation:
+    return perturbation(base())
 
 
 class Limited(TwoLink):
@@ -44,23 +57,24 @@ class Limited(TwoLink):
 
 
 def test_friction_at_the_limits_is_that_of_the_robot() -> None:
-    found = perturbation_bound(FOUND, RUN, Limited(9.81))
-    largest = COULOMB + VISCOUS * [6.0, 8.0]
+    found = perturbation_bound(base(), measured(), Limited(9.81))
+    largest = np.array(made().plant.coulomb_friction) + np.multiply(
+        made().plant.viscous_friction, [6.0, 8.0])
     assert found.fastest.friction == pytest.approx(largest, rel=1e-2)
     assert (found.ka >= 0.999 * MARGIN * largest).all() and (found.ka < 1.3 * largest).all()
     assert 'in the run |P| is at most' in found.reason and not found.findings
 
 
 def test_without_limits_the_speed_of_the_run_counts() -> None:
-    found = perturbation_bound(FOUND, RUN, MADE.model)
-    assert found.peak == pytest.approx(RUN.peak, rel=0.02)
+    found = perturbation_bound(base(), measured(), made().model)
+    assert found.peak == pytest.approx(measured().peak, rel=0.02)
     assert 'its limit is not known' in found.reason
 
 
 def test_ka_is_cut_to_what_the_drive_gives() -> None:
     model = Limited(9.81)
     model.effort_limits = (500.0, 12.0)
-    found = perturbation_bound(FOUND, RUN, model)
+    found = perturbation_bound(base(), measured(), model)
     assert found.ka[1] == 12.0
     (finding,) = found.findings
     assert (finding.severity, finding.joint) == (Severity.CARE, 1)
@@ -69,14 +83,14 @@ def test_ka_is_cut_to_what_the_drive_gives() -> None:
 
 @pytest.mark.parametrize('size', [30.0, 185.0])
 def test_an_outlier_is_named_and_does_not_count(size: float) -> None:
-    residual = FOUND.data.residual.copy()
-    k = int(np.flatnonzero(FOUND.data.used().all(axis=1))[40])
+    residual = base().data.residual.copy()
+    k = int(np.flatnonzero(base().data.used().all(axis=1))[40])
     residual[k, 0] += size
-    run = perturbation(FOUND, dataclasses.replace(FOUND.data, residual=residual))
-    assert run.peak == pytest.approx(RUN.peak, rel=0.02)
+    run = perturbation(base(), dataclasses.replace(base().data, residual=residual))
+    assert run.peak == pytest.approx(measured().peak, rel=0.02)
     (finding,) = run.outliers()
     assert finding.joint == 0 and f'{run.t[k]:.2f} s' in finding.reason
-    assert not list(RUN.outliers())
+    assert not list(measured().outliers())
 
 
 def test_the_tail_is_that_of_the_distribution() -> None:
@@ -89,44 +103,44 @@ def test_the_tail_is_that_of_the_distribution() -> None:
 
 
 def test_errors_of_the_model_are_in_the_perturbation() -> None:
-    error = 5.0 * np.sin(RUN.t)[:, None] * [1.0, 0.0]
-    data = dataclasses.replace(FOUND.data, residual=FOUND.data.residual + error)
-    assert perturbation(FOUND, data).tail[0] > 3.0
+    error = 5.0 * np.sin(measured().t)[:, None] * [1.0, 0.0]
+    data = dataclasses.replace(base().data, residual=base().data.residual + error)
+    assert perturbation(base(), data).tail[0] > 3.0
 
 
 def test_the_rate_is_within_what_drives_give() -> None:
     """Told is the lower end of the interval, and what is given before that."""
     needed = np.array([2000.0, 100.0])
     rate = [Estimate(1200.0, 200.0, 'N*m/s'), Estimate(5000.0, 1000.0, 'N*m/s')]
-    found = torque_rate(dataclasses.replace(FOUND, rate=rate), needed)
+    found = torque_rate(dataclasses.replace(base(), rate=rate), needed)
     assert found.known.tolist() == [1000.0, 4000.0]
-    late = 1.0 + 2e3 * FOUND.timing.delays[0][2]
+    late = 1.0 + 2e3 * base().timing.delays[0][2]
     assert found.value == pytest.approx([1000.0, 4000.0 / late[1]])
     (slow,) = found.findings
     assert slow.joint == 0 and '1e+03 N*m/s; 2e+03' in slow.reason
-    assert torque_rate(FOUND, needed, (300.0, 300.0)).value.tolist() == [300.0, 300.0]
-    (unknown,) = torque_rate(dataclasses.replace(FOUND, rate=[]), needed).findings
+    assert torque_rate(base(), needed, (300.0, 300.0)).value.tolist() == [300.0, 300.0]
+    (unknown,) = torque_rate(dataclasses.replace(base(), rate=[]), needed).findings
     assert 'not known' in unknown.reason and '--torque-rate' in unknown.cure
 
 
 def test_ka_does_not_hold_at_speeds_of_which_friction_is_not_known() -> None:
-    one = dataclasses.replace(FOUND.friction[1], viscous=Estimate.none('joint2 moves at 1 rad/s'))
-    found = dataclasses.replace(FOUND, friction=[FOUND.friction[0], one])
-    (finding,) = perturbation_bound(found, RUN, Limited(9.81)).findings
+    one = dataclasses.replace(base().friction[1], viscous=Estimate.none('joint2 moves at 1 rad/s'))
+    found = dataclasses.replace(base(), friction=[base().friction[0], one])
+    (finding,) = perturbation_bound(found, measured(), Limited(9.81)).findings
     assert (finding.severity, finding.joint) == (Severity.CARE, 1)
     assert 'joint2 moves at 1 rad/s' in finding.reason and 'speeds' in finding.cure
 
 
 def test_ka_holds_an_impact_that_is_shorter_than_a_window() -> None:
-    assert FOUND.short is not None and not RUN.impact.any()
-    torque = FOUND.short.perturbation.copy()
-    torque[len(torque) // 2, 0] = 3.0 * RUN.peak[0]
-    found = dataclasses.replace(FOUND, short=FOUND.short._replace(perturbation=torque))
+    assert base().short is not None and not measured().impact.any()
+    torque = base().short.perturbation.copy()
+    torque[len(torque) // 2, 0] = 3.0 * measured().peak[0]
+    found = dataclasses.replace(base(), short=base().short._replace(perturbation=torque))
     hit = perturbation(found)
-    assert hit.peak[0] == pytest.approx(3.0 * RUN.peak[0], rel=0.05)
-    assert hit.peak[1] == RUN.peak[1]
-    bound = perturbation_bound(found, hit, MADE.model)
-    assert bound.ka[0] > 3.0 * RUN.peak[0]
+    assert hit.peak[0] == pytest.approx(3.0 * measured().peak[0], rel=0.05)
+    assert hit.peak[1] == measured().peak[1]
+    bound = perturbation_bound(found, hit, made().model)
+    assert bound.ka[0] > 3.0 * measured().peak[0]
     (finding,) = bound.findings
     assert (finding.severity, finding.joint) == (Severity.CARE, 0)
     assert 'impacts of backlash' in finding.reason

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,7 @@ from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import Severity
-from ctc_chattering.identification.regression.identify import Identification, identify
-from ctc_chattering.identification.regression.model_errors import candidates
+from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.report.parameter_values import (
     missing_gains,
     parameter_values,
@@ -37,25 +37,35 @@ from ctc_chattering.identification.report.perturbation import MeasuredPerturbati
 from ctc_chattering.identification.report.recommendation import recommend, Recommendation
 from ctc_chattering.identification.report.validation import validate
 from ctc_chattering.identification.report.verdict import verdicts
-from identified_robots import record
+from identified_robots import identified, record, Recorded
 import numpy as np
 import pytest
 
-MADE = record('two_link', 7, 16.0, plant={'velocity_noise': [1e-5] * 2})
-FOUND = identify([MADE.recording.checked()], MADE.model, candidates(MADE.model))
-RUN = perturbation(FOUND)
+
+# Made where a test needs them: not in each process that collects tests.
+def made() -> Recorded:
+    return identified(16.0, 1e-5)[0]
 
 
-def recommended(found: Identification = FOUND, run: MeasuredPerturbation = RUN) -> Recommendation:
-    return recommend(found, run, MADE.model, MADE.recording.q)
+def base() -> Identification:
+    return identified(16.0, 1e-5)[1]
+
+
+@cache
+def measured() -> MeasuredPerturbation:
+    return perturbation(base())
+
+
+def recommended(found: Identification | None = None) -> Recommendation:
+    return recommend(found or base(), measured(), made().model, made().recording.q)
 
 
 def test_ka_holds_the_largest_perturbation() -> None:
     """|P| of a joint is at most Coulomb friction and viscous friction at its fastest."""
-    speed = np.abs(MADE.run.dq).max(axis=0)
-    largest = np.array(MADE.plant.coulomb_friction) + MADE.plant.viscous_friction * speed
+    speed = np.abs(made().run.dq).max(axis=0)
+    largest = np.array(made().plant.coulomb_friction) + made().plant.viscous_friction * speed
     ka = np.array(recommended().values['ka'][0], float)
-    assert RUN.peak == pytest.approx(largest, rel=0.03)
+    assert measured().peak == pytest.approx(largest, rel=0.03)
     assert (ka >= 1.15 * largest).all() and (ka <= 1.3 * largest).all()
 
 
@@ -63,8 +73,8 @@ def test_noise_forbids_a_chattering_term_by_the_condition_of_the_theory() -> Non
     quiet = recommended()
     assert quiet.allowed == [True, True]
     assert quiet.law == 'chattering'
-    loud = dataclasses.replace(FOUND, noise=[
-        dataclasses.replace(x, value=5e-3) for x in FOUND.noise])
+    loud = dataclasses.replace(base(), noise=[
+        dataclasses.replace(x, value=5e-3) for x in base().noise])
     found = recommended(loud)
     # docs/theory.md: 49 N·m on joint 1 for 5e-3 rad/s at 1 kHz.
     assert found.noise_torque[0] == pytest.approx(49.0, rel=0.03)
@@ -75,9 +85,9 @@ def test_noise_forbids_a_chattering_term_by_the_condition_of_the_theory() -> Non
 
 def test_lag_and_delay_slow_the_gains_down() -> None:
     lag = np.array([6e-3, 2e-3])
-    timing = dataclasses.replace(FOUND.timing, delay=3.0, lag=lag,
+    timing = dataclasses.replace(base().timing, delay=3.0, lag=lag,
                                  delays={3: np.tile(lag, (3, 1))})
-    values = recommended(dataclasses.replace(FOUND, timing=timing)).values
+    values = recommended(dataclasses.replace(base(), timing=timing)).values
     assert values['law'][0] == 'observer_feedback'
     assert values['input_delay'][0] == 3
     bandwidth = values['observer_bandwidth'][0]
@@ -91,22 +101,22 @@ def test_steps_of_the_torque() -> None:
     found = recommended()
     ka = np.array(found.values['ka'][0], float)
     assert found.steps['sign'] == pytest.approx(2.0 * ka, rel=0.05)
-    friction = 2.0 * np.array(MADE.plant.coulomb_friction)
+    friction = 2.0 * np.array(made().plant.coulomb_friction)
     assert (found.steps['implicit'] >= 0.99 * friction).all()
     assert (found.steps['implicit'] <= found.steps['sign']).all()
     rate: Any = found.values['torque_rate_limit'][0]
-    late = 2.0 * FOUND.timing.delays[0][2] + 1e-3
+    late = 2.0 * base().timing.delays[0][2] + 1e-3
     assert found.steps['observer_feedback'] == pytest.approx(np.array(rate) * late, rel=1e-3)
 
 
 def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path) -> None:
     """On a motion that was not recorded, tenfold on every joint."""
-    values = parameter_values(FOUND, recommended(), MADE.model, MADE.recording.q,
+    values = parameter_values(base(), recommended(), made().model, made().recording.q,
                               {'model': 'two_link', 'gravity': 9.81}, None)
     file = tmp_path / 'identified.yaml'
     parameter_file.dump(values, file)
     plant = parameter_file.load(file).plant
-    assert plant.coulomb_friction == pytest.approx(MADE.plant.coulomb_friction, rel=0.02)
+    assert plant.coulomb_friction == pytest.approx(made().plant.coulomb_friction, rel=0.02)
     errors = {}
     for law in ('compensation', 'chattering'):
         setup = parameter_file.load(file, {'controller': {'law': law}})
@@ -116,25 +126,25 @@ def test_the_values_make_a_parameter_file_that_beats_compensation(tmp_path: Path
 
 def test_another_run_is_predicted_and_ka_holds_there() -> None:
     other = record('two_link', 7, 8.0, plant={'velocity_noise': [1e-5] * 2})
-    found = validate(FOUND, other.recording.checked(), MADE.model)
+    found = validate(base(), other.recording.checked(), made().model)
     ka = [float(x) for x in np.array(recommended().values['ka'][0], float)]
-    verdicts = found.verdicts(FOUND.joints, ka)
+    verdicts = found.verdicts(base().joints, ka)
     assert all(good for good, _ in verdicts), verdicts
     assert not list(found.findings(ka))
     rough = record('two_link', 7, 8.0, plant={'coulomb_friction': [14.0, 14.0]})
-    failed = validate(FOUND, rough.recording.checked(), MADE.model)
-    assert not any(good for good, _ in failed.verdicts(FOUND.joints, ka))
+    failed = validate(base(), rough.recording.checked(), made().model)
+    assert not any(good for good, _ in failed.verdicts(base().joints, ka))
     worst = [max(x.severity for x in failed.findings(ka) if x.joint == i) for i in (0, 1)]
     assert worst == [Severity.REFUSED] * 2
 
 
 def without_friction(i: int) -> Identification:
     """Return an identification in which the friction of a joint is not known."""
-    unknown = Estimate.none(f'{FOUND.joints[i]} hardly moves')
-    friction = list(FOUND.friction)
+    unknown = Estimate.none(f'{base().joints[i]} hardly moves')
+    friction = list(base().friction)
     friction[i] = dataclasses.replace(friction[i], coulomb=unknown, forwards=unknown,
                                       backwards=unknown)
-    return dataclasses.replace(FOUND, friction=friction)
+    return dataclasses.replace(base(), friction=friction)
 
 
 def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
@@ -147,14 +157,15 @@ def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
     assert line.startswith('joint2: no ka, friction_level') and 'hardly moves' in line
     assert 'record' in line
     with pytest.raises(CtcError, match='joint2 hardly moves'):
-        parameter_values(found, gains, MADE.model, MADE.recording.q, {'model': 'two_link'}, None)
+        parameter_values(found, gains, made().model, made().recording.q, {'model': 'two_link'},
+                         None)
 
 
 def test_without_velocities_the_plant_takes_differences() -> None:
-    found = dataclasses.replace(FOUND, noise=[Estimate.none('no velocities in the bag')] * 2)
+    found = dataclasses.replace(base(), noise=[Estimate.none('no velocities in the bag')] * 2)
     gains = recommended(found)
     assert gains.law == 'observer_feedback'
-    plant = parameter_values(found, gains, MADE.model, MADE.recording.q, {'model': 'two_link'},
+    plant = parameter_values(found, gains, made().model, made().recording.q, {'model': 'two_link'},
                              None)['plant']
     assert plant['velocity_sensor'] == 'difference' and 'velocity_noise' not in plant
 
@@ -162,10 +173,10 @@ def test_without_velocities_the_plant_takes_differences() -> None:
 def test_a_slow_period_slows_the_gains_down() -> None:
     """At 4 ms, with a delay of 1 and a lag of 3.8 ms, or one of 2 and none: the slower counts."""
     lag = np.full(2, 3.8e-3)
-    timing = dataclasses.replace(FOUND.timing, delay=1.0, lag=lag, delays={
+    timing = dataclasses.replace(base().timing, delay=1.0, lag=lag, delays={
         1: np.array([0.9 * lag, lag, 1.1 * lag]), 2: np.zeros((3, 2))})
-    found = dataclasses.replace(FOUND, timing=timing,
-                                clock=dataclasses.replace(FOUND.clock, period=4e-3))
+    found = dataclasses.replace(base(), timing=timing,
+                                clock=dataclasses.replace(base().clock, period=4e-3))
     pole = 0.5 * np.array(recommended(found).values['kv'][0], float)
     assert (pole * (1.1 * 3.8e-3 + 8e-3) <= 0.4).all() and (pole > 30.0).all()
 
@@ -174,8 +185,8 @@ def test_the_motion_keeps_limits_that_the_recorded_one_did_not_keep() -> None:
     class Slow(TwoLink):
         velocity_limits = (0.2, 0.4)
 
-    q = MADE.recording.q
-    values = parameter_values(FOUND, recommended(), Slow(9.81), q, {'model': 'two_link'}, None)
+    q = made().recording.q
+    values = parameter_values(base(), recommended(), Slow(9.81), q, {'model': 'two_link'}, None)
     motion = values['reference']
     speed = 2.0 * np.pi * np.array(motion['amplitude']) * motion['frequency']
-    assert (speed <= (0.2, 0.4)).all() and (np.abs(FOUND.data.velocity).max(axis=0) > 0.4).all()
+    assert (speed <= (0.2, 0.4)).all() and (np.abs(base().data.velocity).max(axis=0) > 0.4).all()

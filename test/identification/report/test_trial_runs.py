@@ -17,28 +17,42 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any
 
 from ctc_chattering.identification.regression.finding import Severity
-from ctc_chattering.identification.regression.identify import identify
-from ctc_chattering.identification.regression.model_errors import candidates
+from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.report import trial_runs as module
 from ctc_chattering.identification.report.parameter_values import parameter_values
-from ctc_chattering.identification.report.perturbation import perturbation
+from ctc_chattering.identification.report.perturbation import MeasuredPerturbation, perturbation
 from ctc_chattering.identification.report.recommendation import recommend, Recommendation
 from ctc_chattering.identification.report.trial_runs import draw_robots, trial_runs
-from identified_robots import record
+from identified_robots import identified, Recorded
 import numpy as np
 import pytest
 
-MADE = record('two_link', 7, 12.0)
-FOUND = identify([MADE.recording.checked()], MADE.model, candidates(MADE.model))
-RUN = perturbation(FOUND)
-RECOMMENDED = recommend(FOUND, RUN, MADE.model, MADE.recording.q)
+
+# Made where a test needs them: not in each process that collects tests.
+def made() -> Recorded:
+    return identified(12.0)[0]
+
+
+def base() -> Identification:
+    return identified(12.0)[1]
+
+
+@cache
+def measured() -> MeasuredPerturbation:
+    return perturbation(base())
+
+
+@cache
+def gains() -> Recommendation:
+    return recommend(base(), measured(), made().model, made().recording.q)
 
 
 def values_of(recommended: Recommendation) -> dict[str, dict[str, Any]]:
-    return parameter_values(FOUND, recommended, MADE.model, MADE.recording.q,
+    return parameter_values(base(), recommended, made().model, made().recording.q,
                             {'model': 'two_link', 'gravity': 9.81}, None)
 
 
@@ -50,7 +64,7 @@ def surviving(monkeypatch: pytest.MonkeyPatch, most: float) -> Recommendation:
         return module._TriedRun(None if fast else np.full(2, 1e-4), np.zeros(2),
                                 'diverged' if fast else '')
     monkeypatch.setattr(module, '_run', run)
-    return trial_runs(FOUND, RUN, RECOMMENDED, values_of, count=6)
+    return trial_runs(base(), measured(), gains(), values_of, count=6)
 
 
 def test_the_pole_steps_down_until_all_draws_survive(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,10 +85,10 @@ def test_gains_of_which_none_survives_are_refused(monkeypatch: pytest.MonkeyPatc
 
 def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
     lags = np.array([[0.0, 1e-3], [1e-3, 2e-3], [2e-3, 3e-3]])
-    timing = dataclasses.replace(FOUND.timing, delays={0: lags, 2: np.zeros((3, 2))})
-    plant = values_of(RECOMMENDED)['plant']
-    found = dataclasses.replace(FOUND, timing=timing)
-    draws = list(draw_robots(found, RUN, plant, 20, 1))
+    timing = dataclasses.replace(base().timing, delays={0: lags, 2: np.zeros((3, 2))})
+    plant = values_of(gains())['plant']
+    found = dataclasses.replace(base(), timing=timing)
+    draws = list(draw_robots(found, measured(), plant, 20, 1))
     assert [x.values['plant']['input_delay'] for x in draws[:8]] == [0] * 4 + [2] * 4
     scales = {round(x.values['controller']['inertia_scale'], 6) for x in draws[:4]}
     assert scales == {0.95, 1.05}
@@ -82,11 +96,11 @@ def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
         lag = np.array(draw.values['plant']['actuator_lag'])
         low, _, high = timing.delays[draw.values['plant']['input_delay']]
         assert (lag >= low).all() and (lag <= high).all()
-    again = draw_robots(found, RUN, plant, 20, 1)
+    again = draw_robots(found, measured(), plant, 20, 1)
     assert [x.values for x in again] == [x.values for x in draws]
 
 
 def test_the_identified_robot_survives(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, '_DURATION', 1.3)
-    found = trial_runs(FOUND, RUN, RECOMMENDED, values_of, count=1)
+    found = trial_runs(base(), measured(), gains(), values_of, count=1)
     assert '1 of 1 draws survived' in found.trials[0]
