@@ -24,6 +24,7 @@ from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing
 from ctc_chattering.identification.regression.rows import Rows
+from ctc_chattering.identification.regression.torque import COMMAND
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -42,7 +43,8 @@ class ShortWindows(NamedTuple):
     Attributes
     ----------
     perturbation : ndarray, shape (K, n)
-        Torque less the model's, whether joints slide or not [N·m].
+        Torque less the model's, whether joints slide or not [N·m]. Where the delay is not sure,
+        the larger one of that with and without it.
     nearest : ndarray of int, shape (K,)
         The window of the regression that is nearest.
 
@@ -58,13 +60,17 @@ class ShortWindows(NamedTuple):
         period = parts[0].period
         phi = TestFunction(period, period * sum(len(x.q) for x in parts), _HALF)
         short = [Rows.of(part, model, phi) for part in parts]
-        data = Profile(parts, short, timing.source, phi).windows(timing)
+        profile = Profile(parts, short, timing.source, phi)
+        found = profile.windows(timing).residual
+        if timing.source == COMMAND and timing.unsure:
+            at_once = profile.data.residual
+            found = np.where(np.abs(at_once) > np.abs(found), at_once, found)
         nearest, before = [], 0
         for row, other in zip(rows, short):
             middle = 0.5 * (row.centres[1:] + row.centres[:-1])
             nearest.append(before + np.searchsorted(middle, other.centres))
             before += len(row.t)
-        return cls(data.residual, np.concatenate(nearest))
+        return cls(found, np.concatenate(nearest))
 
     @property
     def noise(self) -> Array:
