@@ -32,16 +32,14 @@ from scipy.ndimage import median_filter  # type: ignore[import-untyped]
 #: States over which the time between stamp and reception is taken.
 _AROUND = 201
 #: Part by which the time between states differs from that of their stamps in lockstep; commands
-#: over which their count is taken there, and the part of those that are heard beside it beyond
-#: which it is in doubt.
-_PACED, _COUNTED, _DOUBTFUL = 0.02, 1001, 0.2
+#: on each side over which their count is taken, and the part of those that are heard beside it
+#: beyond which it is in doubt.
+_PACED, _COUNTED, _DOUBTFUL = 0.02, 500, 0.2
 #: Part of a period beyond which, from the usual time after a state, it is not sure which one is
 #: answered; and part of the commands for which that does not matter.
 _SURE, _NEGLIGIBLE = 0.35, 0.002
 #: Least and most commands for each state that are answers to it, one for one.
 _ANSWERS = (0.6, 1.45)
-#: The same where nothing is missing, and the part of which that is not quite true.
-_COMPLETE, _ORDER = (0.995, 1.005), 0.03
 #: Length of the mean direction of the times after a state, on a circle, below which there is no
 #: usual one.
 _USUAL = 0.5
@@ -106,13 +104,7 @@ def answers(values: Array, times: Indices, stamps: Indices, received: Indices) -
         # What answers a state that is not in the recording is none to the one before it.
         which = np.where(after > 1.0, -1, which)
         return _placed(values, _apart(which, after, len(received)), stamps, unsure)
-    if _COMPLETE[0] < ratio < _COMPLETE[1]:
-        # Nothing is missing, so that their order says which one it is.
-        number = np.arange(len(times))
-        offset = median_filter(before + phase - number, min(_AROUND, len(times)), mode='nearest')
-        return _placed(values, number + np.floor(offset).astype(int), stamps, _ORDER)
-    # Each state has the last command before the next one; it may be one more or one less.
-    return _placed(values, raw, stamps, 0.5)
+    return _counted(values, raw, stamps)
 
 
 def _in_real_time(stamps: Indices, received: Indices) -> bool:
@@ -124,15 +116,17 @@ def _in_real_time(stamps: Indices, received: Indices) -> bool:
 
 def _counted(values: Array, raw: Indices, stamps: Indices) -> Answers:
     """
-    Return commands in lockstep: each state is sent after the answer to the one before.
+    Return commands by their order, as in lockstep, where each state follows an answer.
 
-    So commands are answers in their order, whatever time they take. What a recorder hears too
-    late, or not at all, moves one by the median over those around it.
+    So it does not matter how long these take. What a recorder hears too late, or not at all,
+    moves one by the median over those around it.
     """
     numbers = _numbers(stamps)
     count = np.arange(len(raw))
     ahead = np.where(raw < 0, -1, numbers[np.maximum(raw, 0)]) - count
-    usual = median_filter(ahead, min(_COUNTED, len(ahead)), mode='nearest')
+    ends = tuple(int(np.median(x)) for x in (ahead[:_AROUND], ahead[-_AROUND:]))
+    usual = median_filter(np.pad(ahead, _COUNTED, constant_values=ends), 2 * _COUNTED + 1
+                          )[_COUNTED:-_COUNTED]
     place = count + usual
     which = np.searchsorted(numbers, place)
     lost = (place < 0) | (numbers[np.minimum(which, len(numbers) - 1)] != place)

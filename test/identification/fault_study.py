@@ -47,7 +47,7 @@ from faulty_robots import lab_gains, Played, played
 from identification_judge import judged, model_of, Outcome, outcome
 import numpy as np
 from other_arms import DESCRIBED
-from unseen_motion import config_of, fast, tracked
+from unseen_motion import config_of, fast, speeds, tracked
 
 #: Robots of the table.
 ROBOTS = ('two_link', 'two_link_urdf', 'panda', 'ur5')
@@ -68,7 +68,7 @@ def row(robot: str, fault: str, seed: int, duration: float, trials: int = COUNT
     found = {'robot': robot, 'fault': fault, 'seed': seed,
              **judged(one, fault, seen, made, duration)}
     if made.results is not None:
-        found.update(tried(one, made, made.results, recording.q, seed, bool(trials)))
+        found.update(tried(one, made, made.results, seen, seed, bool(trials)))
     return found
 
 
@@ -96,20 +96,23 @@ def values_of(made: Outcome, results: IdentificationResults, q: Any, file: Path,
     return parameter_values(results.found, recommended, made.model, q, shared, None)
 
 
-def tried(one: Case, made: Outcome, results: IdentificationResults, q: Any, seed: int,
+def tried(one: Case, made: Outcome, results: IdentificationResults, seen: Played, seed: int,
           gains: bool) -> dict[str, Any]:
     """Return what the recommended gains are worth in an unseen motion."""
     robot, recommended = one.robot, results.recommended
-    route = fast(robot, _UNSEEN, seed)
+    known = np.abs(seen.velocity).max(axis=0)
+    route = fast(robot, _UNSEEN, seed, known)
     assert made.model is not None
-    peak = np.abs(perturbation_of(played(robot, route, seed), made.model)).max(axis=0)
+    size, speed = perturbation_of(played(robot, route, seed), made.model)
+    # A robot that its drives do not hold leaves the limits.
+    peak = np.where(speed <= speeds(robot, known), np.abs(size), 0.0).max(axis=0)
     usable = [x.usable for x in results.verdicts]
     found: dict[str, Any] = {'ka_over_peak': [
         round(k / p, 3) for k, p, good in zip(recommended.ka, peak.tolist(), usable)
-        if good and k is not None]}
+        if good and k is not None and p > 0.0]}
     if not gains or not all(usable):
         return found
-    values = values_of(made, results, q, Path(), recommended)['controller']
+    values = values_of(made, results, seen.q, Path(), recommended)['controller']
     kp, kv = lab_gains(robot)
     n = [1.0] * robot.n
     before = config_of(robot, {'law': 'compensation', 'kp': [kp * x for x in n],
@@ -122,12 +125,14 @@ def tried(one: Case, made: Outcome, results: IdentificationResults, q: Any, seed
             'better': np.nan_to_num(better, nan=0.0).round(2).tolist()}
 
 
-def perturbation_of(seen: Played, model: Model) -> Any:
-    """Return the torque of the drives less that of a model, means of 20 samples [N·m]."""
+def perturbation_of(seen: Played, model: Model) -> tuple[Any, Any]:
+    """Return what drives do beyond a model, means of 20 samples [N·m], and speeds [rad/s]."""
     torque = np.array([model.inverse_dynamics(*state) for state in zip(
         seen.position.tolist(), seen.velocity.tolist(), seen.acceleration.tolist())])
     rest, whole = seen.drive - torque, len(torque) // 20
-    return rest[:20 * whole].reshape(whole, 20, -1).mean(axis=1)
+    rest, speed = (x[:20 * whole].reshape(whole, 20, -1)
+                   for x in (rest, np.abs(seen.velocity)))
+    return rest.mean(axis=1), speed.max(axis=1)
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:

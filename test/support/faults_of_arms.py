@@ -261,7 +261,8 @@ def truths(one: Case, duration: float) -> dict[str, Any]:
     warm = 1.0 + np.outer((1.0, np.exp(-duration / x.drift_time.max())), x.drift)
     found = {'coulomb': warm * x.coulomb, 'forwards': warm * (x.coulomb + x.offset),
              'backwards': warm * (x.coulomb - x.offset),
-             'viscous': _viscous(one), 'stribeck': x.stribeck, 'load': x.load,
+             'viscous': _viscous(one), 'stribeck': x.stribeck,
+             'load': np.outer((1.0, -1.0), x.load * x.load_bias) + x.load,
              'stribeck_velocity': x.stribeck_speed, 'scale': x.scale, 'rotor': x.rotor,
              'rate': x.rate, 'lag': x.lag}
     return {name: np.sort(np.broadcast_to(value, (2, one.robot.n)), axis=0)

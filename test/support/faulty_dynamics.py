@@ -45,8 +45,9 @@ class Physics(NamedTuple):
         Coulomb friction is coulomb + offset forwards, and coulomb - offset backwards.
     stribeck, stribeck_speed : ndarray
         Ks and v_s of Ks exp(-(dq / v_s)²).
-    load : ndarray
-        Friction as a part of the magnitude of the torque that goes through the gear.
+    load, load_bias : ndarray
+        Friction as a part of the magnitude of the torque that goes through the gear: load times
+        1 + load_bias forwards, and 1 - load_bias backwards.
     ripple, cogging, waves, phase : ndarray
         Coulomb friction times 1 + ripple sin(waves q + phase); a torque cogging sin(waves q).
     drift, drift_time : ndarray
@@ -76,6 +77,7 @@ class Physics(NamedTuple):
     stribeck: Array
     stribeck_speed: Array
     load: Array
+    load_bias: Array
     ripple: Array
     cogging: Array
     waves: Array
@@ -151,11 +153,13 @@ def frictions(plant: Physics, now: State, h: float, most: Array, least: Array) -
         x, v = now.x[i] + 0.5 * h * now.v[i], now.v[i] + 0.5 * h * now.a[i]
         warm = 1.0 + plant.drift[i] * np.exp(-now.time[0] / plant.drift_time[i])
         size = warm * (1.0 + plant.ripple[i] * np.sin(plant.waves[i] * x + plant.phase[i]))
-        more = plant.load[i] * abs(now.through[i]) + plant.stribeck[i] * np.exp(
+        load = plant.load[i] * abs(now.through[i])
+        more = load + plant.stribeck[i] * np.exp(
             -(v / plant.stribeck_speed[i]) ** 2) + plant.quadratic[i] * max(
                 abs(v) - plant.band[i], 0.0) ** 2
-        most[i] = h * (size * (plant.coulomb[i] + plant.offset[i]) + more)
-        least[i] = -h * (size * (plant.coulomb[i] - plant.offset[i]) + more)
+        biased = size * plant.offset[i] + load * plant.load_bias[i]
+        most[i] = h * (size * plant.coulomb[i] + more + biased)
+        least[i] = -h * (size * plant.coulomb[i] + more - biased)
 
 
 @compiled

@@ -115,6 +115,7 @@ def plain(name: str, seed: int) -> Faulty:
     return Faulty(name, bodies, Physics(
         bodies=bodies, helper=bodies, coulomb=coulomb, offset=zero,
         viscous=rng.uniform(0.1, 0.4, n) * coulomb, stribeck=zero, stribeck_speed=one, load=zero,
+        load_bias=zero,
         ripple=zero, cogging=zero, waves=zero, phase=zero, drift=zero, drift_time=one,
         rotor=zero, elastic=np.zeros(1, np.int64), stiffness=zero, damping=zero, gap=zero,
         scale=one, lag=zero, rate=np.inf * one, saturation=np.inf * one, helped=zero,

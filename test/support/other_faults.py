@@ -158,6 +158,38 @@ def _wrong_robot(robot: Faulty, _rng: Rng, _duration: float) -> Case:
     return Case(robot, believed={'ur5': 'ur10', 'ur10': 'ur5'}.get(robot.name, ''))
 
 
+def _directed_load(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    """Return gears whose friction grows with the load in one direction only, as worm gears."""
+    return robot.with_physics(load=rng.uniform(0.03, 0.08, robot.n),
+                              load_bias=rng.choice((-1.0, 1.0), robot.n))
+
+
+def _zero_off(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return a robot of which one joint's zero is off by 3 degrees."""
+    shift = np.zeros(robot.n)
+    shift[rng.integers(robot.n)] = np.radians(3.0) * rng.choice((-1.0, 1.0))
+    return Case(robot, 'none', lambda x: dataclasses.replace(x, q=x.q + shift))
+
+
+def _clipped_late(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return an effort that is 3 samples late and clipped, without commands."""
+    part = rng.uniform(0.6, 0.85)
+
+    def alter(x: Recording) -> Recording:
+        assert x.effort is not None
+        most = part * np.abs(x.effort).max(axis=0)
+        late = np.concatenate((x.effort[:1].repeat(3, axis=0), x.effort[:-3]))
+        return dataclasses.replace(x, command=None, effort=np.clip(late, -most, most))
+    return Case(robot, 'motor', alter)
+
+
+def _slow_velocities(robot: Faulty, _rng: Rng, _duration: float) -> Case:
+    """Return velocities that go through a low-pass of 5 Hz, which positions do not."""
+    part = 1.0 - np.exp(-2.0 * np.pi * 5.0 * robot.period)
+    return Case(robot, 'none', lambda x: dataclasses.replace(
+        x, dq=lfilter([part], [1.0, part - 1.0], x.dq, axis=0)))
+
+
 #: What may be wrong besides, by name.
 OTHER_FAULTS: Mapping[str, Made] = {
     'asymmetric': _asymmetric, 'quadratic': _quadratic, 'end_stop': _end_stop,
@@ -165,4 +197,5 @@ OTHER_FAULTS: Mapping[str, Made] = {
     'torque_ripple': _torque_ripple, 'saturated': _saturated, 'lost_second': _lost_second,
     'half_rate': _half_rate, 'no_velocities': _no_velocities, 'two_degrees': _two_degrees,
     'slow_motion': _slow_motion, 'coarse_stamps': _coarse_stamps, 'filtered': _filtered,
-    'wrong_robot': _wrong_robot}
+    'wrong_robot': _wrong_robot, 'directed_load': _directed_load, 'zero_off': _zero_off,
+    'clipped_late': _clipped_late, 'slow_velocities': _slow_velocities}

@@ -110,7 +110,7 @@ def test_a_bag_with_jitter_has_what_was_recorded(tmp_path: Path) -> None:
 
 def test_a_law_of_this_package_follows_an_unseen_motion_that_is_faster() -> None:
     one = made()[0]
-    route = fast(one.robot, 3.0, 2)
+    route = fast(one.robot, 3.0, 2, np.ones(one.robot.n))
     config = ControllerConfig(joint_names=one.robot.joints, model='urdf', law='compensation',
                               kp=(400.0, 400.0), kv=(40.0, 40.0))
     error = tracked(one.robot, model_of(one), config, route, 2)

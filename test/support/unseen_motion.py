@@ -37,18 +37,22 @@ _ACCELERATION = 4.0
 _FAILED = 1.5
 
 
-def fast(robot: Faulty, duration: float, seed: int) -> Route:
+def speeds(robot: Faulty, known: Array) -> Array:
+    """Return the limits of velocity, shape (n,) [rad/s]; known speeds where there is none."""
+    model: Any = pin.buildModelFromXML(description(robot.name))
+    limit = model.velocityLimit[_places(model, robot)]
+    return np.where((limit > 0.0) & (limit < _NO_LIMIT), limit, known)
+
+
+def fast(robot: Faulty, duration: float, seed: int, known: Array) -> Route:
     """
     Return a motion that was not recorded, as fast as the limits allow.
 
-    A joint without a limit of velocity is as fast as it was in the recorded motion.
+    A joint without a limit of velocity is as fast as it was in the recorded motion, `known`.
     """
     route = motion(arm(robot.name), duration, seed + 500)
     model: Any = pin.buildModelFromXML(description(robot.name))
-    at = [model.joints[model.getJointId(name)].idx_v for name in robot.joints]
-    known = np.abs(sampled(motion(arm(robot.name), 25.0, seed), 0.01)[:, 1]).max(axis=0)
-    limit, torque = model.velocityLimit[at], model.effortLimit[at]
-    speed = np.where((limit > 0.0) & (limit < _NO_LIMIT), limit, known / _PART)
+    speed, torque = speeds(robot, known / _PART), model.effortLimit[_places(model, robot)]
     torque = np.where(torque > 0.0, torque, np.inf)
     q, dq, ddq = sampled(route, 0.01).transpose(1, 0, 2)
     times = min(float((_PART * speed / np.abs(dq).max(axis=0)).min()),
@@ -58,6 +62,11 @@ def fast(robot: Faulty, duration: float, seed: int) -> Route:
     points = [(a, tuple(times * x for x in b), tuple(times ** 2 * x for x in c))
               for a, b, c in route.points]
     return Route(route.names, [round(t / times) for t in route.times], points)
+
+
+def _places(model: Any, robot: Faulty) -> list[int]:
+    """Return where the joints of a robot are in a model of Pinocchio."""
+    return [model.joints[model.getJointId(name)].idx_v for name in robot.joints]
 
 
 def _torque(robot: Faulty, q: Array, dq: Array, ddq: Array) -> Array:

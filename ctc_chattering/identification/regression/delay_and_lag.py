@@ -105,6 +105,13 @@ class Timing:
         return self if self.source == COMMAND else self.commands
 
     @property
+    def unsure(self) -> bool:
+        """Return whether commands act after delays that lie far apart, as with elastic joints."""
+        known = self.of_commands
+        return known is not None and bool(known.delays) and (
+            max(known.delays) - min(known.delays) >= UNSURE)
+
+    @property
     def drive(self) -> tuple[float, Array, Array]:
         """Return delay [samples], lag and its error [s] from the command on; nan if not known."""
         known = self.of_commands

@@ -38,6 +38,8 @@ _TURN = 3e-3
 _PART = 1e-6
 #: Half an interval of a torque scale from which on friction is in doubt.
 _UNSURE = 0.05
+#: Part of a shift of a centre by which its distance changes where the joint's zero may be off.
+_TURNED = 0.1
 #: Part of the Coulomb friction below which another friction is nothing (viscous: at 1 rad/s).
 _NOTHING = 1e-4
 #: Largest share of the load that friction may have.
@@ -208,6 +210,12 @@ class ModelVerdict:
             return f'{kind.value} of {self._bodies()[i]}'
         return str(kind.value)
 
+    def _centre(self, i: int) -> Array:
+        """Return the centre of mass of a body in the model, shape (3,) [m]."""
+        assert self._columns is not None
+        m, *moments = self._columns.prior[10 * i:10 * i + 4]
+        return np.array(moments) / (m or np.inf)
+
     def _words(self, cause: Cause, numbers: Sequence[Estimate]) -> str:
         """Return what a cause does, with its numbers."""
         first, name = numbers[0], self._name(cause)
@@ -232,12 +240,23 @@ class ModelVerdict:
                     f'about x and {turn[1, 0]:.2f} ± {turn[1, 1]:.1g} about y')
         if cause.kind == CauseKind.CENTRE:
             shift = ', '.join(f'{(x.value or 0.0):.4g} ± {x.half:.1g}' for x in numbers)
-            return f'{name}: off by {shift} m in x, y, z of its joint'
+            return (f'{name}: off by {shift} m in x, y, z of its joint'
+                    + zero_in_words(self._centre(cause.which), [x.value or 0.0 for x in numbers]))
         if cause.kind == CauseKind.BODY:
             return f'{name}: not as in the model; a payload or a tool is fixed to it'
         unit = self._candidates[cause.which].unit if cause.kind == CauseKind.LINK else ''
         return (f'{name}: {size:+.4g} ± {first.half:.1g} kg' if unit else
                 f'{name}: {size:+.2%} ± {first.half:.2%}')
+
+
+def zero_in_words(centre: Array, shift: Sequence[float]) -> str:
+    """Return which zero of the joint looks like a shift of a centre [m]; empty if none does."""
+    far, size = float(np.linalg.norm(centre)), float(np.linalg.norm(shift))
+    change = float(np.linalg.norm(centre + shift)) - far
+    if not 0.0 < size < far or abs(change) > _TURNED * size:
+        return ''
+    return (f'; a zero of this joint that is off by {np.degrees(size / far):.2g} degrees or more '
+            'looks like that')
 
 
 def _cure(cause: Cause) -> str:

@@ -167,8 +167,7 @@ def consistent(estimate: BodyEstimate) -> ConsistentBodies:
 def _root(H: Array) -> Array:
     """Return L of H = L Lᵀ; raise `CtcError` if there is none."""
     try:
-        found: Array = np.linalg.cholesky(H)
-        return found
+        return np.asarray(np.linalg.cholesky(H), float)
     except np.linalg.LinAlgError:
         low, high = np.linalg.eigvalsh(H)[[0, -1]]
         raise CtcError('the information of inertial parameters, in changes as large as the bodies,'

@@ -24,15 +24,16 @@ from ctc_chattering.analysis.time_stamps import Indices
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.delay_and_lag import Profile, Timing
 from ctc_chattering.identification.regression.rows import Rows
-from ctc_chattering.identification.regression.weak_form import TestFunction
+from ctc_chattering.identification.regression.torque import COMMAND, EFFORT
+from ctc_chattering.identification.regression.weak_form import position_noise, TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.stats import median_abs_deviation  # type: ignore[import-untyped]
 
 #: Time on each side of the centre of a window [s].
 _HALF = 0.015
-#: Windows that share no samples are so many apart.
-_APART = 5
+#: Poses at which the inertia is looked up.
+_POSES = 20
 
 
 class ShortWindows(NamedTuple):
@@ -42,14 +43,18 @@ class ShortWindows(NamedTuple):
     Attributes
     ----------
     perturbation : ndarray, shape (K, n)
-        Torque less the model's, whether joints slide or not [N·m].
+        Torque less the model's, whether joints slide or not [N·m]. Where the delay is not sure,
+        the larger one of that with and without it.
     nearest : ndarray of int, shape (K,)
         The window of the regression that is nearest.
+    noise : ndarray, shape (n,)
+        Deviation of P that noise of the sensors makes [N·m]. Vibration is none.
 
     """
 
     perturbation: Array
     nearest: Indices
+    noise: Array
 
     @classmethod
     def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], model: Model, timing: Timing
@@ -58,19 +63,31 @@ class ShortWindows(NamedTuple):
         period = parts[0].period
         phi = TestFunction(period, period * sum(len(x.q) for x in parts), _HALF)
         short = [Rows.of(part, model, phi) for part in parts]
-        data = Profile(parts, short, timing.source, phi).windows(timing)
+        profile = Profile(parts, short, timing.source, phi)
+        found = profile.windows(timing).residual
+        if timing.source == COMMAND and timing.unsure:
+            at_once = profile.data.residual
+            found = np.where(np.abs(at_once) > np.abs(found), at_once, found)
         nearest, before = [], 0
         for row, other in zip(rows, short):
             middle = 0.5 * (row.centres[1:] + row.centres[:-1])
             nearest.append(before + np.searchsorted(middle, other.centres))
             before += len(row.t)
-        return cls(data.residual, np.concatenate(nearest))
+        return cls(found, np.concatenate(nearest),
+                   np.max([_noise(part, model, phi, timing.source) for part in parts], axis=0))
 
-    @property
-    def noise(self) -> Array:
-        """Return the deviation of P that noise makes, shape (n,) [N·m]."""
-        if len(self.perturbation) <= _APART:
-            return np.zeros(self.perturbation.shape[1])
-        change = self.perturbation[_APART:] - self.perturbation[:-_APART]
-        found: Array = median_abs_deviation(change, axis=0, scale='normal') / np.sqrt(2.0)
-        return found
+
+def _noise(part: Stretch, model: Model, phi: TestFunction, source: str) -> Array:
+    """Return the deviation of P that noise of the sensors makes, shape (n,) [N·m]."""
+    # As with velocities by differences: of white noise, h φ' twice differentiated.
+    weights = np.convolve(phi.slope, (0.5, 0.0, -0.5)) / phi.period
+    one = position_noise(part.q, phi.period) * float(np.linalg.norm(weights))
+    still = np.zeros(part.q.shape[1])
+    some = part.q[::max(1, len(part.q) // _POSES)]
+    found: Array = np.max([np.square(model.evaluate(q, still)[0]) @ np.square(one)
+                           for q in some], axis=0)
+    if source == EFFORT and part.effort is not None:
+        change = np.diff(np.nan_to_num(part.effort), 2, axis=0)
+        torque = median_abs_deviation(change, axis=0, scale='normal') / np.sqrt(6.0)
+        found = found + np.square(np.linalg.norm(phi.at) * torque)
+    return np.asarray(np.sqrt(found))

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ctc_chattering.identification.regression.delay_and_lag import LAGS, Timing, UNSURE
+from ctc_chattering.identification.regression.delay_and_lag import LAGS, Timing
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.numerics.linear_algebra import Array
@@ -77,7 +77,7 @@ def timing_findings(timing: Timing, joints: Sequence[str], late: tuple[float, fl
                       'delay is uncertain')
     delays = sorted(known.delays)
     if len(delays) > 1:
-        far = delays[-1] - delays[0] >= UNSURE
+        far = known.unsure
         yield Finding(Severity.CARE if far else Severity.NOTE, ALL_JOINTS,
                       f'delay and lag are not told apart: {drives_in_words(known, joints)}' + (
                           '; backlash or an elastic joint looks like that' if far else ''),
