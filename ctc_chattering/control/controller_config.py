@@ -158,7 +158,8 @@ class ControllerConfig(RobotConfig):
         laws=(*_PAPER, 'integral', 'super_twisting', 'slotine_li', 'pid_kalman'))
     error_limit: tuple[float, ...] = parameter(
         'error_limit', 'float[]', float('inf'),
-        'Position error beyond which no torque is sent until ~/reset; .inf for never.',
+        'Position error beyond which no torque is sent until ~/reset; .inf for never, but under '
+        'observer_feedback where it has grown by 1 rad.',
         unit='rad', minimum=0.0, exclusive=True, infinite=True, shape='n')
     control_period: float = parameter(
         'control_period', 'float', 1e-3, 'Sample period h.', unit='s', minimum=0.0,

@@ -269,6 +269,7 @@ class ControlLoop:
     def _restart_law(self, bumpless: bool = True) -> None:
         if self.law is not None:
             self.law.reset(bumpless, self._held if bumpless else None)
+            self._trips.restart()
             self.health.pause()
 
     def handle(self, event: Input) -> bool:

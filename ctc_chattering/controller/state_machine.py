@@ -70,7 +70,7 @@ class Input(Enum):
     FOLLOW = 'follow'
     LEAD_BACK = 'lead back'
     HOLD = 'hold'
-    #: The position error exceeds `error_limit`.
+    #: The position error exceeds `error_limit`, or has grown too much.
     ERROR_LIMIT = 'error limit'
     #: The feedback oscillates, and less bandwidth does not end it.
     OSCILLATION = 'oscillation'

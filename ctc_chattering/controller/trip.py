@@ -12,22 +12,33 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What ends the torques until a reset: a large error, or a loop that oscillates."""
+"""What ends the torques until a reset: an error that is large or grows, a loop that oscillates."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, Sample
-from ctc_chattering.controller.error_limit import joint_beyond
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.controller.error_limit import ErrorGrowth, joint_beyond, LARGEST_GROWTH
 from ctc_chattering.controller.state_machine import Input
+from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 
 #: How long a loop may seem out of control [s], and how often that is read [ns].
 _PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
 #: Part of the bandwidth below which it is worth a word.
 _WORTH_A_WORD = 0.7
+#: The law whose errors must not grow, where `error_limit` is not set.
+_WATCHED = 'observer_feedback'
+
+
+def _causes(config: ControllerConfig) -> str:
+    return (f'the drives may be slower than torque_rate_limit, {list(config.torque_rate_limit)} '
+            f'N*m/s, or later than actuator_lag, {list(config.actuator_lag)} s, and input_delay, '
+            f'{config.input_delay} samples, say, or ka too small: measure and set them')
 
 
 class Trip(NamedTuple):
@@ -57,6 +68,14 @@ class TripMonitor:
         self._interval = max(_INTERVAL // period, 1)
         self._samples = 0
         self._lowest = 1.0
+        #: Of (TR1), under which law, and the largest since the last warning, with its joint.
+        self._growth, self._law = ErrorGrowth(len(names)), ''
+        self._grown = 0.0, 0
+
+    def restart(self) -> None:
+        """Begin again with the torques."""
+        self._growth.restart()
+        self._grown = 0.0, 0
 
     def check(self, law: Controller, sample: Sample) -> Trip | None:
         """Return why the torque of a sample must not be sent; None if it may be."""
@@ -67,6 +86,8 @@ class TripMonitor:
                 f'the position error of {self._names[joint]} exceeded error_limit',
                 f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
                 'error_limit')
+        if (found := self._lost(law.config, sample.e)) is not None:
+            return found
         self._samples += 1
         if self._samples % self._interval:
             return None
@@ -75,13 +96,36 @@ class TripMonitor:
         if duration < _PATIENCE:
             return None
         text = f'the feedback of {law.config.law} oscillated'
-        return Trip(Input.OSCILLATION, text, f'{text} at {100.0 * part:.0f} % of its bandwidth')
+        return Trip(Input.OSCILLATION, text, f'{text} at {100.0 * part:.0f} % of its bandwidth; '
+                    f'{_causes(law.config)}')
+
+    def _lost(self, config: ControllerConfig, e: Vector) -> Trip | None:
+        """Return a trip where an error has grown too much, by (TR1)."""
+        if config.law != self._law:
+            self._law = config.law
+            self.restart()
+        if config.law != _WATCHED or min(config.error_limit) < inf:
+            return None
+        self._grown = max(self._grown, self._growth.largest(e))
+        grown, joint = self._grown
+        if grown <= LARGEST_GROWTH:
+            return None
+        text = f'the position error of {self._names[joint]} has grown by {grown:.2f} rad'
+        return Trip(Input.ERROR_LIMIT, text, (
+            f'{text}, to {abs(e[joint]):.2f} rad; {_WATCHED} is allowed {LARGEST_GROWTH:g} rad '
+            f'unless error_limit is set; {_causes(config)}'))
 
     def warnings(self) -> list[tuple[int, str]]:
         """Return level and text of what was seen since the last call."""
-        lowest, self._lowest = self._lowest, 1.0
-        if lowest > _WORTH_A_WORD:
-            return []
-        return [(1, f'the feedback oscillates; the law is down to {100.0 * lowest:.0f} % of its '
-                 'bandwidth. Are the drives slower than torque_rate_limit, or later than '
-                 'actuator_lag and input_delay say?')]
+        (lowest, self._lowest), (grown, self._grown) = (self._lowest, 1.0), (self._grown, (0.0, 0))
+        found = []
+        if lowest <= _WORTH_A_WORD:
+            found.append('the feedback oscillates; the law is down to '
+                         f'{100.0 * lowest:.0f} % of its bandwidth')
+        if grown[0] >= 0.5 * LARGEST_GROWTH:
+            found.append(f'the position error of {self._names[grown[1]]} has grown by '
+                         f'{grown[0]:.2f} rad; beyond {LARGEST_GROWTH:g} rad no torque is sent')
+        if found:
+            found[-1] += ('. Are the drives slower than torque_rate_limit, or later than '
+                          'actuator_lag and input_delay say, or is ka too small?')
+        return [(1, x) for x in found]

@@ -193,6 +193,18 @@ def test_a_position_error_trips_until_reset() -> None:
     assert robot.state(4) == law((0.1, 0.2), first=4, bumpless=True)
 
 
+def test_an_error_that_grew_trips_and_is_where_it_begins_after_a_reset() -> None:
+    robot = Robot(simulated=False, law='observer_feedback', compiled=False)
+    robot.reference(0, 100)
+    assert robot.state(0)
+    last = next(k for k in range(1, 99) if robot.state(k, (0.1, 9.0)) == [ZERO])
+    assert robot.status()[1].startswith(
+        'tripped: the position error of joint2 has grown by ')
+    assert 'rad unless error_limit is set; the drives may be slower' in robot.log.lines[-1]
+    assert robot.loop.reset()
+    assert robot.state(last + 1, (0.1, 9.0)) and robot.loop.mode is Mode.RUNNING
+
+
 @pytest.mark.parametrize('simulated', [False, True])
 def test_disabled_it_sends_nothing(simulated: bool) -> None:
     """In real time a last torque of zero; in simulated time the robot waits for an answer."""

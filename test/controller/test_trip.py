@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.control.laws.observer_feedback import Memory
@@ -56,7 +57,9 @@ def test_a_fifth_of_a_second_out_of_control_trips(period: int) -> None:
     assert checked(monitor, at(0.1, 0.19), 100) is None
     found = checked(monitor, at(0.1, 0.21), max(20 * MS // period, 1))
     assert found is not None and found.event is Input.OSCILLATION
-    assert found.detail == 'the feedback of observer_feedback oscillated at 10 % of its bandwidth'
+    assert found.detail.startswith(
+        'the feedback of observer_feedback oscillated at 10 % of its bandwidth; the drives may be')
+    assert 'input_delay, 0 samples' in found.detail
 
 
 def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:
@@ -73,13 +76,16 @@ def test_other_laws_and_a_quiet_loop_are_not_warned_of() -> None:
         assert checked(monitor, law, 1000) is None and monitor.warnings() == []
 
 
-def trip_of(rate: list[float]) -> tuple[Trip | None, float]:
+#: Gains for drives with a lag of 2 ms.
+HIGH = {'kp': [1e4] * 2, 'kv': [200.0] * 2, 'estimator_bandwidth': 200.0}
+
+
+def trip_of(rate: list[float], **gains: Any) -> tuple[Trip | None, float]:
     """Return the trip of the arm with drives of which nothing is known, and the error then."""
     motion = Sinusoid(ReferenceConfig())
     start = motion.at(0)
     law = Controller(ControllerConfig.from_mapping({
-        'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2, 'ka': [60.0, 30.0],
-        'estimator_bandwidth': 200.0, 'compiled': False}))
+        'law': 'observer_feedback', 'ka': [60.0, 30.0], 'compiled': False, **gains}))
     plant = Plant(PlantConfig.from_mapping({
         'coulomb_friction': [9.9] * 2, 'torque_rate_limit': rate, 'actuator_lag': [2e-3] * 2,
         'initial_position': list(start[0]), 'initial_velocity': list(start[1]),
@@ -96,9 +102,16 @@ def trip_of(rate: list[float]) -> tuple[Trip | None, float]:
 
 def test_drives_that_are_too_slow_for_the_motion_trip_before_they_diverge() -> None:
     """Check both sides, with drives of which the law knows nothing."""
-    found, error = trip_of([1000.0, 200.0])
+    found, error = trip_of([1000.0, 200.0], **HIGH)
     assert found is not None and found.event is Input.OSCILLATION and error < 1.0
-    assert trip_of([5000.0, 1000.0])[0] is None
+    assert trip_of([5000.0, 1000.0], **HIGH)[0] is None
+
+
+def test_an_error_that_runs_away_trips_before_the_feedback_oscillates_for_long() -> None:
+    """Check a rate told 2.5 times too high; without (TR1) the error is 1.5 rad by the trip."""
+    found, error = trip_of([400.0, 100.0], torque_rate_limit=[1000.0, 250.0])
+    assert found is not None and found.event is Input.ERROR_LIMIT and error <= 1.0
+    assert found.reason == 'the position error of a has grown by 1.00 rad'
 
 
 def test_the_error_limit_comes_first() -> None:
@@ -106,3 +119,42 @@ def test_the_error_limit_comes_first() -> None:
     found = TripMonitor(['a', 'b'], MS).check(law, QUIET._replace(e=[0.0, 0.2]))
     assert found is not None and found.event is Input.ERROR_LIMIT
     assert found.reason == 'the position error of b exceeded error_limit'
+
+
+def along(errors: list[float], law: str = 'observer_feedback', limit: float = math.inf
+          ) -> tuple[Trip | None, list[tuple[int, str]]]:
+    """Return the trip at the last of these errors of joint b, and the warnings before it."""
+    config = ControllerConfig(law=law, compiled=False, error_limit=(limit, limit))
+    monitor, made = TripMonitor(['a', 'b'], MS), Controller(config)
+    for x in errors[:-1]:
+        assert monitor.check(made, QUIET._replace(e=[0.0, x])) is None
+    warned = monitor.warnings()
+    return monitor.check(made, QUIET._replace(e=[0.0, errors[-1]])), warned
+
+
+def test_an_error_that_grows_trips_and_is_warned_of_before() -> None:
+    """Check both sides of (TR1), after a start 1 rad off, with an overshoot."""
+    found, warned = along([-1.0, -0.2, 0.6, -0.3, 1.21])
+    assert found is not None and found.event is Input.ERROR_LIMIT
+    assert found.reason == 'the position error of b has grown by 1.01 rad'
+    assert 'to 1.21 rad; observer_feedback is allowed 1 rad unless' in found.detail
+    assert warned == []
+    found, ((level, text),) = along([-1.0, -0.2, 0.75, -1.19])
+    assert found is None and level == 1
+    assert 'of b has grown by 0.55 rad; beyond 1 rad no torque is sent. Are the drives' in text
+
+
+def test_an_error_that_grows_is_allowed_to_other_laws_and_where_a_limit_is_set() -> None:
+    assert along([0.0, 2.9], 'compensation') == along([0.0, 2.9], 'chattering') == (None, [])
+    assert along([0.0, 2.9], limit=3.0) == (None, [])
+
+
+def test_growth_counts_from_the_start_of_torques_and_of_the_law() -> None:
+    monitor, laws = TripMonitor(['a', 'b'], MS), [
+        Controller(ControllerConfig(law=x, compiled=False)) for x in (
+            'compensation', 'observer_feedback')]
+    far, near = QUIET._replace(e=[2.0, 0.0]), QUIET
+    assert monitor.check(laws[0], near) is None and monitor.check(laws[1], far) is None
+    assert monitor.check(laws[1], near) is None and monitor.check(laws[1], far) is not None
+    monitor.restart()
+    assert monitor.warnings() == [] and monitor.check(laws[1], far) is None

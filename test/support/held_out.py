@@ -25,7 +25,9 @@ from ctc_chattering.control.recommended_gains import (
     largest_pole,
     lateness,
 )
+from ctc_chattering.controller.trip import TripMonitor
 from ctc_chattering.dynamics.registry import make_model
+from ctc_chattering.numerics.time_grid import period_ns
 from held_out_robots import (
     begun,
     NAMES,
@@ -255,11 +257,16 @@ def measured(c: Condition, now: Motion) -> Array:
 
 
 def run(c: Condition, arm: Arm, path: Path3, first: Array, law: Controller) -> dict[str, Any]:
-    """Return what happens, as a row; positions are true ones."""
+    """
+    Return what happens, as a row; positions are true ones.
+
+    A trip does not end the run: the row has its instant [s] and the largest error by then [rad].
+    """
     count, delay = int(DURATION / c.period), law.config.input_delay
     steps = max(int(np.ceil(c.period / (_COARSE if len(first) > 2 else _FINE))), 1)
     now = motion_from(first, np.zeros(len(first)), c.delay)
     errors, torques, before = [], [], measured(c, now)
+    monitor, tripped = TripMonitor(law.config.joint_names, period_ns(c.period)), None
     for k in range(count):
         q = measured(c, now)
         points = [(path.q[j].tolist(), path.dq[j].tolist(), path.ddq[j].tolist())
@@ -268,15 +275,17 @@ def run(c: Condition, arm: Arm, path: Path3, first: Array, law: Controller) -> d
                               ahead=points[1:])
         error = path.q[k] - now.q
         if sample is None or not np.isfinite(error).all() or np.abs(error).max() > DIVERGED:
-            return {'diverged': round(k * c.period, 3)}
+            return {'diverged': round(k * c.period, 3), 'tripped': tripped}
         errors.append(error)
+        if tripped is None and monitor.check(law, sample) is not None:
+            tripped = [round(k * c.period, 3), float(np.abs(errors).max())]
         torques.append(sample.tau)
         before = q
         go_on(arm, now, np.array(sample.tau), steps, c.period / steps)
     last = int(COUNTS / c.period)
     e, tau = np.array(errors)[last:], np.array(torques)[last:]
     rest = float(sum(b - a for a, b in path.rest if b <= DURATION))
-    return {'diverged': None, 'rms': np.sqrt((e * e).mean(axis=0)).tolist(),
+    return {'diverged': None, 'tripped': tripped, 'rms': np.sqrt((e * e).mean(axis=0)).tolist(),
             'peak': float(np.abs(e).max()),
             'slips': float(now.slips.max() / rest) if rest else 0.0,
             'variation': (np.abs(np.diff(tau, axis=0)).sum(axis=0)

@@ -18,13 +18,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from held_out_table import table, verdict
+from held_out_table import line, table, verdict
 
 
 def row(telling: str, diverged: float | None, *rms: float, slips: float = 0.0) -> dict[str, Any]:
     """Return a row of one condition."""
     return {'label': 'x', 'seed': 1, 'telling': telling, 'diverged': diverged, 'rms': list(rms),
-            'slips': slips, 'condition': 'trapezoid'}
+            'slips': slips, 'condition': 'trapezoid',
+            'tripped': diverged and [0.5 * diverged, 1.0]}
+
+
+def test_a_trip_is_told_with_the_error_by_then() -> None:
+    base = row('compensation', None, 0.1, 0.2)
+    text = line(row('rough', 3.0), base)
+    assert text.endswith('diverged at 3.00 s, tripped at 1.50 s, 1.00 rad')
+    assert line({**base, 'verdict': 'held', 'variation': [9.0]}, base).endswith('N·m/s')
 
 
 def test_what_counts_as_worse() -> None:
@@ -42,4 +50,4 @@ def test_a_condition_counts_once() -> None:
         x['verdict'] = verdict(x, rows[0])
     rows[2] = dict(rows[0])
     last = table(rows).splitlines()[-1]
-    assert last == '| x | rough | 1 | 1 | 0 | 0 | 0.1 | 1 of 1 |'
+    assert last == '| x | rough | 1 | 1 | 0 | 0 | 0, 0, 0 | 0.1 | 1 of 1 |'
