@@ -33,8 +33,8 @@ style="width:100%;text-align:right;font-variant-numeric:tabular-nums;font-size:0
 white-space:nowrap"><tr>
 {%- for x in columns %}<th>{{ x }}</th>{% endfor %}</tr>
 {%- for row in rows %}<tr>{% for x in row %}<td
-{%- if loop.first %} style="white-space:normal;overflow-wrap:anywhere;min-width:5em"{% endif %}>{{ x }}</td>
-{%- endfor %}</tr>{% endfor -%}
+{%- if loop.first %} style="white-space:normal;overflow-wrap:anywhere;min-width:5em"{% endif -%}
+>{{ x }}</td>{% endfor %}</tr>{% endfor -%}
 </table></div>"""
 
 
