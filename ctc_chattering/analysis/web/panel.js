@@ -55,7 +55,7 @@ class Panel {
       if (!alone) key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
         + ` stroke="${colour(line.colour)}" stroke-dasharray="${line.dash}"/></svg>`;
       if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
-      key.append(line.label);
+      key.append((line.name && line.label ? ' ' : '') + line.label);
       return made('span', key, line.long ? 'ctc-value ctc-long' : 'ctc-value');
     });
     const ink = getComputedStyle(plots.element).color;
