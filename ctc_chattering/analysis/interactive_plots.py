@@ -28,7 +28,7 @@ from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
 #: What is put together, in this order; it becomes the object `ctcPlots` of the page.
-_SCRIPTS = ('samples.js', 'panel.js', 'plots.js')
+_SCRIPTS = ('samples.js', 'panel.js', 'svg.js', 'plots.js')
 #: Signals that differ less than 32 bits tell: q of q_d, and one time of the next.
 _EXACT = ('t', 'q', 'q_d')
 #: Parts of a torque as the controller publishes them: nominal + compensation + robust.

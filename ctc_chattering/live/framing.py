@@ -107,5 +107,6 @@ def outermost(vertices: Sequence[Array]) -> Array:
     """Return those of some points that are furthest out, shape (N, 3); of none, shape (0, 3)."""
     if not vertices:
         return np.empty((0, 3))
-    points = np.concatenate(vertices)
-    return points[np.unique(np.argmax(points @ _WAYS.T, axis=0))]
+    points: Array = np.concatenate(vertices)
+    furthest: Array = points[np.unique(np.argmax(points @ _WAYS.T, axis=0))]
+    return furthest

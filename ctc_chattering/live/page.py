@@ -36,7 +36,7 @@ from ctc_chattering.live.skeleton import Skeleton, stage
 #: Where the page is by default, and how many ports after it are tried.
 HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
 #: Width of the panel [px].
-_MAIN_WIDTH = 430
+_MAIN_WIDTH = 380
 _LIGHT = """<div class="ctc-light" data-level="{{ level }}" style="padding:8px 12px">
 <b style="color:{{ colour }};font-size:1.25em">{{ sign }}</b><div style="font-size:0.8em">
 {%- for line in lines %}<div>{{ line }}</div>{% endfor %}{{ more }}</div></div>"""

@@ -27,11 +27,14 @@ import numpy as np
 #: distinguish.
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#808080')
 _COLUMNS = ('joint', 'q', 'q_d', 'error', 'RMS, 1 s', 'v', 'torque')
-_TABLE = """<div style="padding:2px 12px;font-size:0.8em">{{ title }} t =
+_TABLE = """<div style="padding:2px 8px;font-size:0.8em">{{ title }} t =
 <span class="ctc-time">{{ t }}</span> s<table class="ctc-numbers"
-style="width:100%;text-align:right;font-variant-numeric:tabular-nums"><tr>
+style="width:100%;text-align:right;font-variant-numeric:tabular-nums;font-size:0.9em;
+white-space:nowrap"><tr>
 {%- for x in columns %}<th>{{ x }}</th>{% endfor %}</tr>
-{%- for row in rows %}<tr>{% for x in row %}<td>{{ x }}</td>{% endfor %}</tr>{% endfor -%}
+{%- for row in rows %}<tr>{% for x in row %}<td
+{%- if loop.first %} style="white-space:normal;overflow-wrap:anywhere;min-width:5em"{% endif -%}
+>{{ x }}</td>{% endfor %}</tr>{% endfor -%}
 </table></div>"""
 
 

@@ -15,8 +15,8 @@
 """
 What `ctc live` costs the loop: misses and times with the page open in a browser and without.
 
-In turns; prints a Markdown table, which docs/live.md shows. The browser has the lowest priority:
-where it draws with the processor, it takes what others leave.
+In turns; prints a Markdown table of medians, which docs/live.md shows. The browser has the lowest
+priority: where it draws with the processor, it takes what others leave.
 """
 
 from __future__ import annotations
@@ -92,9 +92,11 @@ def main() -> None:
                 print('page' if page else 'no page', costs[-1], file=sys.stderr, flush=True)
     print('| page | misses of the plant [per 1000] | of the controller | median answer [ms] '
           '| median computing [ms] |\n|---|--:|--:|--:|--:|')
-    for page, costs in found.items():
-        print(f'| {"open" if page else "none"} | ' + ' | '.join(
-            f'{statistics.median(column):.3f}' for column in zip(*costs)) + ' |')
+    none, with_page = ([statistics.median(column) for column in zip(*costs)]
+                       for costs in found.values())
+    ratios = [b / a if a else float('nan') for a, b in zip(none, with_page)]
+    for name, values in (('none', none), ('open', with_page), ('open / none', ratios)):
+        print(f'| {name} | ' + ' | '.join(f'{x:.3g}' for x in values) + ' |')
 
 
 if __name__ == '__main__':

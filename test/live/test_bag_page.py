@@ -20,9 +20,11 @@ from dataclasses import replace
 from functools import partial
 import json
 from pathlib import Path
+import re
 import signal
 import time
 from typing import Any
+from xml.etree import ElementTree
 
 from bags import entries, write_bag
 from browser import browser_page, ctc_live, eventually, field, inked, numbers, press, scene, view
@@ -166,6 +168,16 @@ def check_plots(page: Any) -> None:
         return data.some((x, i) => i % 4 === 3 && x > 100); }"""
     assert panel.evaluate(ink, 0.4)
     assert not panel.evaluate(ink, 0.5)
+    with page.expect_download() as saved:
+        page.get_by_role('button', name='SVG').click()
+    drawing = ElementTree.parse(saved.value.path())
+    (path,) = (x for x in drawing.findall('.//{*}path') if x.get('d'))
+    points = np.array(re.findall(r'[ML](\S+?) ([^ML]+)', str(path.get('d'))), float)
+    width, height = map(float, drawing.findall('.//{*}svg')[0].get('viewBox', '').split()[2:])
+    peak = points[np.argmin(points[:, 1])]
+    assert peak[0] / width == pytest.approx(0.4, abs=1e-3)
+    assert np.median(points[:, 1]) - peak[1] > 0.8 * height
+    assert 'error of a [rad]' in [x.text for x in drawing.findall('.//{*}text')]
     box = page.locator('.u-over').bounding_box()
     for _ in range(12):
         page.mouse.move(box['x'] + 0.4 * box['width'], box['y'] + 30)

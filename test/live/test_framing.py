@@ -46,8 +46,7 @@ def seen(camera: Camera, points: Array, aspect: float) -> Array:
 @pytest.mark.parametrize(('name', 'q'), [
     ('two_link', [3.1, 1.6]), ('panda', [0, -0.6, 0, -2.0, 0, 1.5, 0.8]),
     ('ur5', [0, -1.2, 1.5, -1.5, -1.5, 0])])
-def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: float
-                                  ) -> None:
+def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: float) -> None:
     skeleton = (skeleton_of(ControllerConfig()) if name == 'two_link' else
                 urdf_skeleton(*((panda(), PANDA) if name == 'panda' else (ur5(), UR5))))
     assert skeleton is not None

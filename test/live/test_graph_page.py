@@ -197,7 +197,7 @@ def test_shows_which_node_has_ended_and_which_is_back(graph: Probe) -> None:
         eventually(lambda: 'plant: ended at' in tab.locator('#ended').inner_text(),
                    'how the graph has ended', page)
         assert re.search('controller: ended at .*: SIGINT', tab.locator('#ended').inner_text())
-        assert level(page) == 4
+        eventually(lambda: level(page) == 4, 'the light of the view to say so, too', page)
         process.kill()
         process.wait()
         eventually(lambda: 'ctc live has ended' in tab.locator('#note').inner_text(),

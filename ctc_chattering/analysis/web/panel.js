@@ -1,4 +1,4 @@
-// One plot and what mouse, fingers and keys do in it; put between samples.js and plots.js.
+// One plot and what mouse, fingers and keys do in it; put between samples.js and svg.js.
 
 // The palettes of Okabe and Ito for light and for dark ground; dashes distinguish without colour.
 const COLOURS = {
@@ -55,7 +55,7 @@ class Panel {
       if (!alone) key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
         + ` stroke="${colour(line.colour)}" stroke-dasharray="${line.dash}"/></svg>`;
       if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
-      key.append(line.label);
+      key.append((line.name && line.label ? ' ' : '') + line.label);
       return made('span', key, line.long ? 'ctc-value ctc-long' : 'ctc-value');
     });
     const ink = getComputedStyle(plots.element).color;
@@ -153,13 +153,18 @@ class Panel {
     const { ctx, bbox } = this.u, ratio = uPlot.pxRatio ?? devicePixelRatio;
     ctx.save(); ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
-    ctx.lineJoin = 'round'; ctx.lineWidth = 1.4 * ratio;
+    ctx.lineJoin = 'round';
+    this.paint(ctx, bbox, ratio);
+    ctx.restore();
+  }
+  // Draw the lines into a box of a canvas, or of what does as if it were one.
+  paint(ctx, bbox, ratio) {
+    ctx.lineWidth = 1.4 * ratio;
     for (const line of this.lines) {
       ctx.strokeStyle = ctx.fillStyle = colour(line.colour);
       ctx.setLineDash(line.dash.map(x => x * ratio));
       this.trace(line, ctx, bbox, ratio);
     }
-    ctx.restore();
   }
   trace({ t, at }, ctx, bbox, ratio) {
     const { min, max } = this.u.scales.y, [low, high] = this.range;

@@ -131,6 +131,7 @@ class Plots {
     };
     this.all = button(this.options.window ? 'follow' : 'all', () => this.show());
     button('PNG', () => save(this, 'png'));
+    button('SVG', () => save(this, 'svg'));
     button('CSV', () => save(this, 'csv'));
     this.time = made('span', tools, 'ctc-time');
     const wheel = this.options.wheel === 'always' ? 'wheel' : 'Ctrl and wheel';
@@ -213,6 +214,8 @@ async function save(plots, format) {
   for (const panel of plots.panels) panel.update();
   await new Promise(requestAnimationFrame);  // uPlot draws later.
   if (format === 'png') picture(plots).toBlob(blob => download('plots.png', blob));
+  else if (format === 'svg')
+    download('plots.svg', new Blob([vectors(plots)], { type: 'image/svg+xml' }));
   else for (const run of plots.runs.filter(x => x.shown)) {
     const lines = plots.panels.filter(panel => !KINDS[panel.kind].spectrum).flatMap(
       panel => panel.lines.filter(line => line.run === run).map(line => ({ ...line, panel })));
