@@ -19,8 +19,8 @@
 """
 Computed torque plus compensation plus chattering, for robot arms with friction.
 
-All that the command ``ctc`` does, for Python, without ROS. The paper's first experiment under two
-laws, with the errors in the second half of ten seconds:
+All that the command ``ctc`` does, for Python; ROS is needed by `replay` and `reproduce` only. The
+paper's first experiment under two laws, with the errors in the second half of ten seconds:
 
 >>> from ctc_chattering import load_parameters, simulate
 >>> for law in ('compensation', 'chattering'):
@@ -40,7 +40,9 @@ The samples are arrays, ``t`` of shape (N,) and all others (N, n):
 `Setup`, which can also be made of a `PlantConfig`, a `ControllerConfig` and a `ReferenceConfig`,
 with changes of parameters during the run, each an `Event`. `simulate` runs it; `read_bag` reads a
 recorded run. Both return a `Result`, which has the samples, a `Run`, and the law that ran.
-`save_figures` and `export` write files, `repair` mends a bag.
+`write_runs` writes a page with plots and numbers, `save_figures` figures alone, `export` samples.
+`compile_setup` makes plain Python machine code. `repair` mends a bag, `replay` publishes it over
+ROS.
 
 **Laws.** `laws` lists them. A law of your own is a class marked by `law`, its memory one marked by
 `record`; `State`, `Terms`, `Applied` and `dot` are for its methods, and `switching` marks a
@@ -53,8 +55,9 @@ its files. `read_motion` reads a bag of any recorder; arrays of your own are a `
 `RecordedMotion`. `identify` returns an `IdentifiedRobot`, `write_identified` a parameter file.
 
 **Which law, which gains.** `compare` runs all laws, `tune` searches for gains, `compute_map` shows
-where laws fail, `stability` which errors a loop stands; `write_comparison` and `write_tuning`
-write tables, figures and parameter files.
+where laws fail, `stability` which errors a loop stands, `study` each switching under each
+imperfection; `write_comparison`, `write_tuning` and `write_study` write tables, figures and
+parameter files. `reproduce` runs the paper's experiments over ROS.
 
 **Parts.** `Controller` answers a state with a `Sample`, `Plant` takes the torque, `Sinusoid` and
 `Waypoints` are motions.
@@ -70,15 +73,18 @@ from typing import Any, TYPE_CHECKING
 
 # flake8: noqa: F401
 if TYPE_CHECKING:
+    from ctc_chattering.analysis.compilation import compile_setup as compile_setup
     from ctc_chattering.analysis.export import export as export
     from ctc_chattering.analysis.figures import save_figures as save_figures
     from ctc_chattering.analysis.recording import RecordedMotion as RecordedMotion
     from ctc_chattering.analysis.recording import Recording as Recording
     from ctc_chattering.analysis.result import Result as Result
     from ctc_chattering.analysis.result import simulate as simulate
+    from ctc_chattering.analysis.run_files import write_runs as write_runs
     from ctc_chattering.bags.motion import read_motion as read_motion
     from ctc_chattering.bags.reader import read_bag as read_bag
     from ctc_chattering.bags.repair import repair as repair
+    from ctc_chattering.bags.replay import replay as replay
     from ctc_chattering.configuration.loading import load_parameters as load_parameters
     from ctc_chattering.configuration.loop_setup import Setup as Setup
     from ctc_chattering.control.controller import Controller as Controller
@@ -112,6 +118,9 @@ if TYPE_CHECKING:
     from ctc_chattering.simulation.plant_config import PlantConfig as PlantConfig
     from ctc_chattering.studies.compare_laws import compare as compare
     from ctc_chattering.studies.comparison_files import write_comparison as write_comparison
+    from ctc_chattering.studies.reproduction import reproduce as reproduce
+    from ctc_chattering.studies.run_study import study as study
+    from ctc_chattering.studies.study_files import write_study as write_study
     from ctc_chattering.trajectory.reference import ReferenceConfig as ReferenceConfig
     from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
     from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
@@ -121,13 +130,16 @@ __version__ = '1.0.0'
 #: The public names by the modules that define them. They are imported when they are first used: a
 #: node handles signals before it imports numpy.
 _MODULES = {
+    'analysis.compilation': ('compile_setup',),
     'analysis.export': ('export',),
     'analysis.figures': ('save_figures',),
     'analysis.recording': ('RecordedMotion', 'Recording'),
     'analysis.result': ('Result', 'simulate'),
+    'analysis.run_files': ('write_runs',),
     'bags.motion': ('read_motion',),
     'bags.reader': ('read_bag',),
     'bags.repair': ('repair',),
+    'bags.replay': ('replay',),
     'configuration.loading': ('load_parameters',),
     'configuration.loop_setup': ('Setup',),
     'control.controller': ('Controller', 'ControllerConfig', 'Sample'),
@@ -152,6 +164,9 @@ _MODULES = {
     'simulation.plant_config': ('PlantConfig',),
     'studies.compare_laws': ('compare',),
     'studies.comparison_files': ('write_comparison',),
+    'studies.reproduction': ('reproduce',),
+    'studies.run_study': ('study',),
+    'studies.study_files': ('write_study',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),
     'trajectory.waypoints': ('Waypoints',),
 }

@@ -70,7 +70,7 @@ def error_comparison(results: Sequence[Result]) -> Figure:
                 ax.axvspan(low, min(high, t[-1]), color='#eeeeee', lw=0, zorder=-1)
         drawing.log_axis(ax, every)
     legend_of(*figure.axes)
-    return drawing.fit_titles(figure)
+    return figure
 
 
 def score_comparison(results: Sequence[Result]) -> Figure:
@@ -100,4 +100,4 @@ def score_comparison(results: Sequence[Result]) -> Figure:
                         va='center', transform=ax.get_yaxis_transform(), fontsize=9,
                         color='#444444')
         ax.set_yticks(range(len(results)), [''] * len(called) if column else called)
-    return drawing.fit_titles(figure)
+    return figure

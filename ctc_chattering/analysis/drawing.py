@@ -25,6 +25,7 @@ from typing import Any
 
 from ctc_chattering.analysis.legends import TITLE, title_of
 from ctc_chattering.analysis.output import file_stem, writing
+from ctc_chattering.analysis.text_fit import fit
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
@@ -104,6 +105,7 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
         for name, figure, caption in figures:
             stem = file_stem(name, used)
             _plain(figure)
+            fit(figure)
             for kind in dict.fromkeys(kinds):
                 data = io.BytesIO()
                 figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
@@ -260,24 +262,3 @@ def steady_axis(ax: Axes, t: Array, y: Array) -> None:
     else:
         low, high = min(low, least), max(high, most)
     ax.set_ylim(low - 0.1 * span, high + 0.1 * span)
-
-
-def fit_titles(figure: Figure) -> Figure:
-    """Shorten the texts above each panel until they do not overlap; return `figure`."""
-    canvas = figure.canvas
-    assert isinstance(canvas, FigureCanvasAgg)
-    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-    for ax in figure.axes:
-        room = ax.get_window_extent(renderer).width
-        both = [ax._left_title, ax._right_title]  # type: ignore[attr-defined]
-        titles = [title for title in both if title.get_text()]
-        while titles and sum(x.get_window_extent(renderer).width for x in titles) > (
-                room - 20 * (len(titles) - 1)):
-            longest = max(titles, key=lambda x: len(x.get_text()))
-            if longest.get_fontsize() > 8:
-                longest.set_fontsize(longest.get_fontsize() - 0.5)
-            elif len(longest.get_text()) > 8:
-                longest.set_text(longest.get_text().rstrip('…')[:-1] + '…')
-            else:
-                break
-    return figure

@@ -74,7 +74,7 @@ def tracking(result: Result, run_name: str = '') -> Figure:
             else:
                 drawing.log_axis(ax, error)
     legend_of(sheet.figure.axes[0])
-    return drawing.fit_titles(sheet.figure)
+    return sheet.figure
 
 
 def torques(result: Result, run_name: str = '') -> Figure:
@@ -88,7 +88,7 @@ def torques(result: Result, run_name: str = '') -> Figure:
         ax = sheet.panel((i, 0), joint, ylabel, tau, **_THIN)
         drawing.steady_axis(ax, result.run.t, tau)
         sheet.panel((i, 1), joint, ylabel, tau, sheet.window, **drawing.STEPS)
-    return drawing.fit_titles(sheet.figure)
+    return sheet.figure
 
 
 def internals(result: Result, run_name: str = '') -> Figure:
@@ -116,7 +116,7 @@ def internals(result: Result, run_name: str = '') -> Figure:
                               ha='center')
             elif column == 1 and result.saturation and result.saturation[i].cause:
                 drawing.note(ax, result.saturation[i].cause)
-    return drawing.fit_titles(sheet.figure)
+    return sheet.figure
 
 
 def _robust_term(result: Result) -> tuple[str, str]:

@@ -18,15 +18,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import dataclasses
 from math import isfinite
 
 from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.cli.options import numbers
-from ctc_chattering.errors import UsageError
-import numpy as np
+from ctc_chattering.identification.effort import check_effort, EffortNames
+from ctc_chattering.identification.regression.effort_side import CURRENT, LINK, MOTOR
 
-MOTOR, LINK, CURRENT = 'motor', 'link', 'current'
+_NAMES = EffortNames('--effort', '--gear-ratio', '--torque-constant')
 
 
 def add_effort_options(parser: argparse.ArgumentParser) -> None:
@@ -43,38 +42,18 @@ def add_effort_options(parser: argparse.ArgumentParser) -> None:
 
 
 def declared(options: argparse.Namespace) -> str:
-    """
-    Return what the effort is, once `in_torques` has converted it; empty for a guess.
-
-    Raises
-    ------
-    UsageError
-        If options do not go together.
-
-    """
-    side: str | None = options.effort
-    if options.gear_ratio and side not in (MOTOR, CURRENT):
-        raise UsageError('--gear-ratio needs --effort motor or --effort current: '
-                         f'{"behind the gear it is 1" if side == LINK else "what is the effort?"}')
-    if options.torque_constant and side != CURRENT:
-        raise UsageError('--torque-constant needs --effort current')
-    if side == CURRENT and options.gear_ratio and not options.torque_constant:
-        raise UsageError('--gear-ratio of currents needs --torque-constant')
-    return MOTOR if side == CURRENT and options.torque_constant else side or ''
+    """Return what the effort is, empty for a guess; raise `UsageError` for what contradicts."""
+    side: str = options.effort or ''
+    check_effort(side, bool(options.gear_ratio), bool(options.torque_constant), names=_NAMES)
+    return side
 
 
-def in_torques(recordings: Sequence[Recording], options: argparse.Namespace) -> list[Recording]:
-    """Return recordings whose effort is the torque at the joint [N·m], where options tell it."""
-    if options.effort and all(x.effort is None for x in recordings):
-        raise UsageError(f'--effort {options.effort}: {recordings[0].name} has no effort')
-    n = len(recordings[0].joints)
-    factor = np.ones(n)
-    for option, text in (('--gear-ratio', options.gear_ratio),
-                         ('--torque-constant', options.torque_constant)):
-        if text:
-            factor = factor * numbers(option, text, n, 'that is not 0',
-                                      lambda x: isfinite(x) and x != 0.0)
-    if (factor == 1.0).all():
-        return list(recordings)
-    return [dataclasses.replace(x, effort=x.effort * factor) if x.effort is not None else x
-            for x in recordings]
+def factors(options: argparse.Namespace, recordings: Sequence[Recording]
+            ) -> dict[str, tuple[float, ...]]:
+    """Return the arguments of `identify` that the options give; raise `UsageError`."""
+    check_effort(declared(options), bool(options.gear_ratio), bool(options.torque_constant),
+                 recordings, _NAMES)
+    return {name: numbers(option, text, len(recordings[0].joints), 'that is not 0',
+                          lambda x: isfinite(x) and x != 0.0)
+            for name, option in _NAMES._asdict().items() if name != 'side'
+            and (text := getattr(options, name))}

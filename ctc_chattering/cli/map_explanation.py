@@ -24,7 +24,8 @@ from typing import Any
 from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare, writing
 from ctc_chattering.analysis.result import Result, simulate
-from ctc_chattering.cli.presentation import present, PRESENTED
+from ctc_chattering.analysis.run_files import NAMES
+from ctc_chattering.cli.presentation import present
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
@@ -52,7 +53,7 @@ def explain(runs: Runs, options: argparse.Namespace) -> int:
         print('in the map: ' + (f'{row["failure"]}: {row["reason"]}' if row['failure'] else
                                 f'no failure, error {row["error"]:.3g} rad'))
     out = prepare(options.out / _FOLDER / str(run), (
-        _PARAMETERS, _SAMPLES, *PRESENTED), options.overwrite)
+        _PARAMETERS, _SAMPLES, *NAMES), options.overwrite)
     setup = _written(runs.setup(run), f'run_{run}', out / _PARAMETERS)
     print(f'its parameters: {out / _PARAMETERS}')
     result, failure = _simulated(setup)

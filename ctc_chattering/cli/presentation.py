@@ -17,32 +17,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import os
 from pathlib import Path
 
 from ctc_chattering.analysis.number_format import measured
-from ctc_chattering.analysis.result import Result, write_metrics
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.run_files import PAGE, write_runs
 from ctc_chattering.analysis.run_names import names
 from ctc_chattering.analysis.tables import print_columns
-
-#: Names in an output directory.
-FIGURES, METRICS, PAGE, SAMPLES = 'figures', 'metrics.json', 'index.html', 'samples'
-#: What `present` writes.
-PRESENTED = (FIGURES, METRICS, PAGE, SAMPLES)
 
 
 def present(results: Sequence[Result], bags: Sequence[Path], out: Path,
             extra: str = 'svg', command: str = '') -> int:
     """Write figures, metrics, samples and page into `out`; the figures as `extra` as well."""
-    from ctc_chattering.analysis.figures import save_figures
-    from ctc_chattering.analysis.report import write_page
-    from ctc_chattering.analysis.run_samples import write_samples
-
     print(f'drawing {len(results)} run{"s" if len(results) > 1 else ""} ...', flush=True)
-    figures = save_figures(results, out / FIGURES, extra)
-    write_metrics(results, out / METRICS)
-    write_page(results, figures, out / PAGE, [os.path.relpath(bag, out) for bag in bags],
-               write_samples(results, out / SAMPLES), command)
+    write_runs(results, out, bags, extra, command)
     print_results(results)
     print_page(out / PAGE)
     return 0

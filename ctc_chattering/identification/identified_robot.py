@@ -31,6 +31,7 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.identification.effort import in_torques, PerJoint
 from ctc_chattering.identification.regression import identify as regression
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.model_errors import candidates, ModelError
@@ -115,10 +116,12 @@ class IdentifiedRobot:
 
 
 @checked(motions=Sequence, validation=(RecordedMotion, type(None)), model=str, urdf=str,
-         gravity=(Real, type(None)), torque=str, side=str, torque_rate=Sequence)
+         gravity=(Real, type(None)), torque=str, side=str, torque_rate=Sequence,
+         gear_ratio=(Real, Sequence, type(None)), torque_constant=(Real, Sequence, type(None)))
 def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
              model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
-             side: str = '', torque_rate: Sequence[float] = ()) -> IdentifiedRobot:
+             side: str = '', torque_rate: Sequence[float] = (), gear_ratio: PerJoint = None,
+             torque_constant: PerJoint = None) -> IdentifiedRobot:
     """
     Identify friction, drives and errors of the model from recorded motions, with gains.
 
@@ -137,9 +140,15 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     torque : {'', 'command', 'effort'}
         Where torques are taken from; empty for what explains more.
     side : {'', 'motor', 'link', 'current'}
-        What the effort is; empty for what it looks like.
+        What the effort is: torque of the motor, torque of a sensor behind the gear, or a current;
+        empty for what it looks like.
     torque_rate : sequence of float, length n
         Rate that the drives allow [N·m/s]; empty where it is not known.
+    gear_ratio : float or sequence of float, length n, optional
+        Turns of the motor per turn of the joint, where the effort is a torque or current there.
+    torque_constant : float or sequence of float, length n, optional
+        Torque of the motor per ampere, or of the joint without `gear_ratio`, where the effort is
+        a current [N·m/A].
 
     Returns
     -------
@@ -161,20 +170,22 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
                                  ('side', side, ('', 'motor', 'link', 'current'))):
         if value not in allowed:
             raise ParameterError(name, value, ' | '.join(map(repr, allowed)))
-    recordings = [x.recording for x in motions]
+    given = [*motions, *filter(None, [validation])]
+    converted, side = in_torques([x.recording for x in given], side, gear_ratio, torque_constant)
+    recordings = converted[:len(motions)]
     rate = tuple(vector('torque_rate', torque_rate, len(recordings[0].joints)).tolist()
                  ) if len(torque_rate) else ()
     if not all(x > 0.0 for x in rate):
         raise ParameterError('torque_rate', torque_rate, 'numbers > 0')
     robot = _robot(motions[0], model, urdf, gravity)
     found, robot = _corrected(recordings, robot, torque, side)
-    notes = [note for x in (*motions, *filter(None, [validation])) for note in x.notes]
+    notes = [note for x in given for note in x.notes]
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
     perturbed = perturbation(found)
     q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
     recommended = recommend(found, perturbed, robot.model, q, rate)
-    validated = validate(found, validation.recording, robot.model) if validation else None
+    validated = validate(found, converted[-1], robot.model) if validation else None
     return IdentifiedRobot(IdentificationResults(
         ', '.join(x.name for x in recordings), found, perturbed, recommended, validated, rate),
         robot, q)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import contextmanager
 import os
 from pathlib import Path
 import random
@@ -82,7 +81,7 @@ def run_graph(path: Path | None, overrides: Overrides | None = None, record: Pat
         turns = one_processor()
     children: dict[str, child_process.Child] = {}
     pages: list[child_process.Child] = []
-    with (stop_signals() as caught,
+    with (signals.stop_signals() as caught,
           tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch):
         file = Path(scratch) / 'params.yaml'
         parameter_file.dump(values, file)
@@ -163,14 +162,3 @@ def one_processor() -> set[int] | None:
     if not hasattr(os, 'sched_getaffinity'):
         return None
     return {random.choice(sorted(os.sched_getaffinity(0)))}
-
-
-@contextmanager
-def stop_signals() -> Any:
-    """Collect SIGINT and SIGTERM in the list that is yielded."""
-    before = {number: signal.getsignal(number) for number in signals.STOP}
-    try:
-        yield signals.collect()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import signal
 from types import FrameType
 
@@ -34,6 +35,17 @@ def collect() -> list[int]:
     for number in STOP:
         take(number, on_signal)
     return caught
+
+
+@contextmanager
+def stop_signals() -> Iterator[list[int]]:
+    """Collect `STOP` in the list that is yielded, as `collect` does, until the end."""
+    before = {number: signal.getsignal(number) for number in STOP}
+    try:
+        yield collect()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def take(number: int, handler: Callable[[int, FrameType | None], None]) -> None:

@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 import dataclasses
 import itertools
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from ctc_chattering.analysis import drawing
@@ -28,6 +29,7 @@ from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.errors import shortened
 from ctc_chattering.studies import study
 from ctc_chattering.studies.cases import BASIC, Case, GAIN, NOISE, PERIOD, SHORT_NOISE
 from ctc_chattering.studies.study import CaseOutcome, setup_of
@@ -53,6 +55,8 @@ QUANTITIES = (('rms', 'RMS error of joint 2', 'rad'),
               ('variation', 'torque variation of joint 2', 'N·m/s'))
 #: The slice drawn of the time domain: friction of joint 2 changes its sign at 7.75 s [s].
 SLICE = (7.70, 7.85)
+#: Characters of a line in a panel, and in a row of `overview`.
+_LINE, _NARROW = 70, 40
 _OVERVIEW = ('RMS error and torque variation of joint 2 over the second half of each run. A row a '
              'case, a mark a run; grey: from the least to the greatest.')
 
@@ -78,7 +82,7 @@ def sweep(outcomes: Sequence[CaseOutcome], groups: Sequence[str], title: str, xl
         ax.set_xticks([], minor=True)
         failed = [f'{o.variant} at {o.case.x:g}' for o in mine if o.score.failure]
         if failed:
-            drawing.label(ax, 0.01, 0.04, 'diverged: ' + ', '.join(failed))
+            drawing.label(ax, 0.01, 0.04, fill(f'diverged: {shortened(failed, 6)}', _LINE))
     for column in (0, 1):
         _same_ordinate(figure.axes[column::2])
     _legend(figure, outcomes)
@@ -109,8 +113,9 @@ def overview(outcomes: Sequence[CaseOutcome], title: str) -> Figure:
                             markeredgewidth=0.6, zorder=3)
             failed = [o.variant for o in row if o.score.failure]
             if failed:
-                ax.text(0.995, y, 'diverged: ' + ', '.join(failed), ha='right', va='center',
-                        fontsize=7.5, color='#444444', transform=ax.get_yaxis_transform())
+                ax.text(0.995, y, fill(f'diverged: {shortened(failed, 2)}', _NARROW), ha='right',
+                        va='center', fontsize=7.5, color='#444444',
+                        transform=ax.get_yaxis_transform())
         for y, (before, case) in enumerate(itertools.pairwise(cases)):
             if case.group != before.group:
                 ax.axhline(y + 0.5, color='#999999', linewidth=0.6)

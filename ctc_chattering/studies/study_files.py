@@ -22,12 +22,14 @@ from pathlib import Path
 from types import ModuleType
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.output import write_text
+from ctc_chattering.analysis.output import check_format, prepare, write_text
 from ctc_chattering.analysis.page import Folded, Section, write_page
 from ctc_chattering.analysis.tables import markdown, markdown_table
+from ctc_chattering.arguments import check_type, checked
 from ctc_chattering.control.controller_config import LAWS as ALL_LAWS
 from ctc_chattering.control.controller_config import RIVALS
 from ctc_chattering.control.switching import SWITCHINGS as EVERY_SWITCHING
+from ctc_chattering.errors import ParameterError
 from ctc_chattering.studies import law_study, study
 from ctc_chattering.studies.study import CaseOutcome, to_csv
 from ctc_chattering.studies.study_figures import save_study_figures
@@ -67,13 +69,42 @@ SWITCHINGS = StudyKind('switching', EVERY_SWITCHING, 'study', 'figures', study)
 LAWS = StudyKind('law', EVERY_LAW, 'laws', 'laws_figures', law_study)
 
 
-def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path, extra: str = 'png',
-                command: str = '') -> Path:
-    """
-    Write everything into `out` and return the page; raise `CtcError` if that cannot be done.
+def kind_of(outcomes: Sequence[CaseOutcome]) -> StudyKind:
+    """Return the study that outcomes are of."""
+    return LAWS if outcomes[0].variant in ALL_LAWS else SWITCHINGS
 
-    Figures are written as PNG, and as `extra`; `command` is what was run.
+
+@checked(outcomes=Sequence, out=(str, Path), command=str)
+def write_study(outcomes: Sequence[CaseOutcome], out: str | Path, extra: str = 'png',
+                command: str = '') -> None:
     """
+    Write tables, figures and page.
+
+    Parameters
+    ----------
+    outcomes : sequence of CaseOutcome
+        What `study` has returned.
+    out : str or Path
+        Directory for ``study.md``, ``study.csv``, ``figures``, ``study.html``; of laws
+        ``laws.md``, ``laws.csv``, ``laws_figures``, ``laws.html``.
+    extra : {'svg', 'pdf', 'png'}
+        A format for each figure besides PNG.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If there is no outcome, a file exists already, or cannot be written.
+
+    """
+    for i, outcome in enumerate(outcomes):
+        check_type(f'outcomes[{i}]', outcome, CaseOutcome)
+    if not len(outcomes):
+        raise ParameterError('outcomes', outcomes, 'one or more')
+    check_format(extra)
+    kind = kind_of(outcomes)
+    out = prepare(Path(out), kind.names)
     text, table, page = (out / name for name in kind.names[:3])
     write_text(table, to_csv(outcomes, kind.what))
     figures = save_study_figures(outcomes, out / kind.figures, extra)
@@ -83,7 +114,6 @@ def write_study(kind: StudyKind, outcomes: Sequence[CaseOutcome], out: Path, ext
     write_page(page, _title(kind), kind.module.about(outcomes), [
         Section('Figures', figures), Section('Numbers', numbers)],
         [(x, x) for x in kind.names[:2]], command)
-    return page
 
 
 def to_markdown(kind: StudyKind, outcomes: Sequence[CaseOutcome],

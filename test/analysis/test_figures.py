@@ -25,6 +25,7 @@ from ctc_chattering.analysis import comparison_figures, figures
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.terms import RunTerms
+from ctc_chattering.analysis.text_fit import fit
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
@@ -368,7 +369,7 @@ def test_titles_never_meet(n: int) -> None:
     result = made_up(n, 6000, joint_names=[
         f'left_gripper_finger_{i}_joint_with_a_long_name' for i in range(n)])
     for draw in DRAWN:
-        figure: Any = draw(result)
+        figure: Any = fit(draw(result))  # As it is saved.
         renderer = figure.canvas.get_renderer()
         for ax in figure.axes:
             left, right = (t.get_window_extent(renderer) for t in (

@@ -18,15 +18,21 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
+import signal
 import subprocess
 import sys
+import time
 from typing import Any
 
+from ctc_chattering import replay
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.ros.domain import own_domain
+from ctc_chattering.ros.signals import STOP
 from ctc_chattering.ros.subscription import with_info
 from processes import CONFIG, PATIENCE, probe, run_bringup, Stopwatch
 import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
@@ -44,6 +50,29 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
                                  '1.0', '--record', str(path))
     assert status == 0, output
     return path
+
+
+def test_in_a_script_with_a_node_of_its_own(bag: Path) -> None:
+    """Check what is heard, and that nodes and signals of the script are as before."""
+    handlers = [signal.getsignal(x) for x in STOP]
+    with own_domain(), closing(open_bag(bag)) as reader:
+        count = reader.message_count
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        try:
+            heard: list[JointState] = []
+            node = rclpy.create_node('mine', context=context)
+            node.create_subscription(JointState, '/joint_states', heard.append, 5000)
+            executor = SingleThreadedExecutor(context=context)
+            executor.add_node(node)
+            assert replay(str(bag), rate=10.0, delay=0.1) == count
+            deadline = time.monotonic() + PATIENCE
+            while len(heard) < 1000 and time.monotonic() < deadline:
+                executor.spin_once(0.1)
+            assert len(heard) >= 1000 and context.ok()
+        finally:
+            context.try_shutdown()
+    assert [signal.getsignal(x) for x in STOP] == handlers
 
 
 @pytest.mark.parametrize('rate', [pytest.param(0.5, marks=pytest.mark.slow), 2.0])

@@ -36,7 +36,7 @@ from ctc_chattering import CtcError
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.bags.repair import repair
 from ctc_chattering.bags.writer import BagWriter
-import ctc_chattering.bags.replay, ctc_chattering.cli.ctc, ctc_chattering.nodes.recorder
+import ctc_chattering.bags.player, ctc_chattering.cli.ctc, ctc_chattering.nodes.recorder
 messages, tau = pickle.loads(Path('run').read_bytes())
 recording = BagWriter(Path('own'))
 for message in messages:

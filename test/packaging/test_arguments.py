@@ -46,6 +46,7 @@ from ctc_chattering import (
 )
 from ctc_chattering.arguments import checked
 from ctc_chattering.errors import ParameterError
+from ctc_chattering.studies import cases
 from ctc_chattering.studies.score import over_simulation
 import numpy as np
 import pytest
@@ -80,7 +81,8 @@ RIGHT: dict[str, dict[str, Any]] = {
     'excite': {'setup': SETUP, 'request': {'duration': 0.01}, 'friction': None, 'evaluations': 1,
                'seed': 0, 'srdf': '', 'floor': None},
     'identify': {'motions': [RecordedMotion(RECORDING)], 'validation': None, 'model': 'two_link',
-                 'urdf': '', 'gravity': None, 'torque': '', 'side': '', 'torque_rate': ()},
+                 'urdf': '', 'gravity': None, 'torque': '', 'side': 'current', 'torque_rate': (),
+                 'gear_ratio': None, 'torque_constant': [1.0, 2.0]},
     'tune': {'spec': 'none.yaml', 'trials': 1, 'percentile': 95.0, 'identified': None, 'jobs': 1,
              'show': no_line, 'progress': None},
     'compute_map': {'spec': 'none.yaml', 'out': 'map', 'jobs': 1, 'scheduler': None,
@@ -89,6 +91,10 @@ RIGHT: dict[str, dict[str, Any]] = {
     'compare': {'files': ['none.yaml'], 'laws': ['chattering'], 'conditions': (), 'backends': (),
                 'trials': 0, 'variation': 1.5, 'held_out': 0, 'seed': 0, 'jobs': 1,
                 'runner': over_simulation, 'show': no_line, 'progress': None},
+    'study': {'laws': False, 'groups': (), 'jobs': 1, 'show': no_line, 'progress': None},
+    'replay': {'bag': 'bag', 'rate': 1.0, 'delay': 0.0},
+    'compile_setup': {'setup': SETUP.changed({'plant': {'compiled': False}, 'controller': {
+        'compiled': False}}), 'every': False, 'show': no_line},
     'stability': {'setup': Setup(SETUP.plant, ControllerConfig(law='compensation'),
                                  ReferenceConfig())},
     'save_figures': {'results': [], 'directory': 'figures', 'extra': 'svg'},
@@ -112,10 +118,13 @@ RIGHT: dict[str, dict[str, Any]] = {
 GIVEN = {'__version__', 'Applied', 'CtcError', 'dot', 'IdentifiedRobot', 'law', 'Model', 'record',
          'Sample', 'State', 'switching', 'Terms'}
 #: Write what other functions return; called with that where these are tested.
-WRITERS = {'write_comparison', 'write_excitation', 'write_identified', 'write_tuning'}
+WRITERS = {'write_comparison', 'write_excitation', 'write_identified', 'write_runs', 'write_study',
+           'write_tuning'}
+#: Starts nodes for any directory; called where it is tested.
+OVER_ROS = {'reproduce'}
 #: Raise with arguments that are right, since there is no such file, or too little to be found.
 WITHOUT_FILES = {'read_bag', 'repair', 'read_motion', 'excite', 'identify', 'tune', 'compute_map',
-                 'compare'}
+                 'compare', 'replay', 'compile_setup'}
 #: Arguments that are called.
 CALLED = {'show', 'progress', 'runner'}
 WRONG: list[Any] = [
@@ -142,7 +151,7 @@ def refused(function: Callable[..., Any], *args: Any, **more: Any) -> CtcError |
 
 
 def test_every_public_name_is_tested() -> None:
-    assert set(RIGHT) | GIVEN | WRITERS == set(ctc_chattering.__all__)
+    assert set(RIGHT) | GIVEN | WRITERS | OVER_ROS == set(ctc_chattering.__all__)
 
 
 @pytest.mark.parametrize('name', RIGHT)
@@ -150,6 +159,7 @@ def test_wrong_arguments_are_refused_with_their_name(
         name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Check every argument with every wrong value; some of these are right, but never raise."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cases, 'CASES', ())  # No study takes long.
     function, right = getattr(ctc_chattering, name), RIGHT[name]
     assert set(right) == set(inspect.signature(function).parameters)
     assert name in WITHOUT_FILES or refused(function, **right) is None

@@ -19,6 +19,7 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Any
 
+from ctc_chattering.analysis.text_fit import fit
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -27,8 +28,9 @@ _SLACK = 1.0
 
 
 def overlaps(figure: Figure) -> list[str]:
-    """Return what is over something else, or beyond the edge, as matplotlib measures it."""
+    """Return what is over something else, or beyond the edge, in a figure as it is saved."""
     canvas = FigureCanvasAgg(figure)
+    fit(figure)
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
     boxes: list[tuple[str, Any]] = [
         (f'panel {k} {ax.get_title("left")}', ax.get_tightbbox(renderer, bbox_extra_artists=[

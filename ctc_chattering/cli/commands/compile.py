@@ -17,14 +17,10 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import time
 
 from ctc_chattering.cli.command_line import say
 from ctc_chattering.cli.options import add_run_options, load_setup
-from ctc_chattering.control.controller import LAWS
-from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError
 
 DETAILS = ('Nodes, ctc simulate and all other commands then use it and run about 20 times as '
            'fast. It serves all files with this law and number of joints.')
@@ -38,22 +34,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compile`."""
-    from ctc_chattering.analysis.compilation import codes, compile_setups, has_compiler
+    from ctc_chattering.analysis.compilation import compile_setup
     from ctc_chattering.numerics.machine_code import cache_directory
 
-    if not has_compiler():
-        raise ModuleNotFoundError(name='numba')
     start, (_, _, setup) = time.monotonic(), load_setup(options)
-    setup = dataclasses.replace(setup, events=())
-    if not codes(setup, parts=True):
-        raise CtcError('nothing can be compiled: compiled is false, or neither plant (no elastic '
-                       'joints, MuJoCo, own models) nor law (no own models) can be, own frictions '
-                       'and laws only if made of marked records')
-    changes = [{'law': law} for law in LAWS if law != 'chattering'] + [
-        {'law': 'chattering', 'switching': switching} for switching in SWITCHINGS]
-    setups = [dataclasses.replace(setup, controller=setup.controller.changed(values))
-              for values in (changes if options.all else [{}])]
-    made = compile_setups(setups, say, parts=True)
+    made = compile_setup(setup, options.all, say)
     print(f'{made} functions compiled in {time.monotonic() - start:.0f} s; the others were '
           f'already compiled: {cache_directory()}')
     return 0

@@ -17,14 +17,13 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.effort_options import add_effort_options, declared, in_torques
+from ctc_chattering.cli.effort_options import add_effort_options, declared, factors
 from ctc_chattering.cli.options import add_format, add_output, numbers
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration.robot_description import read_description
@@ -88,17 +87,18 @@ def run(options: argparse.Namespace) -> int:
     side = declared(options)
     urdf = read_description(options.urdf) if options.urdf else ''
     *motions, last = _motions(options, urdf)
+    of_effort = factors(options, [x.recording for x in (*motions, last)])
     motions += [] if options.validate else [last]
     rate = _rates(options.torque_rate, len(motions[0].recording.joints))
     out = prepare(options.out, NAMES, options.overwrite)
     found = identify(motions, last if options.validate else None, options.model or '', urdf,
-                     options.gravity, options.torque or '', side, rate)
+                     options.gravity, options.torque or '', side, rate, **of_effort)
     return _shown(write_identified(found, out, options.trials, options.seed, say, options.format,
                                    options.said), out)
 
 
 def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:
-    """Return the motion of each bag, the one to validate last, with torques at the joint."""
+    """Return the motion of each bag, the one to validate last."""
     from ctc_chattering.bags.motion import read_motion
 
     joints = tuple(filter(None, (options.joints or '').split(',')))
@@ -107,8 +107,7 @@ def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:
     for motion in motions:
         for note in motion.notes:
             say(note)
-    return [dataclasses.replace(motion, recording=recording) for motion, recording in zip(
-        motions, in_torques([motion.recording for motion in motions], options))]
+    return motions
 
 
 def _rates(text: str | None, n: int) -> tuple[float, ...]:

@@ -21,8 +21,9 @@ from pathlib import Path
 import sys
 
 from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.run_files import NAMES
 from ctc_chattering.cli.options import add_format, add_output
-from ctc_chattering.cli.presentation import present, PRESENTED
+from ctc_chattering.cli.presentation import present
 from ctc_chattering.errors import CtcError
 
 DETAILS = 'Write them with metrics.json and index.html. Several bags are compared.'
@@ -54,5 +55,5 @@ def run(options: argparse.Namespace) -> int:
     if not results:
         raise CtcError('no bag of this package in '
                        + ', '.join(str(path) for path in options.bags))
-    out = prepare(options.out, PRESENTED, options.overwrite)
+    out = prepare(options.out, NAMES, options.overwrite)
     return present(results, bags, out, options.format, options.said)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import closing
 
 from ctc_chattering.cli.options import add_bag, check
 
@@ -37,9 +36,7 @@ def run(options: argparse.Namespace) -> int:
     """Run `ctc replay`."""
     check('--rate', options.rate, 0, exclusive=True)
     check('--delay', options.delay, 0)
-    from ctc_chattering.bags.repair import open_bag
-    with closing(open_bag(options.bag)) as reader:
-        from ctc_chattering.bags.replay import play
-        count = play(reader, options.rate, options.delay)
+    from ctc_chattering.bags.replay import replay
+    count = replay(options.bag, options.rate, options.delay)
     print(f'{count} messages')
     return 0

@@ -17,16 +17,15 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 
 from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.run_files import NAMES
 from ctc_chattering.cli.options import add_format, add_output
-from ctc_chattering.cli.presentation import present, PRESENTED
-from ctc_chattering.configuration import parameter_file
+from ctc_chattering.cli.presentation import present
 from ctc_chattering.configuration.paper import EXPERIMENTS
 
 DETAILS = 'Write bags, figures, metrics.json and index.html.'
-#: Name in the output directory.
-_BAGS = 'bags'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -37,20 +36,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc reproduce`."""
-    from ctc_chattering.bags.reader import read_bag
     from ctc_chattering.cli.progress import Progress
-    from ctc_chattering.launch.graph import run_graph
-    from ctc_chattering.ros.domain import own_domain
+    from ctc_chattering.studies.reproduction import BAGS, reproduce
 
-    out = prepare(options.out, (_BAGS, *PRESENTED), options.overwrite)
-    bags = []
+    out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
     width = max(len(experiment.name) for experiment in EXPERIMENTS)
-    with own_domain():
-        for experiment in EXPERIMENTS:
-            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
-            bags.append(out / _BAGS / experiment.name)
-            with Progress(f'{experiment.name:{width}}', duration) as progress:
-                run_graph(experiment.path, experiment.overrides, bags[-1], progress=progress,
-                          show=lambda _: None)
-                progress(duration)
-    return present([read_bag(bag) for bag in bags], bags, out, options.format, options.said)
+    with ExitStack() as bars:
+        shown: dict[str, Progress] = {}
+
+        def moved(name: str, time: float, duration: float) -> None:
+            if name not in shown:
+                bars.close()  # That of the experiment before.
+                shown[name] = bars.enter_context(Progress(f'{name:{width}}', duration))
+            shown[name](time)
+        results = reproduce(out, moved)
+    bags = [out / BAGS / experiment.name for experiment in EXPERIMENTS]
+    return present(results, bags, out, options.format, options.said)

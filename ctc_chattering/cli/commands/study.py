@@ -44,23 +44,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
-    from ctc_chattering.analysis.compilation import compile_setups
-    from ctc_chattering.cli.progress import progress_bar
+    from ctc_chattering.cli.progress import counting_bar
     from ctc_chattering.studies import study_files
-    from ctc_chattering.studies.cases import CASES
-    from ctc_chattering.studies.study import engines, run_cases, setup_of
+    from ctc_chattering.studies.run_study import study
+    from ctc_chattering.studies.study import engines
 
     jobs, start = number_of_jobs(options.jobs), time.monotonic()
     kind = study_files.LAWS if options.laws else study_files.SWITCHINGS
     out = prepare(options.out, kind.names, options.overwrite)
-    compile_setups((setup_of(case, x) for case in CASES for x in kind.variants), say)
-    outcomes = list(progress_bar(
-        run_cases(CASES, kind.variants, jobs), desc=kind.name, unit='run',
-        total=len(CASES) * len(kind.variants)))
+    with counting_bar(desc=kind.name, unit='run') as progress:
+        outcomes = study(options.laws, jobs=jobs, show=say, progress=progress)
     print('drawing ...', flush=True)
-    page = study_files.write_study(kind, outcomes, out, options.format, options.said)
+    study_files.write_study(outcomes, out, options.format, options.said)
     failed = sum(bool(outcome.score.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
           f'{engines(outcomes)}.')
-    print_page(page)
+    print_page(out / f'{kind.name}.html')
     return 0

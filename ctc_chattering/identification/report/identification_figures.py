@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ctc_chattering.analysis.drawing import FigureFile, fit_titles, panel, REFERENCE, save, sheet
+from ctc_chattering.analysis.drawing import FigureFile, panel, REFERENCE, save, sheet
 from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import stribeck_velocity, TermKind
@@ -48,8 +48,7 @@ def save_identification_figures(results: IdentificationResults, directory: Path,
                _spectrum(run, verdicts)]
     if results.validation is not None:
         figures.append(_validation(results.validation, verdicts))
-    return save(((stem, fit_titles(figure), caption) for stem, figure, caption in figures),
-                directory, ('svg', extra))
+    return save(figures, directory, ('svg', extra))
 
 
 def _panels(verdicts: Sequence[Verdict], title: str, ylabel: str) -> tuple[Figure, list[Axes]]:

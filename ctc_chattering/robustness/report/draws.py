@@ -84,7 +84,7 @@ def correlations(data: MapData) -> Figure:
     """Draw Spearman's rank correlation of the error with each axis and uncertain parameter."""
     names, n = data.columns, len(data.variants)
     columns = min(n, 3)
-    left = min(3.0, 0.4 + 0.075 * max(map(len, names)))
+    left = min(3.4, 0.4 + 0.075 * max(map(len, names)))
     figure, grid = drawing.sheet('What the error depends on', -(-n // columns), (1.0,) * columns,
                                  0.26 * len(names) + 0.3, left=left)
     for v, found in enumerate(rank_correlations(data)):
@@ -98,7 +98,7 @@ def correlations(data: MapData) -> Figure:
         ax.axvline(0.0, color=drawing.REFERENCE, linewidth=0.8)
         ax.set(xlabel='rank correlation', xlim=(-1.0, 1.0))
         names_on(ax, names if not v % columns else [''] * len(names))
-    return drawing.fit_titles(figure)
+    return figure
 
 
 def rank_correlations(data: MapData) -> Array:

@@ -56,7 +56,7 @@ def error_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
         bar.set_yticks([], minor=True)
     legend(found.figure, states(found.places, data, [np.isinf(x) for x in shown],
                                 'half of the runs or more diverged'))
-    return drawing.fit_titles(found.figure)
+    return found.figure
 
 
 def failure_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
@@ -72,7 +72,7 @@ def failure_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
                      format='{x:.0%}')
     legend(found.figure, [*(handles[name] for name in LINES if name in handles),
                           *states(found.places, data, [], '')])
-    return drawing.fit_titles(found.figure)
+    return found.figure
 
 
 def gain_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
@@ -96,7 +96,7 @@ def gain_map(data: MapData, rest: tuple[int, ...] = ()) -> Figure:
     found.colour_bar(drawn, f'decades less error than {name}')
     legend(found.figure, [*_one_diverged(shown, name), *states(
         found.places, data, [np.isnan(x) for x in shown], 'both diverged')])
-    return drawing.fit_titles(found.figure)
+    return found.figure
 
 
 def _one_diverged(shown: Sequence[Array], base: str) -> list[Patch]:

@@ -71,7 +71,7 @@ def lines(data: MapData) -> Figure:
     for ax in (above, below):
         _ruled(ax, axis, 10)
     legend_of(above)
-    return drawing.fit_titles(figure)
+    return figure
 
 
 def bands(data: MapData) -> Figure:
@@ -96,7 +96,7 @@ def bands(data: MapData) -> Figure:
                         linewidth=0.7, zorder=1)
         _median(ax, axis, data.median[v], **style)
         _ruled(ax, axis, 5)
-    return drawing.fit_titles(figure)
+    return figure
 
 
 def _median(ax: Axes, axis: GridAxis, values: Array, aside: float = 0.0, **style: Any) -> None:

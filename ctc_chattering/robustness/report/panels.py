@@ -123,7 +123,8 @@ def sheet(data: MapData, title: str, variants: Sequence[int], rest: tuple[int, .
             last = row + 1 == rows or column >= len(table[row + 1])
             _ruled(ax, data.axes[0], data.axes[1], width, height, not column, last)
             if heads and not column:
-                text = textwrap.fill(heads[row], max(8, int(height / 0.085)))
+                text = textwrap.fill(heads[row], max(8, int(height / 0.085)), max_lines=2,
+                                     placeholder='…')
                 middle = above + row * (height + gap) + 0.5 * height
                 figure.text(0.12 / _WIDTH, 1.0 - middle / whole, text, rotation=90, va='center',
                             fontsize=10, color='#333333')

@@ -111,7 +111,7 @@ def sobol_figure(data: MapData) -> Figure:
     """Draw the indices of each law and result."""
     found = list(sensitivities(data))
     columns, names = min(len(found), 3), data.uncertain
-    left = min(3.0, 0.4 + 0.075 * max(map(len, names)))
+    left = min(3.4, 0.4 + 0.075 * max(map(len, names)))
     figure, grid = drawing.sheet('What the result depends on', -(-len(found) // columns),
                                  (1.0,) * columns, 0.36 * len(names) + 0.4, left=left)
     place = np.arange(len(names))
@@ -126,4 +126,4 @@ def sobol_figure(data: MapData) -> Figure:
         ax.grid(False, axis='y')
         names_on(ax, names if not k % columns else [''] * len(names))
     legend_of(figure.axes[0])
-    return drawing.fit_titles(figure)
+    return figure

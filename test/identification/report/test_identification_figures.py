@@ -22,8 +22,11 @@ from typing import cast
 from ctc_chattering.identification.regression.finding import Severity
 from ctc_chattering.identification.report import identification_figures
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
+from ctc_chattering.identification.report.validation import Validation
 from ctc_chattering.identification.report.verdict import Verdict
+from figure_layout import overlaps
 import numpy as np
+import pytest
 
 
 def test_a_joint_that_is_not_usable_has_no_ka_and_says_so() -> None:
@@ -36,3 +39,20 @@ def test_a_joint_that_is_not_usable_has_no_ka_and_says_so() -> None:
     assert [len(good.lines), len(bad.lines)] == [5, 1]
     assert bad.get_title(loc='left') == 'b: not usable' and good.get_title(loc='left') == 'a'
     assert 'not usable' in caption
+
+
+@pytest.mark.parametrize('n', [2, 7])
+def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
+    """Check joints and a bag of long names."""
+    ones = np.ones((50, n))
+    run = cast(MeasuredPerturbation, SimpleNamespace(
+        t=0.1 * np.arange(50.0), measured=ones, envelope=2.0 * ones, rest=ones, predicted=ones))
+    verdicts = [Verdict(f'a_joint_of_the_left_arm_of_a_robot_{k}', (
+        Severity.CARE, Severity.REFUSED)[k % 2], ()) for k in range(n)]
+    validation = Validation('a_bag_of_a_long_name_' * 9, run, 2.0 * ones, ones)
+    for _, figure, _ in (
+            identification_figures._perturbation(run, np.ones(n), verdicts),
+            identification_figures._residual(run, verdicts),
+            identification_figures._spectrum(run, verdicts),
+            identification_figures._validation(validation, verdicts)):
+        assert not overlaps(figure)

@@ -27,6 +27,7 @@ from ctc_chattering.robustness.report.draws import correlations, distributions, 
 from ctc_chattering.robustness.report.figures import error_map, failure_map, gain_map
 from ctc_chattering.robustness.report.lines import bands, lines
 from ctc_chattering.robustness.report.panels import NO_RUN, REFUSED
+from figure_layout import overlaps
 from map_tables import LAWS, made_up, table_of
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -224,6 +225,17 @@ def test_more_laws_than_fit_beside_each_other_are_rows() -> None:
     assert rows(gain_map(data)) == list(LAWS)[1:], 'as in the other figures'
 
 
+def long_names(axes: int) -> MapData:
+    """Return a map of laws, axes and draws of long names."""
+    table = made_up({name: AXES[name][:3] for name in list(AXES)[:axes]}, 5)
+    laws = [f'{x} with settings of its own' for x in table['variant'].to_pylist()]
+    table = table.set_column(table.column_names.index('variant'), 'variant', [laws])
+    long = {x: f'a_rather_long_name_for_{x}' for x in (*list(AXES)[:axes], 'model', 'noise')}
+    table = table.rename_columns([long.get(x, x) for x in table.column_names])
+    return MapData(table, {long[x]: UNITS[x] for x in list(AXES)[:axes]},
+                   (long['model'], long['noise']))
+
+
 CASES: dict[str, Any] = {
     'six laws': lambda: failure_map(data_of('friction', 'ka', variants=tuple(LAWS), repeats=3)),
     'three axes': lambda: gain_map(data_of('rate', 'ka', 'delay', variants=tuple(LAWS)[:3])),
@@ -234,6 +246,10 @@ CASES: dict[str, Any] = {
     'all diverged': lambda: gain_map(MapData(table_of(SOME, {'a': [0., 1., 10.], 'b': range(9)}, {
         'error': np.full((27, 3, 1), np.nan), 'failure': np.full((27, 3, 1), 'diverged')}),
         {'a': 'N*m', 'b': ''})),
+    'long names': lambda: failure_map(long_names(3)),
+    'long names of laws': lambda: error_map(long_names(2)),
+    'long names of draws': lambda: correlations(long_names(0)),
+    'long names of an axis': lambda: bands(long_names(1)),
     'lines': lambda: lines(data_of('ka', variants=tuple(LAWS))),
     'bands': lambda: bands(data_of('ka')),
     'distributions': lambda: distributions(data_of(repeats=20)),
@@ -258,6 +274,7 @@ def texts(figure: Figure) -> Iterator[tuple[str, Any]]:
 @pytest.mark.parametrize('case', CASES)
 def test_texts_are_apart_and_on_the_paper(case: str) -> None:
     figure = CASES[case]()
+    assert not overlaps(figure)
     found = list(texts(figure))
     assert len(found) > 5
     for text, box in found:

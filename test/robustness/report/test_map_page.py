@@ -51,7 +51,7 @@ class Page(HTMLParser):
         self.classes += [(tag, value or '') for name, value in attrs if name == 'class']
         if tag == 'br':
             self.handle_data('\n')
-        elif tag not in ('meta', 'img'):
+        elif tag not in ('meta', 'img', 'wbr'):
             self.open.append(tag)
             self.texts.setdefault(tag, []).append('')
         if tag == 'table':

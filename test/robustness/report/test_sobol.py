@@ -26,6 +26,7 @@ from ctc_chattering.robustness.report.sobol import (
     sobol_table,
 )
 from ctc_chattering.robustness.sampling import unit_draws
+from figure_layout import overlaps
 from map_tables import table_of
 import numpy as np
 import pytest
@@ -70,4 +71,5 @@ def test_the_table_has_what_varies() -> None:
     assert table.rows[0][:2] == ['compensation', 'log error']
     assert table.rows[0][3].startswith('1.0')
     assert table.rows[0][5].startswith('0.00')
-    assert len(sobol_figure(data(2.0)).axes) == 2
+    figure = sobol_figure(data(2.0))
+    assert len(figure.axes) == 2 and not overlaps(figure)

@@ -16,7 +16,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from ctc_chattering.robustness.tuning.figures import draws_figure, front_figure, gains_figure
+from figure_layout import overlaps
 from matplotlib.axes import Axes
 import numpy as np
 import pytest
@@ -72,3 +75,16 @@ def test_errors_are_drawn_over_what_is_uncertain() -> None:
         (x, run.error) for (x,), run in zip(tuning.fresh.values,
                                             tuning.points[tuning.knee].fresh.runs)]
     assert len(drawn(ax, 'gains of the file')) == 8
+
+
+def test_nothing_is_over_a_legend_or_a_label() -> None:
+    """Check names of gains and of what is uncertain that are long, and no front."""
+    tuning = short_tuning()
+    (quantity,) = tuning.spec.uncertain
+    long = dataclasses.replace(tuning, others=tuple(
+        x._replace(name=f'{x.name}, with settings of its own') for x in tuning.others),
+        spec=dataclasses.replace(tuning.spec, uncertain=(
+            dataclasses.replace(quantity, name='a_rather_long_name_' * 5),)))
+    for draw in (front_figure, gains_figure, draws_figure):
+        assert not overlaps(draw(long))
+    assert not overlaps(front_figure(short_tuning(torque_limit=1.0)))

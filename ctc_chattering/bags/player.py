@@ -1,0 +1,149 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Publishing the messages of a bag on their topics, each at its time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import sys
+import time
+from typing import Any
+
+from ctc_chattering.bags.bag_reader import BagReader
+from ctc_chattering.bags.storage import Connection
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.time_grid import NANOSECONDS
+from ctc_chattering.ros import signals
+from ctc_chattering.ros.fastdds import use_profile
+from ctc_chattering.ros.messages import message_type, stamp
+from ctc_chattering.ros.run import wait_for_all_acked
+from ctc_chattering.ros.topics import CLOCK
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+
+#: Period of ``/clock`` where the bag holds none [ns].
+_CLOCK_PERIOD = 10_000_000
+#: Longest wait until all known subscribers have matched [s].
+_MATCHING = 5.0
+#: Time after that until the subscribers have matched, too [s].
+_SETTLE = 0.5
+#: Longest sleep between two checks for signals [s].
+_SLEEP = 0.05
+
+
+def play(reader: BagReader, rate: float, delay: float) -> int:
+    """
+    Publish all messages of an open bag whose types are installed, and the clock.
+
+    Parameters
+    ----------
+    reader : BagReader
+        Open.
+    rate : float
+        Seconds of the bag per second.
+    delay : float
+        Time for subscribers to find the publishers [s].
+
+    Returns
+    -------
+    int
+        Number of messages published, without those of a clock that the bag does not contain.
+        SIGINT and SIGTERM end it early.
+
+    """
+    use_profile()
+    with signals.stop_signals() as stop:
+        context = rclpy.Context()  # Of its own: a script may have nodes.
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node('player', context=context)
+        try:
+            return _published(reader, rate, delay, node, stop)
+        finally:
+            node.destroy_node()
+            context.try_shutdown()
+
+
+def _published(reader: BagReader, rate: float, delay: float, node: Any, stop: Sequence[int]
+               ) -> int:
+    """Publish all messages by a node; return how many."""
+    count = 0
+    types = _types(reader.connections)
+    publishers = {
+        connection.topic: node.create_publisher(
+            types[connection.msgtype], connection.topic, _qos(connection))
+        for connection in reader.connections if connection.msgtype in types}
+    has_clock = any(topic.endswith('/' + CLOCK) for topic in publishers)
+    clock = None if has_clock else node.create_publisher(Clock, '/clock', 10)
+    begin = time.monotonic() + delay
+    _sleep_until(begin, stop)
+    while not stop and time.monotonic() < begin + _MATCHING and not all(
+            publisher.get_subscription_count() >= node.count_subscribers(topic)
+            for topic, publisher in publishers.items()):
+        time.sleep(_SLEEP)
+    begin = time.monotonic() + _SETTLE
+    for t, topic, data in _messages(reader, clock is not None):
+        _sleep_until(begin + (t - reader.start_time) / NANOSECONDS / rate, stop)
+        if stop:
+            break
+        if topic in publishers:
+            publishers[topic].publish(bytes(data))
+            count += 1
+        elif clock is not None and not topic:
+            clock.publish(data)
+    wait_for_all_acked(node, stop)
+    return count
+
+
+def _types(connections: Sequence[Connection]) -> dict[str, Any]:
+    """Return message classes by name; print a line with the topics whose types are missing."""
+    types, missing = {}, []
+    for connection in connections:
+        try:
+            types[connection.msgtype] = message_type(connection.msgtype)
+        except CtcError:
+            missing.append(f'{connection.topic} ({connection.msgtype})')
+    if missing:
+        print('not replayed, because their message types are not installed: '
+              + ', '.join(missing), file=sys.stderr, flush=True)
+    return types
+
+
+def _sleep_until(instant: float, stop: Sequence[int]) -> None:
+    """Wait until a time on the monotonic clock [s], or a signal."""
+    while not stop and (left := instant - time.monotonic()) > 0.0:
+        time.sleep(min(left, _SLEEP))
+
+
+def _messages(reader: BagReader, with_clock: bool) -> Iterator[tuple[int, str, Any]]:
+    """Yield log time [ns], topic and data; the topic is empty for an added clock."""
+    tick = reader.start_time
+    for connection, t, data in reader.messages():
+        while with_clock and tick <= t:
+            yield tick, '', serialize_message(Clock(clock=stamp(tick)))
+            tick += _CLOCK_PERIOD
+        yield t, connection.topic, data
+
+
+def _qos(connection: Connection) -> QoSProfile:
+    """Return durability and reliability that the recorded publishers offered."""
+    latched = any(x['durability'] == 'transient_local' for x in connection.qos)
+    lossy = any(x['reliability'] == 'best_effort' for x in connection.qos)
+    return QoSProfile(
+        depth=1000,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+        reliability=ReliabilityPolicy.BEST_EFFORT if lossy else ReliabilityPolicy.RELIABLE)

@@ -1,0 +1,32 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ctc_chattering import reproduce
+from ctc_chattering.errors import CtcError
+import pytest
+
+
+def test_wrong_arguments_and_bags_that_exist_are_refused(tmp_path: Path) -> None:
+    (tmp_path / 'bags').mkdir()
+    for wrong in (5, None, [str(tmp_path)]):
+        with pytest.raises(CtcError, match=r'^out: '):
+            reproduce(wrong)  # type: ignore[arg-type]
+    with pytest.raises(CtcError, match=r'^progress: '):
+        reproduce(tmp_path, 5)  # type: ignore[arg-type]
+    with pytest.raises(CtcError, match='bags: exists already'):
+        reproduce(str(tmp_path))
