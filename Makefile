@@ -115,6 +115,9 @@ dist: $(READY)
 	rm -rf dist
 	$(BIN)/python test/support/distributions.py
 
+# pip 26 shows setuptools' warning that a checkout can be imported.
+$(READY) $(VENV)/.docs: export PYTHONWARNINGS = ignore:Editable installation
+
 # Editable, so that the configuration files of the checkout are the ones used.
 $(READY): setup.py setup.cfg package.xml
 	@echo 'Installing ROS 2 wheels, Pinocchio, MuJoCo and tools from PyPI into $(VENV) (2.2 GB;'

@@ -23,7 +23,7 @@ import re
 import sys
 import tempfile
 import traceback
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ctc_chattering.errors import CtcError, near, UsageError
 
@@ -36,6 +36,13 @@ _OF_ROS = ('builtin_interfaces', 'rcl_interfaces', 'rclpy', 'rpyutils', 'std_srv
 
 class Parser(argparse.ArgumentParser):
     """A parser whose error message is one line."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse what is unknown here, so that the message names the subcommand's help."""
+        known, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f'unrecognized arguments: {" ".join(unknown)}')
+        return known, unknown
 
     def error(self, message: str) -> NoReturn:
         """Raise `UsageError`."""

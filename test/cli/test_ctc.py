@@ -189,12 +189,13 @@ def test_duration(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('arguments', [
     [], ['dance'], ['simulate', '--control-period', 'x'], ['simulate', '--unknown'], ['plot'],
-    ['replay']])
+    ['replay'], ['repair', 'bag', 'another']])
 def test_wrong_arguments(arguments: list[str]) -> None:
     """Check one line that names the help, and status 2."""
     result = ctc(*arguments)
     assert result.returncode == 2
-    refused(result, 'see ctc', '--help')
+    of = ''.join(f' {x}' for x in arguments[:1] if x != 'dance')
+    refused(result, f'see ctc{of} --help')
 
 
 @pytest.mark.parametrize('command', ['plot', 'replay'])
