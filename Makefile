@@ -29,7 +29,7 @@ $(VENV)/.docs: $(READY)
 	touch $@
 
 # Processes that run tests: more than two processors have, for many tests mostly wait.
-WORKERS ?= 5
+WORKERS ?= 6
 test: $(READY)
 	@begin=$$(date +%s); \
 	$(MAKE) --no-print-directory --jobs=2 --output-sync lint suite; status=$$?; \

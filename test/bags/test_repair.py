@@ -375,18 +375,18 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path: Path) -> None:
     """Check with a limit on the size of files instead of a full disk."""
     bag = tmp_path / 'bag'
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))
     try:
         status, output = run_bringup('--params-file', str(CONFIG / 'friction.yaml'), '--record',
-                                     str(bag), '--duration', '3')
+                                     str(bag), '--duration', '1.5')
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert 'the experiment has ended at t = 3 s after 3001 samples' in output
+    assert 'the experiment has ended at t = 1.5 s after 1501 samples' in output
     assert re.search(r'recording has stopped: File too large', output)
     assert status == 1
     assert 'Traceback' not in output
     run = read_bag(bag).run
     expected = simulate(parameter_file.load(
-        CONFIG / 'friction.yaml', {'plant': {'duration': 3.0}})).run
+        CONFIG / 'friction.yaml', {'plant': {'duration': 1.5}})).run
     assert 100 < len(run.t) < len(expected.t)
     assert np.array_equal(run.q, expected.q[:len(run.t)])

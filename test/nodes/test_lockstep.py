@@ -35,12 +35,12 @@ def test_the_law_is_switched_at_its_time_as_in_the_simulation(tmp_path: Path) ->
     As in config/switch.yaml, but earlier.
     """
     file = tmp_path / 'switch.yaml'
-    file.write_text((CONFIG / 'switch.yaml').read_text().replace("['5.0 ", "['1.5 "))
-    arguments = ('--params-file', str(file), '--duration', '1.8')
+    file.write_text((CONFIG / 'switch.yaml').read_text().replace("['5.0 ", "['0.7 "))
+    arguments = ('--params-file', str(file), '--duration', '0.9')
     first = record(tmp_path / 'first', *arguments)
-    assert first.changes == [(1.5, 'chattering')]
-    assert_equal(first, simulate(parameter_file.load(file, {'plant': {'duration': 1.8}})))
-    at = int(np.flatnonzero(first.run.t == 1.5)[0])
+    assert first.changes == [(0.7, 'chattering')]
+    assert_equal(first, simulate(parameter_file.load(file, {'plant': {'duration': 0.9}})))
+    at = int(np.flatnonzero(first.run.t == 0.7)[0])
     assert not first.terms.robust[:at].any()
     assert np.abs(first.terms.robust[at]).tolist() == [10.0, 10.0]
     for values in (first.run.v, first.run.tau + first.terms.robust):

@@ -132,10 +132,11 @@ def test_ka_does_not_hold_at_speeds_of_which_friction_is_not_known() -> None:
 
 
 def test_ka_holds_an_impact_that_is_shorter_than_a_window() -> None:
-    assert base().short is not None and not measured().impact.any()
-    torque = base().short.perturbation.copy()
+    short = base().short
+    assert short is not None and not measured().impact.any()
+    torque = short.perturbation.copy()
     torque[len(torque) // 2, 0] = 3.0 * measured().peak[0]
-    found = dataclasses.replace(base(), short=base().short._replace(perturbation=torque))
+    found = dataclasses.replace(base(), short=short._replace(perturbation=torque))
     hit = perturbation(found)
     assert hit.peak[0] == pytest.approx(3.0 * measured().peak[0], rel=0.05)
     assert hit.peak[1] == measured().peak[1]
