@@ -36,9 +36,10 @@ _WATCHED = 'observer_feedback'
 
 
 def _causes(config: ControllerConfig) -> str:
-    return (f'the drives may be slower than torque_rate_limit, {list(config.torque_rate_limit)} '
-            f'N*m/s, or later than actuator_lag, {list(config.actuator_lag)} s, and input_delay, '
-            f'{config.input_delay} samples, say, or ka too small: measure and set them')
+    return ('the drives may be slower than the law is told (torque_rate_limit '
+            f'{list(config.torque_rate_limit)} N*m/s), or later (actuator_lag '
+            f'{list(config.actuator_lag)} s, input_delay {config.input_delay} samples), or ka too '
+            'small: measure and set them')
 
 
 class Trip(NamedTuple):

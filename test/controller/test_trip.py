@@ -59,7 +59,7 @@ def test_a_fifth_of_a_second_out_of_control_trips(period: int) -> None:
     assert found is not None and found.event is Input.OSCILLATION
     assert found.detail.startswith(
         'the feedback of observer_feedback oscillated at 10 % of its bandwidth; the drives may be')
-    assert 'input_delay, 0 samples' in found.detail
+    assert 'input_delay 0 samples' in found.detail
 
 
 def test_a_loop_that_found_its_bandwidth_goes_on_with_a_warning() -> None:
