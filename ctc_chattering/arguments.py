@@ -81,6 +81,15 @@ def check_type(name: str, value: object, kind: type | tuple[type, ...]) -> None:
             _WORDS.get(x, f'of type {x.__name__}') for x in kinds))
 
 
+def check_each(name: str, values: Sequence[object], kind: type | tuple[type, ...],
+               least: int = 0) -> None:
+    """Raise `ParameterError` unless all values are as `check_type` wants, and there are enough."""
+    for i, value in enumerate(values):
+        check_type(f'{name}[{i}]', value, kind)
+    if len(values) < least:
+        raise ParameterError(name, values, f'{"one" if least == 1 else least} or more')
+
+
 def whole(name: str, value: Any, least: int | None = None, most: int = 2 ** 32 - 1) -> int:
     """Return a whole number as an `int`; raise `ParameterError` if it is none, or out of range."""
     if not isinstance(value, Integral) or isinstance(value, bool) or (

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis.output import check_format, prepare
 from ctc_chattering.analysis.result import Result, write_metrics
-from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.errors import ParameterError
 
 #: Names in the directory of `write_runs`.
@@ -58,11 +58,8 @@ def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | 
     from ctc_chattering.analysis.report import write_page
     from ctc_chattering.analysis.run_samples import write_samples
 
-    for name, values, kind in (('results', results, Result), ('bags', bags, (str, Path))):
-        for i, x in enumerate(values):
-            check_type(f'{name}[{i}]', x, kind)
-    if not len(results):
-        raise ParameterError('results', results, 'one or more')
+    check_each('results', results, Result, 1)
+    check_each('bags', bags, (str, Path))
     if len(bags) not in (0, len(results)):
         raise ParameterError('bags', bags, f'none, or {len(results)}, one of each result')
     check_format(extra)

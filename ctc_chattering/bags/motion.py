@@ -28,7 +28,7 @@ from pathlib import Path
 
 from ctc_chattering.analysis.recording import RecordedMotion, Recording
 from ctc_chattering.analysis.time_stamps import Indices
-from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.bags.command_times import answers
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.bags.signals import (
@@ -94,8 +94,7 @@ def read_motion(path: str | Path, joints: Sequence[str] = (), description: str =
 
     """
     path = Path(path)
-    for i, name in enumerate(joints):
-        check_type(f'joints[{i}]', name, str)
+    check_each('joints', joints, str)
     if len(set(joints)) < len(joints):
         twice = next(name for name, count in Counter(joints).items() if count > 1)
         raise CtcError(f'--joints: {twice} is given more than once')

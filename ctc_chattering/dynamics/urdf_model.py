@@ -26,7 +26,7 @@ import importlib
 from numbers import Real
 from typing import Any, NamedTuple
 
-from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.arguments import check_each, check_type, checked
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
@@ -101,8 +101,7 @@ class UrdfModel(Model):
     @checked(urdf=str, joint_names=Sequence, gravity=Real, locked=(Mapping, type(None)))
     def __init__(self, urdf: str, joint_names: Sequence[str], gravity: float = 9.81,
                  locked: Mapping[str, float] | None = None) -> None:
-        for i, name in enumerate(joint_names):
-            check_type(f'joint_names[{i}]', name, str)
+        check_each('joint_names', joint_names, str)
         for name, position in (locked or {}).items():
             check_type(f'locked, {name}', position, Real)
         pin = _pinocchio()

@@ -26,7 +26,7 @@ from typing import Any
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
 from ctc_chattering.analysis.output import check_format, prepare, write_json, write_text, writing
 from ctc_chattering.analysis.recording import RecordedMotion, Recording
-from ctc_chattering.arguments import check_type, checked, vector, whole
+from ctc_chattering.arguments import check_each, checked, vector, whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
@@ -162,10 +162,7 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
         joint moves.
 
     """
-    for i, motion in enumerate(motions):
-        check_type(f'motions[{i}]', motion, RecordedMotion)
-    if not motions:
-        raise ParameterError('motions', motions, 'one or more')
+    check_each('motions', motions, RecordedMotion, 1)
     for name, value, allowed in (('torque', torque, ('', 'command', 'effort')),
                                  ('side', side, ('', 'motor', 'link', 'current'))):
         if value not in allowed:

@@ -24,7 +24,7 @@ from itertools import chain
 from numbers import Real
 from typing import Any
 
-from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.control.controller import Controller, ControllerConfig, Sample
 from ctc_chattering.controller.error_limit import joint_beyond
 from ctc_chattering.dynamics.model import Model
@@ -275,8 +275,7 @@ def _beyond(config: ControllerConfig, joint: int, t: float, error: float) -> str
 def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
                      reference: ReferenceConfig, events: Sequence[Event]) -> None:
     """Raise `ParameterError` if the configurations are not for the same loop."""
-    for i, event in enumerate(events):
-        check_type(f'events[{i}]', event, Event)
+    check_each('events', events, Event)
     if controller.joint_names != plant.joint_names:
         raise ParameterError('joint_names of the controller', controller.joint_names,
                              f'those of the plant, {list(plant.joint_names)}')

@@ -22,7 +22,7 @@ from numbers import Real
 from pathlib import Path
 
 from ctc_chattering.analysis.compilation import compile_setups
-from ctc_chattering.arguments import check_type, checked, whole
+from ctc_chattering.arguments import check_each, checked, whole
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.control.controller_config import LAWS
 from ctc_chattering.errors import near, ParameterError
@@ -87,8 +87,7 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
 
     """
     for kind, values in (('files', files), ('laws', laws), ('backends', backends)):
-        for i, x in enumerate(values):
-            check_type(f'{kind}[{i}]', x, (str, Path) if kind == 'files' else str)
+        check_each(kind, values, (str, Path) if kind == 'files' else str)
     for name in laws:
         if name not in LAWS:
             raise ParameterError('laws', name, ' | '.join(LAWS) + near(name, LAWS))

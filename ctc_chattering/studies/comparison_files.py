@@ -22,9 +22,8 @@ from pathlib import Path
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import check_format, file_stem, prepare, write_text, writing
-from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.errors import ParameterError
 from ctc_chattering.studies.comparison import Outcome
 from ctc_chattering.studies.comparison_figures import save_comparison_figures
 from ctc_chattering.studies.comparison_tables import held_out_csv, tables, to_csv, to_markdown
@@ -62,10 +61,7 @@ def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 
         If there is no outcome, a file exists already, or cannot be written.
 
     """
-    for i, outcome in enumerate(outcomes):
-        check_type(f'outcomes[{i}]', outcome, Outcome)
-    if not len(outcomes):
-        raise ParameterError('outcomes', outcomes, 'one or more')
+    check_each('outcomes', outcomes, Outcome, 1)
     check_format(extra)
     out = prepare(Path(out), NAMES)
     write_text(out / TABLE, to_markdown(outcomes))

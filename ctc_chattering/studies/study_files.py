@@ -25,11 +25,10 @@ from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.output import check_format, prepare, write_text
 from ctc_chattering.analysis.page import Folded, Section, write_page
 from ctc_chattering.analysis.tables import markdown, markdown_table
-from ctc_chattering.arguments import check_type, checked
+from ctc_chattering.arguments import check_each, checked
 from ctc_chattering.control.controller_config import LAWS as ALL_LAWS
 from ctc_chattering.control.controller_config import RIVALS
 from ctc_chattering.control.switching import SWITCHINGS as EVERY_SWITCHING
-from ctc_chattering.errors import ParameterError
 from ctc_chattering.studies import law_study, study
 from ctc_chattering.studies.study import CaseOutcome, to_csv
 from ctc_chattering.studies.study_figures import save_study_figures
@@ -98,10 +97,7 @@ def write_study(outcomes: Sequence[CaseOutcome], out: str | Path, extra: str = '
         If there is no outcome, a file exists already, or cannot be written.
 
     """
-    for i, outcome in enumerate(outcomes):
-        check_type(f'outcomes[{i}]', outcome, CaseOutcome)
-    if not len(outcomes):
-        raise ParameterError('outcomes', outcomes, 'one or more')
+    check_each('outcomes', outcomes, CaseOutcome, 1)
     check_format(extra)
     kind = kind_of(outcomes)
     out = prepare(Path(out), kind.names)
