@@ -23,7 +23,7 @@ import re
 from typing import Any
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.live.layouts import foxglove, plotjuggler
+from layouts import foxglove, plotjuggler
 from ctc_chattering.ros.messages import message_type
 from ctc_chattering.ros.topics import TOPICS
 import pytest
