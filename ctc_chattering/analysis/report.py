@@ -181,4 +181,5 @@ def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Ite
                 'after the change to <b class="law" style="--law: {{ colour }}">{{ law }}</b> at '
                 't&nbsp;=&nbsp;'
                 '{{ time }}&nbsp;s the filtered error v of every joint is within {{ band }}&nbsp;'
-                'rad/s, and stays there.', law=law, colour=LAW_COLOURS.get(law, ''), time=f'{time:g}', band=f'{BAND:g}')])
+                'rad/s, and stays there.', law=law, time=f'{time:g}',
+                band=f'{BAND:g}', colour=LAW_COLOURS.get(law, ''))])

@@ -127,10 +127,11 @@ def test_the_page_of_runs_in_a_browser(tmp_path: Path) -> None:
         page.locator('.signals').scroll_into_view_if_needed()
         eventually(lambda: len(inked(page)) > 8 and min(inked(page)) > 100, 'plots', page)
         assert page.evaluate('document.documentElement.scrollWidth') == 390
-        assert page.evaluate('''[...document.querySelectorAll('.scroll')].every(x =>
-            (x.style.getPropertyValue('--right') === '2.5rem') === x.scrollWidth > x.clientWidth)''')
+        assert page.evaluate('[...document.querySelectorAll("section > .scroll")].every(x => '
+                             'x.style.getPropertyValue("--right") === "2.5rem")')
         page.emulate_media(color_scheme='light')
-        strokes = "[...document.querySelectorAll('.ctc-key line')].map(x => x.getAttribute('stroke'))"
+        strokes = ('[...document.querySelectorAll(".ctc-key line")].map('
+                   'x => x.getAttribute("stroke"))')
         eventually(lambda: {*page.evaluate(strokes)} == {
             LAW_COLOURS['compensation'], LAW_COLOURS['chattering']}, 'colours', page)
         page.get_by_text('torque less that of the first run').click()

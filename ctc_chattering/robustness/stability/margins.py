@@ -115,7 +115,7 @@ class Loops:
         return stable(self.radius, 1.0, RATIOS)
 
     def guaranteed(self) -> StableRange | None:
-        """Return the interval of (MG1) with the nearer end farthest from 1, as a factor; or None."""
+        """Return the interval of (MG1) whose nearer end is farthest from 1, by ratio; or None."""
         loops = [x.scaled(_SCALE) for x in self.all]
 
         def interval(c: float) -> StableRange:
