@@ -206,7 +206,8 @@ def _all(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
     if tuning.points:
         yield 'numbers', gains_figure(tuning), (
             'What was searched, at each point of the front. Star: recommended, if it is '
-            'on the front. Dashed: ends of the range that is searched. At an end the range may be too narrow.')
+            'on the front. Dashed: ends of the range that is searched. At an end the range may be '
+            'too narrow.')
     if tuning.spec.uncertain:
         yield 'draws', draws_figure(tuning), (
             'A dot a draw: which uncertain quantity makes the error.')
