@@ -52,9 +52,9 @@ def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlot
 
     """
     groups: dict[tuple[str, ...], list[tuple[Result, str, str]]] = {}
-    for result, *look in zip(results, names(results), colours(results)):
+    for result, name, colour in zip(results, names(results), colours(results)):
         groups.setdefault((result.experiment, *result.joint_names, *result.position_units),
-                          []).append((result, *look))
+                          []).append((result, name, colour))
     used: set[str] = set()
     return [_written(group, directory, used) for group in groups.values()]
 
