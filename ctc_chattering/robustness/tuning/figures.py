@@ -94,9 +94,10 @@ def _marks(ax: Axes, tuning: Tuning) -> None:
                 markeredgecolor='white', zorder=5, label='recommended point')
     for candidate, colour, marker in zip(tuning.others, _OTHERS, 'sDP'):
         broken = ', '.join(x for x in CONSTRAINTS if candidate.fresh.violating[x])
-        look: dict[str, Any] = {'marker': marker, 'color': colour, 'markersize': 9, 'linestyle': '',
-                'markerfacecolor': 'none', 'markeredgewidth': 1.8, 'zorder': 4,
-                'label': candidate.name + (f' (violates: {broken})' if broken else '')}
+        look: dict[str, Any] = {
+            'marker': marker, 'color': colour, 'markersize': 9, 'linestyle': '', 'zorder': 4,
+            'markerfacecolor': 'none', 'markeredgewidth': 1.8,
+            'label': candidate.name + (f' (violates: {broken})' if broken else '')}
         if np.isfinite(_place(candidate, True)).all():
             ax.plot(*_place(candidate, True), **look)
         else:
