@@ -195,7 +195,8 @@ def _beside(projected: Projected, found: Explanation, options: Sequence[Cause]) 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
     """Return the spread with intervals of friction that contain another fit's as well."""
     off = np.array([other.of(term) - value if term in other.terms and term.joint >= 0
-                    and term.kind not in BENT else 0.0 for term, value in zip(fit.terms, fit.value)]) / errors.factor
+                    and term.kind not in BENT else 0.0
+                    for term, value in zip(fit.terms, fit.value)]) / errors.factor
     return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
 
 
