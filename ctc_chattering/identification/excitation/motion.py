@@ -46,7 +46,7 @@ _MARGIN = 0.05
 #: Without a limit: velocity [rad/s or m/s], and acceleration by velocity [1/s].
 _VELOCITY, _ACCELERATION = 1.0, 4.0
 #: Amplitude of the slow reversals as a part of the room beside the centre.
-_SLOW = 0.4
+_SLOW = 0.24
 #: Velocities at which a joint creeps at one pose after the other [rad/s or m/s], at most this part
 #: of that before; the way to it as a part of that amplitude; and the time in which it stops [s].
 _CREEP, _CREEP_PART, _CREEP_WAY, _STOP = (0.02, 0.01, 0.005), 0.2, 0.5, 0.3
@@ -58,7 +58,7 @@ _POSES = 0.6
 #: Part of the time at the poses, and of that while joints creep one way; least time of the
 #: reversals at one pose, of creeping and of the multisine; of the way to the first pose and of
 #: those after it, and the rest at the end [s].
-_SLOW_PART, _CREEP_TIME, _SLOW_LEAST, _CREEP_LEAST, _SINES_LEAST = 0.6, 0.22, 4.0, 0.3, 10.0
+_SLOW_PART, _CREEP_TIME, _SLOW_LEAST, _CREEP_LEAST, _SINES_LEAST = 0.6, 0.2, 4.0, 0.3, 10.0
 _FIRST_LEAST, _WAY_LEAST, _REST = 2.0, 1.0, 0.5
 #: Greatest frequency of the multisine [Hz], and waypoints in the period of the fastest part.
 _FREQUENCY, _WAYPOINTS = 0.5, 12
@@ -352,7 +352,7 @@ class RandomMotions:
         """Return random poses, directions and sines, these as large as the bounds allow."""
         bounds, count, n = self._bounds, self._config.poses, len(self._bounds.center)
         strata = rng.permuted(np.tile(np.arange(count), (n, 1)), axis=1).T
-        offsets = 2.0 * (strata + rng.uniform(size=strata.shape)) / count - 1.0
+        offsets = 2.0 * (strata + rng.uniform(0.2, 0.8, strata.shape)) / count - 1.0
         turns = rng.choice((-1.0, 1.0), offsets.shape) * bounds.slow * (self._share == 1.0)
         sines = random_multisine(max(3, int(_FREQUENCY * self._period)), self._period, n, rng)
         rows = np.array(sines.at(np.linspace(0.0, self._period, 40 * len(sines.cosines) + 1)))

@@ -122,9 +122,10 @@ def test_joints_creep_at_every_pose() -> None:
     assert len(motion.creep) == 3
     for (begin, end), speed in zip(motion.creep, (0.02, 0.01, 0.005)):
         q, dq, _ = motion.path.at(np.arange(begin, end, 0.01))
-        for sign in (1.0, -1.0):
-            creeps = np.abs(dq - sign * speed) < 1e-9
-            assert (creeps.sum(axis=0) * 0.01 > 0.8).all()
-            # It has come a way before it creeps, so that it slides already.
-            for i, first in enumerate(np.argmax(creeps, axis=0)):
-                assert np.ptp(q[:first, i]) > 0.4 * bounds.slow[i]
+        creeps = np.abs(np.abs(dq) - speed) < 0.05 * speed
+        for i in range(2):
+            for way in (1.0, -1.0):
+                mine = np.flatnonzero(creeps[:, i] & (dq[:, i] * way > 0.0))
+                assert len(mine) * 0.01 > 0.5
+                # It has come a way before it creeps, so that it slides already.
+                assert np.ptp(q[max(mine[0] - 100, 0):mine[0], i]) > 0.4 * bounds.slow[i]
