@@ -340,7 +340,7 @@ def test_the_motion_of_the_reference_is_not_played_and_may_exceed_the_limits(tmp
                                                                              ) -> None:
     text = (ROOT / 'config' / 'panda.yaml').read_text()
     file = tmp_path / 'fast.yaml'
-    file.write_text(re.sub(r'frequency: \[.*\]', 'frequency: [9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0]', text))
+    file.write_text(re.sub(r'frequency: \[.*\]', f'frequency: [{", ".join(7 * ["9.0"])}]', text))
     refused(ctc('simulate', '--params-file', file), 'panda_joint1')
     result = ctc('excite', '--params-file', file, '--evaluations', 1)
     assert result.returncode == 0, result.stderr
