@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.arguments import checked, vector, whole
+from ctc_chattering.arguments import check_each, checked, vector, whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
@@ -424,11 +424,12 @@ def excite(setup: Setup, request: Mapping[str, Any] | None = None,
 
     """
     evaluations, seed = whole('evaluations', evaluations, 1), whole('seed', seed, 0)
+    check_each('joints', joints, str)
     config = request_of(setup, dict(request or {}))
     names, plant, controller = config.joint_names, setup.plant, setup.controller
     for name in joints:
         if name not in names:
-            raise CtcError(f'no joint is called {name}; allowed: {", ".join(names)}'
+            raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
                            f'{near(name, names)}')
     coulomb = np.array(plant.coulomb_friction)
     if friction is not None:
