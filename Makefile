@@ -58,7 +58,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/flake8 .
 	$(BIN)/pydocstyle --config=setup.cfg --property-decorators=none
-	$(BIN)/mypy ctc_chattering test
+	$(BIN)/mypy ctc_chattering test validation
 
 # Every law tuned for one condition, at equal torque variation, and judged in others: the tables
 # of docs/comparison.md. 400 CPU seconds, and what is to be compiled.
@@ -102,12 +102,12 @@ soak: $(READY)
 # The table of docs/identification_measured.md: robots with random friction, identified; hours.
 SEEDS ?= 20
 identification: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/identification/study.py --seeds $(SEEDS) $(ARGS)
+	PYTHONPATH=test/support:validation $(BIN)/python validation/identification_study.py --seeds $(SEEDS) $(ARGS)
 
 # The table of robots with the faults of real arms, of an independent plant; hours.
 # ARGS='--only panda,tilt' for some, --rows FILE to go on with another file.
 faults: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/identification/fault_study.py --seeds $(SEEDS) $(ARGS)
+	PYTHONPATH=test/support:validation $(BIN)/python validation/fault_study.py --seeds $(SEEDS) $(ARGS)
 
 # sdist and wheel of the last commit, in dist/: twice the same bytes.
 dist: $(READY)

@@ -22,8 +22,7 @@ from math import isfinite
 
 from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.cli.options import numbers
-from ctc_chattering.identification.effort import check_effort, EffortNames
-from ctc_chattering.identification.regression.effort_side import CURRENT, LINK, MOTOR
+from ctc_chattering.identification.effort import check_effort, CURRENT, EffortNames, LINK, MOTOR
 
 _NAMES = EffortNames('--effort', '--gear-ratio', '--torque-constant')
 

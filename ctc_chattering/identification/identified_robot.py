@@ -12,15 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""From recorded motions to a robot: what it has, the gains that follow, and files of both."""
+"""The corrected URDF, and the identification with it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import dataclasses
 from numbers import Real
 from pathlib import Path
+import re
 from typing import Any
 
 from ctc_chattering.analysis.compilation import compile_setups, has_compiler
@@ -28,30 +28,131 @@ from ctc_chattering.analysis.output import check_format, prepare, write_json, wr
 from ctc_chattering.analysis.recording import RecordedMotion, Recording
 from ctc_chattering.arguments import check_each, checked, vector, whole
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
+from ctc_chattering.identification import identify as regression
 from ctc_chattering.identification.effort import in_torques, PerJoint
-from ctc_chattering.identification.regression import identify as regression
-from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
-from ctc_chattering.identification.regression.model_errors import candidates, ModelError
-from ctc_chattering.identification.report.corrected_model import (
-    corrected_description,
-    with_correction,
-)
-from ctc_chattering.identification.report.parameter_values import missing_gains, parameter_values
-from ctc_chattering.identification.report.perturbation import perturbation
-from ctc_chattering.identification.report.recommendation import recommend, Recommendation
-from ctc_chattering.identification.report.results import IdentificationResults
-from ctc_chattering.identification.report.trial_runs import (
+from ctc_chattering.identification.findings import ALL_JOINTS, Finding, Kind, Severity
+from ctc_chattering.identification.gains import recommend, Recommendation
+from ctc_chattering.identification.identify import Identification
+from ctc_chattering.identification.least_squares import BENT, TermKind
+from ctc_chattering.identification.model_errors import candidates, CauseKind, ModelError
+from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.results import IdentificationResults, validate
+from ctc_chattering.identification.trial_runs import (
     COUNT,
     COUNT_PLAIN,
+    missing_gains,
+    parameter_values,
     setups_tried,
     trial_runs,
 )
-from ctc_chattering.identification.report.validation import validate
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
+
+#: By how much the corrected model may explain the torque of a joint worse.
+_WORSE = 1.02
+#: Part of its friction by which it may be worse in any case.
+_TRIFLE = 0.002
+#: Torque scale that is one, and no trifle.
+_SCALE = 0.003
+#: Part of a joint's torque, with friction, below which a correction is none.
+_LEAST = 0.01
+#: Of causes that the data do not tell apart; the torque of the corrected model has them all.
+_AMBIGUOUS = 'explained as well by'
+
+
+def corrected_description(found: Identification, description: str,
+                          locked: Mapping[str, float] | None = None) -> str:
+    """
+    Return the corrected URDF; empty where the model is right, or something is refused.
+
+    Parameters
+    ----------
+    found : Identification
+        With the bodies that fit.
+    description : str
+        The URDF of the model; empty for another model.
+    locked : mapping of str to float, optional
+        As the model has it.
+
+    """
+    bodies = found.bodies
+    refused = {x.joint for x in found.findings if x.severity == Severity.REFUSED}
+    if not description or bodies is None or not bodies.differ or ALL_JOINTS in refused or (
+            len(refused) > regression.MOST_REFUSED * len(found.joints)):
+        return ''
+    size = bodies.torque(bodies.found - bodies.estimate.known)
+    whole = bodies.torque(bodies.found) + [abs(x.coulomb.value or 0.0) for x in found.friction]
+    # On data that it was not fitted to, it must be better, and on no joint worse.
+    held_out = found.held_out
+    if not (size > _LEAST * whole).any() or not len(held_out) or (
+            held_out > _WORSE).any() or _scale_in_doubt(found):
+        return ''
+    return corrected_urdf(description, found.joints, bodies.parameters, bodies.rotor.tolist(),
+                          bodies.tilt.tolist(), locked)
+
+
+def _scale_in_doubt(found: Identification) -> bool:
+    """Return whether a torque scale explains as much as what is in the bodies."""
+    chosen = found.selected.explanation
+    mine = [] if chosen is None else chosen.causes
+    return any(cause.kind == CauseKind.SCALE and abs(value[0]) > _SCALE and not any(
+        cause is x for x in mine) for other in found.selected.alike
+        for cause, value in zip(other.causes, other.values))
+
+
+def with_correction(before: Identification, after: Identification, name: str
+                    ) -> Identification | None:
+    """
+    Return the identification with a corrected model, with what was wrong; None if it is no better.
+
+    Parameters
+    ----------
+    before, after : Identification
+        With the model as it was, and corrected.
+    name : str
+        Of the file that has the correction.
+
+    """
+    friction = _friction(after)
+    was, now = (np.sqrt(np.square(np.where(x.data.used(), x.data.residual - friction, 0.0)).sum(
+        axis=0)) for x in (before, after))
+    worse = [{x.joint for x in found.findings if x.severity == Severity.REFUSED}
+             for found in (before, after)]
+    refused = bool(worse[1] - worse[0])
+    size = np.sqrt(np.square(np.where(after.data.used(), friction, 0.0)).sum(axis=0))
+    if refused or ((now > _WORSE * was) & (now - was > _TRIFLE * size)).any():
+        return None
+    still = {_words(x) for x in after.findings}
+    cured = [Finding(Kind.NOTE, x.joint, f'with the URDF as it was: {x.reason}')
+             for x in before.findings if _words(x) not in still and _AMBIGUOUS not in x.reason]
+    assert before.bodies is not None
+    change = before.bodies.torque(before.bodies.found - before.bodies.estimate.known)
+    text = ', '.join(f'{x:.2g}' for x in change)
+    return dataclasses.replace(
+        after, errors=before.errors, rotor=before.rotor, tilt=before.tilt, bodies=before.bodies,
+        findings=(*(x._replace(reason=f'relative to {name}: {x.reason}') if 'base is turned' in
+                    x.reason else x for x in after.findings), Finding(
+            Kind.NOTE, ALL_JOINTS, f'the URDF is corrected in {name}, which changes the '
+            f'torque by {text} N*m RMS in this motion'), *cured))
+
+
+def _friction(found: Identification) -> Array:
+    """Return the friction as identified in each window, shape (J, n) [N·m]."""
+    fit = found.selected.fit
+    mine = [k for k, term in enumerate(fit.terms)
+            if term.kind not in (TermKind.MODEL, TermKind.SCALE, *BENT)]
+    torque: Array = found.data.columns(fit.terms)[:, :, mine] @ fit.value[mine]
+    return torque
+
+
+def _words(finding: Finding) -> tuple[int, str]:
+    """Return what a finding says, without its numbers."""
+    return finding.joint, re.sub(r'[-+]?[\d.]+(e[-+]?\d+)?', '', finding.reason)
+
 
 #: Names in the directory of `write_identified`.
 PAGE, JSON, VALUES, ROBOT, CORRECTED, FIGURES = NAMES = (
@@ -178,13 +279,13 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     found, robot = _corrected(recordings, robot, torque, side)
     notes = [note for x in given for note in x.notes]
     found = dataclasses.replace(found, findings=(*found.findings, *(
-        Finding(Severity.NOTE, ALL_JOINTS, note) for note in notes)))
+        Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
     perturbed = perturbation(found)
     q = recordings[0].q if len(recordings) == 1 else np.concatenate([x.q for x in recordings])
     recommended = recommend(found, perturbed, robot.model, q, rate)
     validated = validate(found, converted[-1], robot.model) if validation else None
     return IdentifiedRobot(IdentificationResults(
-        ', '.join(x.name for x in recordings), found, perturbed, recommended, validated, rate),
+        ', '.join(x.name for x in recordings), found, perturbed, recommended, validated),
         robot, q)
 
 
@@ -292,10 +393,10 @@ def _tried(identified: IdentifiedRobot, out: Path, trials: int, seed: int,
 
 def _write(identified: IdentifiedRobot, out: Path, extra: str, command: str) -> None:
     """Write all files; the parameter file not if a joint is refused."""
-    from ctc_chattering.identification.report.identification_figures import (
+    from ctc_chattering.identification.figures import (
         save_identification_figures,
     )
-    from ctc_chattering.identification.report.results import write_page
+    from ctc_chattering.identification.results import write_page
 
     results, files = identified.results, {JSON: 'all numbers'}
     if CORRECTED in identified.robot.files:

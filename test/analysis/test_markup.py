@@ -34,10 +34,10 @@ from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_table
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification.regression.identify import identify
-from ctc_chattering.identification.report import results as identification
-from ctc_chattering.identification.report.perturbation import perturbation
-from ctc_chattering.identification.report.recommendation import recommend
+from ctc_chattering.identification import results as identification
+from ctc_chattering.identification.gains import recommend
+from ctc_chattering.identification.identify import identify
+from ctc_chattering.identification.perturbation import perturbation
 from ctc_chattering.robustness.report.data import MapData
 from ctc_chattering.robustness.report.lines import lines
 from ctc_chattering.robustness.report.page import write_map_page

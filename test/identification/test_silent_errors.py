@@ -22,10 +22,10 @@ from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.identification.regression.finding import Severity
-from ctc_chattering.identification.regression.identify import identify
-from ctc_chattering.identification.regression.model_errors import candidates
-from ctc_chattering.identification.report.result_tables import tables
+from ctc_chattering.identification.findings import Severity
+from ctc_chattering.identification.identify import identify
+from ctc_chattering.identification.model_errors import candidates
+from ctc_chattering.identification.results import tables
 from faults_of_arms import case, recorded
 from identification_judge import judged, Outcome, outcome
 import pytest
@@ -70,7 +70,7 @@ def test_a_delay_of_one_joint_is_a_lag_or_a_delay() -> None:
     assert made.results is not None
     found = made.results
     heads = {head for _, rows in tables(found.found, found.verdicts, found.run,
-                                        found.recommended, ()) for head in rows[0]}
+                                        found.recommended) for head in rows[0]}
     assert 'lag, or delay of this joint' in heads
 
 
@@ -90,6 +90,22 @@ def test_a_drive_that_is_not_linear_is_named_beside_right_friction(
         assert friction.coulomb.value == pytest.approx(one.robot.physics.coulomb[i], rel=0.01)
         assert friction.forwards.value == pytest.approx(one.robot.physics.coulomb[i], rel=0.05)
         assert made.results.found.scale[i].value == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_wrist_that_friction_holds_does_not_block_the_other_joints() -> None:
+    """Rotors, a tool and a stuck last joint: the URDF is corrected without that joint."""
+    one = case('ur5', 'real_arm', 7600, DURATION)
+    made, wrong = of('ur5', 'real_arm', 7600)
+    assert not wrong
+    assert made.severity[5] == Severity.REFUSED
+    assert 'ctc excite --for' in made.reasons[5] and 'raise its kp' in made.reasons[5]
+    assert made.severity[:5].count(Severity.REFUSED) == 0
+    assert 'rotor_inertia' in made.urdf
+    assert made.results is not None
+    for i in range(5):
+        assert made.results.found.friction[i].coulomb.value == pytest.approx(
+            one.robot.physics.coulomb[i], rel=0.02)
+    assert 'Next: `ctc excite --for' in made.results.text()
 
 
 def test_an_exact_run_has_no_error_of_the_model() -> None:

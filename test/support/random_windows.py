@@ -17,9 +17,9 @@
 from __future__ import annotations
 
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.identification.regression.error_columns import ErrorColumns
-from ctc_chattering.identification.regression.least_squares import Data
-from ctc_chattering.identification.regression.rows import STRIBECK
+from ctc_chattering.identification.least_squares import Data
+from ctc_chattering.identification.model_errors import ErrorColumns
+from ctc_chattering.identification.windows import STRIBECK
 import numpy as np
 from rigid_bodies import Array
 import urdfs

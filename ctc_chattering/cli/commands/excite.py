@@ -27,7 +27,7 @@ from ctc_chattering.analysis.tables import columns, print_columns
 from ctc_chattering.cli.options import add_output, add_params_file, check, find_file
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, given_by_user, ParameterError
-from ctc_chattering.identification.excitation.plan import (
+from ctc_chattering.identification.excite import (
     CHECK,
     excite,
     MOTION,

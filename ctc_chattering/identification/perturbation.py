@@ -1,0 +1,569 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The perturbation P of a run, which the chattering term must hold, and its prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import dataclasses
+from math import floor, log10, pi
+from typing import NamedTuple
+
+from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.identification.findings import Finding, Kind, NONE
+from ctc_chattering.identification.identify import Identification
+from ctc_chattering.identification.least_squares import (
+    BENT,
+    Data,
+    Fit,
+    stribeck_velocity,
+    Term,
+    TermKind,
+)
+from ctc_chattering.identification.verdict import verdicts
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import numpy.typing as npt
+
+Flags = npt.NDArray[np.bool_]
+#: Part of the friction that an unexplained torque may have on a run not used for the fit.
+_GOOD = 0.05
+#: Kinds of friction; all other terms are errors of the model. Slopes are 0 in a fit.
+_FRICTION = (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS, TermKind.STRIBECK,
+             TermKind.STRIBECK_SLOPE, TermKind.LOAD, TermKind.LAG_SLOPE)
+#: An outlier is this many times beyond the bound of what is unexplained, and this part of P.
+_FAR, _SEEN = 3.0, 0.1
+#: What a joint at rest may have beyond the friction of sliding, in bounds of what is unexplained.
+_TAILS = 3.0
+#: Windows beside an outlier that share samples with it.
+_BESIDE = 4
+#: Fewest windows of which a tail is told.
+_ENOUGH = 100
+#: Deviations of noise in short windows, and over which part of |P| these are looked at.
+_NOISE, _BEYOND = 4.0, 1.2
+
+
+@dataclasses.dataclass(frozen=True)
+class MeasuredPerturbation:
+    """
+    P over the windows of a run; J windows, n joints.
+
+    Attributes
+    ----------
+    t : ndarray, shape (J,)
+        Centres of the windows [s].
+    measured, predicted : ndarray, shape (J, n)
+        Torque less the model's, and friction plus errors of the model as identified, nan where a
+        joint does not slide [N·m].
+    envelope : ndarray, shape (J, n)
+        Largest |P| that what was identified allows at the state of a window, at a stop or
+        a break-away as well [N·m].
+    trusted : ndarray of bool, shape (J,)
+        Windows that are no outliers of any joint, nor beside one.
+    tail, error : ndarray, shape (n,)
+        Bound of what is not predicted in trusted windows, and largest error of the model there
+        [N·m].
+    impact : ndarray, shape (n,)
+        By what |P| in short windows exceeds that in the windows above [N·m].
+
+    """
+
+    t: Array
+    measured: Array
+    predicted: Array
+    envelope: Array
+    trusted: Flags
+    tail: Array
+    error: Array
+    impact: Array
+
+    @property
+    def rest(self) -> Array:
+        """Return what is not predicted of P, shape (J, n) [N·m]; NaN where nothing is."""
+        rest: Array = self.measured - self.predicted
+        return rest
+
+    @property
+    def peak(self) -> Array:
+        """
+        Largest |P| of each joint, shape (n,) [N·m].
+
+        That of the envelope with what is not predicted, and what was measured where the joint
+        does not slide, before it breaks away; with impacts.
+        """
+        return self.smooth_peak + self.impact
+
+    @property
+    def smooth_peak(self) -> Array:
+        """Return the same without impacts, shape (n,) [N·m]."""
+        slides = np.isfinite(self.predicted) & self.trusted[:, None]
+        known = np.where(slides, self.envelope, 0.0).max(axis=0, initial=0.0) + self.tail
+        held = [tail_bound(np.abs(x[self.trusted & ~mine]))
+                for x, mine in zip(self.measured.T, slides.T)]
+        found: Array = np.maximum(known, held)
+        return found
+
+    def outliers(self) -> Iterator[Finding]:
+        """Yield for each joint which windows were left out of the peak."""
+        rest = np.abs(self.rest)
+        far = np.where(np.isfinite(rest), rest, 0.0) > _FAR * self.tail
+        far &= ~self.trusted[:, None]
+        for i in range(self.measured.shape[1]):
+            size = np.where(far[:, i], rest[:, i], 0.0)
+            if size.any():
+                k = int(np.argmax(size))
+                yield Finding(
+                    Kind.DOUBT, i, f'{int(far[:, i].sum())} windows of 0.1 s have a torque '
+                    f'that nothing explains, up to {size[k]:.3g} N*m at {self.t[k]:.2f} s: a '
+                    'contact, or wrong stamps; they are not in the largest |P|',
+                    'look at the recording there')
+
+    def break_away(self, joints: Sequence[str]) -> Iterator[Finding]:
+        """Yield the joints with more friction at rest, or breaking away, than sliding shows."""
+        held = self.trusted[:, None] & ~np.isfinite(self.predicted)
+        more = np.abs(self.measured) - self.envelope
+        for i, name in enumerate(joints):
+            beyond = tail_bound(np.maximum(more[held[:, i], i], 0.0))
+            level = float(np.median(self.envelope[:, i]))
+            if beyond > _TAILS * self.tail[i]:
+                yield Finding(
+                    Kind.BREAK_AWAY, i, f'at rest or breaking away |P| is up to {beyond:.3g} N*m '
+                    f'more than {name} shows while it slides: Stribeck friction below the '
+                    'velocities shown, or a joint that is held by something else',
+                    'record slower reversals, as those of `ctc excite`',
+                    beyond / max(level, 1e-300))
+
+    def misfit(self) -> tuple[Array, Array]:
+        """Return the RMS of P and of what is not predicted of it, each of shape (n,) [N·m]."""
+        known = np.isfinite(self.predicted)
+        count = np.maximum(known.sum(axis=0), 1)
+        rest = np.where(known, self.rest, 0.0)
+        whole = np.where(known, self.measured, 0.0)
+        return (np.sqrt(np.square(whole).sum(axis=0) / count),
+                np.sqrt(np.square(rest).sum(axis=0) / count))
+
+    def good(self) -> Flags:
+        """Return for which joints what was identified predicts P, shape (n,)."""
+        whole, rest = self.misfit()
+        found: Flags = rest <= _GOOD * whole
+        return found
+
+
+def perturbation(found: Identification, data: Data | None = None) -> MeasuredPerturbation:
+    """
+    Return P of the identified run, or of another one.
+
+    Parameters
+    ----------
+    found : Identification
+        What was identified.
+    data : Data, optional
+        Windows of the other run, with the same joints and errors of the model.
+
+    """
+    fit, data = found.selected.fit, data or found.data
+    columns, used = data.columns(fit.terms), data.used()
+    error = _error(fit, data, columns)
+    # The slopes of Stribeck columns are 0, and in the fit for the sake of intervals.
+    rest = np.where(used, np.abs(data.residual - columns @ fit.value), np.nan)
+    bound = np.array([tail_bound(x[np.isfinite(x)]) for x in rest.T])
+    size = np.array([np.median(np.abs(x[mine])) if mine.any() else 0.0
+                     for x, mine in zip(data.residual.T, used.T)])
+    far: Flags = np.any(rest > np.maximum(_FAR * bound, bound + _SEEN * size), axis=1)
+    trusted = ~_widened(far)
+    tail = np.array([tail_bound(x[np.isfinite(x) & trusted]) for x in rest.T])
+    run = MeasuredPerturbation(
+        data.t, data.residual, np.where(used, columns @ fit.value, np.nan),
+        np.abs(error) + _friction(fit, data), trusted, tail,
+        np.abs(error[trusted]).max(axis=0, initial=0.0), np.zeros(len(tail)))
+    return dataclasses.replace(run, impact=_impact(found, run)) if data is found.data else run
+
+
+def _impact(found: Identification, run: MeasuredPerturbation) -> Array:
+    """Return by what |P| in short windows exceeds the peak of a run, shape (n,) [N·m]."""
+    if found.short is None:
+        return np.zeros(len(found.joints))
+    sizes = np.abs(found.short.perturbation[run.trusted[found.short.nearest]])
+    largest = sizes.max(axis=0, initial=0.0) - _NOISE * found.short.noise
+    peak = run.smooth_peak
+    excess: Array = np.where(largest > _BEYOND * peak, largest - peak, 0.0)
+    return excess
+
+
+def tail_bound(sizes: Array) -> float:
+    """
+    Return what about the largest of these magnitudes is, shape (N,), without single outliers.
+
+    From the quantiles of 90 and 99 % on, the logarithm of the part beyond is taken as straight,
+    which is right for exponential tails and too much for lighter ones.
+    """
+    largest = float(sizes.max(initial=0.0))
+    if len(sizes) < _ENOUGH:
+        return largest
+    most, high = np.percentile(sizes, (90.0, 99.0)).tolist()
+    return min(largest, float(high + (high - most) * np.log10(len(sizes) / 100.0)))
+
+
+def _widened(far: Flags) -> Flags:
+    """Return the windows that are far, or beside one that is."""
+    found: Flags = np.convolve(far, np.ones(2 * _BESIDE + 1), 'same') > 0.5
+    return found
+
+
+def _error(fit: Fit, data: Data, columns: Array) -> Array:
+    """Return the torque of errors of the model in each window, shape (J, n) [N·m]."""
+    errors = [k for k, term in enumerate(fit.terms) if term.kind not in _FRICTION]
+    error: Array = columns[:, :, errors] @ fit.value[errors]
+    for i, used in enumerate(data.used().T):
+        if errors and used.any():
+            # Of a window in which the joint does not slide: between those in which it does.
+            error[:, i] = np.interp(np.arange(len(used)), np.flatnonzero(used), error[used, i])
+    return error
+
+
+def _friction(fit: Fit, data: Data) -> Array:
+    """Return the largest friction that the fit allows in each window, shape (J, n) [N·m]."""
+    n = data.way.shape[1]
+    friction = np.zeros_like(data.way)
+    level = np.zeros(n)
+    for term, value in zip(fit.terms, fit.value):
+        i = term.joint
+        if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS):
+            level[i] = max(level[i], abs(value))
+        elif term.kind == TermKind.VISCOUS:
+            friction[:, i] += value * np.abs(data.velocity[:, i])
+        elif term.kind == TermKind.LOAD:
+            friction[:, i] += value * data.load[:, i]
+        elif term.kind == TermKind.STRIBECK:
+            speed = np.abs(data.velocity[:, i]) / stribeck_velocity(term.which)
+            friction[:, i] += value * np.exp(-np.square(speed))
+    return friction + level
+
+
+#: Random states, and speeds at which friction is looked up.
+_STATES, _SPEEDS = 600, 60
+#: Least and most acceleration by velocity [1/s].
+_ACCELERATION, _MOST = 4.0, 15.0
+#: How often, and by which factor, states are slowed down that need more than the drives give.
+_SLOWED, _SLOWER = 8, 0.7
+#: Range of a joint without limits [rad].
+_RANGE = (-pi, pi)
+
+
+@dataclasses.dataclass(frozen=True)
+class MotionLimits:
+    """
+    What a motion may reach; n joints.
+
+    Attributes
+    ----------
+    low, high : ndarray, shape (n,)
+        Positions [rad].
+    velocity, acceleration, effort : ndarray, shape (n,)
+        Largest magnitudes [rad/s, rad/s², N·m].
+    known : ndarray of bool, shape (n,)
+        Whether the limit of velocity is that of a description, not of the run.
+
+    """
+
+    low: Array
+    high: Array
+    velocity: Array
+    acceleration: Array
+    effort: Array
+    known: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class FastestPerturbation:
+    """
+    Parts of the largest |P|, each of shape (n,) [N·m].
+
+    Attributes
+    ----------
+    limits : MotionLimits
+        Of these motions.
+    friction, error, unexplained : ndarray
+        Friction, errors of the model, and what no term explains.
+    change : ndarray
+        How fast the model's torque changes [N·m/s].
+
+    """
+
+    limits: MotionLimits
+    friction: Array
+    error: Array
+    unexplained: Array
+    change: Array
+
+    @property
+    def peak(self) -> Array:
+        """Return the largest |P|, shape (n,)."""
+        found: Array = self.friction + self.error + self.unexplained
+        return found
+
+
+def motion_limits(model: Model, found: Identification, run: MeasuredPerturbation
+                  ) -> MotionLimits:
+    """
+    Return the limits that a model has from its description; of the run where it has none.
+
+    The acceleration is that of the recorded motion, played until the velocity is at its limit.
+    """
+    n = model.n
+    recorded = np.where(run.trusted[:, None], found.data.velocity, 0.0)
+    fastest = np.abs(recorded).max(axis=0, initial=0.0)
+    velocity = _array(getattr(model, 'velocity_limits', None), n)
+    known = np.isfinite(velocity)
+    velocity = np.where(known, velocity, fastest)
+    step = np.median(np.diff(run.t))
+    near = run.trusted[1:] & run.trusted[:-1] & (np.abs(np.diff(run.t)) < 1.5 * step)
+    change = np.abs(np.diff(recorded, axis=0)[near]).max(axis=0, initial=0.0) / step
+    ratio = change * velocity / np.maximum(np.square(fastest), 1e-12)
+    low, high = np.array(getattr(model, 'position_limits', None) or [_RANGE] * n, float).T
+    return MotionLimits(np.where(np.isfinite(low), low, _RANGE[0]),
+                        np.where(np.isfinite(high), high, _RANGE[1]), velocity,
+                        np.clip(ratio, _ACCELERATION, _MOST) * velocity,
+                        _array(model.effort_limits, n), known)
+
+
+def _array(limits: Sequence[float] | None, n: int) -> Array:
+    """Return limits as an array, inf where there are none."""
+    return np.array(limits, float) if limits else np.full(n, np.inf)
+
+
+def fastest_perturbation(found: Identification, run: MeasuredPerturbation, model: Model,
+                         seed: int = 1) -> FastestPerturbation:
+    """
+    Return the largest |P| within the limits.
+
+    Parameters
+    ----------
+    found, run
+        What was identified, and P of the run.
+    model : Model
+        As `identify` had it.
+    seed : int
+        Of the random states.
+
+    """
+    limits = motion_limits(model, found, run)
+    q, dq, ddq = _states(limits, np.random.default_rng(seed))
+    for _ in range(_SLOWED):
+        tau = _torques(model, q, dq, ddq)
+        beyond = (np.abs(tau) / limits.effort).max(axis=1, keepdims=True) > 1.0
+        dq, ddq = np.where(beyond, _SLOWER * dq, dq), np.where(beyond, _SLOWER ** 2 * ddq, ddq)
+    allowed = ~beyond[:, 0] if not beyond.all() else np.ones(len(q), bool)
+    q, dq, ddq, tau = (x[allowed] for x in (q, dq, ddq, tau))
+    error = _largest_error(found, tau, (q, dq, ddq))
+    most = np.abs(tau).max(axis=0)
+    load = np.minimum(most + error, limits.effort)
+    friction = np.array([_largest_friction(found, i, limits.velocity[i], load[i])
+                         for i in range(model.n)])
+    often = limits.acceleration / np.maximum(limits.velocity, 1e-12)
+    # Parts that hit each other do so with a momentum that grows with the speed.
+    faster = limits.velocity / np.maximum(np.abs(found.data.velocity).max(axis=0), 1e-12)
+    return FastestPerturbation(limits, friction, error,
+                               run.tail + run.impact * np.maximum(faster, 1.0), often * most)
+
+
+def _states(limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return random q, dq and ddq, each of shape (S, n); half of them as fast as allowed."""
+    shape = (_STATES, len(limits.low))
+    q = rng.uniform(limits.low, limits.high, shape)
+    fast = np.arange(_STATES)[:, None] % 2 == 0
+    speed, change = (np.where(fast, np.sign(x), x)
+                     for x in rng.uniform(-1.0, 1.0, (2, *shape)))
+    return q, speed * limits.velocity, change * limits.acceleration
+
+
+def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the torques of a model, shape (S, n) [N·m]."""
+    return np.array([model.inverse_dynamics(*rows)
+                     for rows in zip(q.tolist(), dq.tolist(), ddq.tolist())])
+
+
+def _largest_error(found: Identification, tau: Array, states: tuple[Array, Array, Array]) -> Array:
+    """Return the largest torque of errors of the model, shape (n,) [N·m]."""
+    fit, spread = found.selected.fit, found.selected.spread
+    mine = [k for k, term in enumerate(fit.terms)
+            if term.kind in (TermKind.MODEL, TermKind.SCALE, *BENT)]
+    if not mine:
+        return np.zeros(tau.shape[1])
+    columns = np.stack([_error_column(fit.terms[k], tau) for k in mine], axis=2)
+    models = [j for j, k in enumerate(mine) if fit.terms[k].kind == TermKind.MODEL]
+    if models and found.columns is not None:
+        which = [int(fit.terms[mine[j]].which) for j in models]
+        every = np.array([found.columns.at(*rows) for rows in zip(*states)])
+        columns[:, :, models] = every @ found.selected.mixing[:, which]
+    covariance = spread.covariance[np.ix_(mine, mine)]
+    half = spread.factor * np.sqrt(np.maximum(
+        np.einsum('snp,pq,snq->sn', columns, covariance, columns), 0.0))
+    largest: Array = (np.abs(columns @ fit.value[mine]) + half).max(axis=0)
+    return largest
+
+
+def _error_column(term: Term, tau: Array) -> Array:
+    """Return the column of what a drive makes of the torque, shape (S, n) [N·m]; else 0."""
+    column = np.zeros_like(tau)
+    if term.kind != TermKind.MODEL:
+        joints = range(tau.shape[1]) if term.joint < 0 else [term.joint]
+        mine = tau[:, joints]
+        column[:, joints] = {TermKind.SCALE: -mine, TermKind.DEAD_BAND: np.sign(mine),
+                             TermKind.FADING: mine * np.abs(mine)}[term.kind]
+    return column
+
+
+def _largest_friction(found: Identification, i: int, fastest: float, load: float) -> float:
+    """Return the largest friction of joint i up to a speed [rad/s], under a load [N·m]."""
+    fit, spread = found.selected.fit, found.selected.spread
+    speed = np.linspace(0.0, fastest, _SPEEDS)
+    largest = 0.0
+    if not fit.terms:
+        return largest
+    for way in (TermKind.FORWARDS, TermKind.BACKWARDS):
+        columns = np.stack([_column(term, way, speed, load) if term.joint == i
+                            else np.zeros(_SPEEDS) for term in fit.terms], axis=1)
+        half = spread.factor * np.sqrt(np.maximum(
+            np.einsum('sp,pq,sq->s', columns, spread.covariance, columns), 0.0))
+        largest = max(largest, float((np.abs(columns @ fit.value) + half).max()))
+    return largest
+
+
+def _column(term: Term, way: TermKind, speed: Array, load: float) -> Array:
+    """Return the column of a term of friction at speeds in one direction, in that direction."""
+    if term.kind == TermKind.VISCOUS:
+        return speed
+    if term.kind == TermKind.STRIBECK:
+        found: Array = np.exp(-np.square(speed / stribeck_velocity(term.which)))
+        return found
+    if term.kind == TermKind.LOAD:
+        return np.full_like(speed, load)
+    return np.full_like(speed, float(term.kind == way))
+
+
+#: ka over the largest |P|.
+MARGIN = 1.2
+#: Ratio of both peaks above which the gain of the recorded motion is named as well.
+_FASTER = 2.0
+
+
+class PerturbationBound(NamedTuple):
+    """
+    ka with its parts; arrays of shape (n,) [N·m].
+
+    Attributes
+    ----------
+    ka, peak : ndarray
+        The gain, and the largest |P| it is for.
+    fastest : FastestPerturbation
+        As fast as the limits allow.
+    reason : str
+        The parts.
+    findings : tuple of Finding
+        Where a drive cannot give as much.
+
+    """
+
+    ka: Array
+    peak: Array
+    fastest: FastestPerturbation
+    reason: str
+    findings: tuple[Finding, ...]
+
+
+def perturbation_bound(found: Identification, run: MeasuredPerturbation, model: Model
+                       ) -> PerturbationBound:
+    """Return ka for motions within the limits, from what was identified and P of the run."""
+    fastest = fastest_perturbation(found, run, model)
+    recorded = run.peak
+    peak = np.maximum(recorded, fastest.peak)
+    effort = fastest.limits.effort
+    ka = np.array([_rounded_up(MARGIN * p) for p in peak])
+    return PerturbationBound(np.minimum(ka, effort), peak, fastest,
+                             _reason(fastest, recorded, peak, [
+                                 x.usable for x in verdicts(found)]),
+                             (*_beyond(peak, ka, effort), *_unknown(found), *_impacts(run)))
+
+
+def _reason(fastest: FastestPerturbation, recorded: Array, peak: Array, usable: Sequence[bool]
+            ) -> str:
+    """Return the parts of ka in words, without numbers of joints that are not usable."""
+    def listed(values: Array) -> str:
+        return ', '.join(f'{x:.3g}' if good else '-' for x, good in zip(values, usable))
+
+    limits = fastest.limits
+    how = 'at the limits of the description' if limits.known.all() else (
+        'at the speed of the run, since its limit is not known' if not limits.known.any() else
+        'at the limits of the description, or the speed of the run where there is none')
+    text = (f'{MARGIN:g} times the largest |P| {how}, {listed(limits.velocity)} rad/s: friction '
+            f'{listed(fastest.friction)}, errors of the model {listed(fastest.error)}, '
+            f'unexplained {listed(fastest.unexplained)} N*m; in the run |P| is at most '
+            f'{listed(recorded)} N*m')
+    text += _main_part(fastest, np.array(usable))
+    if (peak > _FASTER * recorded)[np.array(usable)].any():
+        least = np.array([_rounded_up(MARGIN * p) for p in recorded])
+        text += f', for which {listed(least)} would do'
+    return text
+
+
+def _main_part(fastest: FastestPerturbation, usable: npt.NDArray[np.bool_]) -> str:
+    """Return which part makes ka much larger than friction needs, and what lowers it."""
+    far = usable & (np.maximum(fastest.error, fastest.unexplained) > fastest.friction)
+    if not far.any():
+        return ''
+    if (fastest.error >= fastest.unexplained)[far].all():
+        return ('; errors of the model make the most of it: with a corrected description (--urdf) '
+                'ka is lower')
+    return ('; what is not explained makes the most of it: a motion with another load or without '
+            'contacts may lower it')
+
+
+def _beyond(peak: Array, ka: Array, effort: Array) -> Iterator[Finding]:
+    """Yield the joints whose drive cannot give ka."""
+    for i, (p, k, most) in enumerate(zip(peak, ka, effort)):
+        if k > most:
+            yield Finding(Kind.DOUBT, i, f'|P| reaches {p:.3g} N*m as fast as the limits '
+                          f'allow; ka = {k:.3g} N*m is cut to its effort limit, {most:.3g} N*m',
+                          'correct the model, or move more slowly')
+
+
+def _impacts(run: MeasuredPerturbation) -> Iterator[Finding]:
+    """Yield the joints of which |P| is larger for a short time."""
+    for i, (smooth, more) in enumerate(zip(run.smooth_peak, run.impact)):
+        if more > 0.0:
+            yield Finding(Kind.DOUBT, i, f'|P| reaches {smooth + more:.3g} N*m for 0.02 s, and '
+                          f'{smooth:.3g} N*m over 0.1 s: impacts of backlash, or an elastic joint',
+                          'look for play in the gear; ka has them, as far as the run shows them')
+
+
+def _unknown(found: Identification) -> Iterator[Finding]:
+    """Yield the joints of which a part of the friction is not known."""
+    for i, one in enumerate(found.friction):
+        for kind, number, what in (
+                (Kind.MOTION, one.viscous, 'ka holds at the speeds of the run only'),
+                (Kind.NOTE, one.stribeck, 'ka may be too small at a break-away')):
+            if one.coulomb.value is not None and number.value is None and number.reason != NONE:
+                yield Finding(kind, i, f'{what}: {number.reason}',
+                              'record slow reversals, and different speeds')
+
+
+def _rounded_up(value: float) -> float:
+    """Return a value with three digits, at least as large."""
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (floor(log10(value)) - 2)
+    return rounded(float(np.ceil(value / unit - 1e-9) * unit), 6)

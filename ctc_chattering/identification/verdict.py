@@ -1,0 +1,236 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the numbers of each joint are good for: usable, usable with care, or not usable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import inf, isfinite
+from typing import Any, NamedTuple
+
+from ctc_chattering.identification.drive_torque import EFFORT
+from ctc_chattering.identification.findings import (
+    ALL_JOINTS,
+    Estimate,
+    Finding,
+    Kind,
+    SETTLED,
+    Severity,
+)
+from ctc_chattering.identification.friction import JointFriction
+from ctc_chattering.identification.identify import Identification
+from ctc_chattering.identification.residual_tests import Unexplained
+from ctc_chattering.identification.windows import STRIBECK
+import numpy as np
+
+#: What is said of a joint before its reasons.
+WORDS = {Severity.NOTE: 'usable', Severity.CARE: 'usable with care',
+         Severity.REFUSED: 'not usable'}
+#: Mean of the sign of a torque from which on it has one sign.
+_SIGN = 0.9
+#: Part of the range of Stribeck velocities that counts as its end.
+_END = 0.97
+_EXCITE = 'record a motion of `ctc excite`'
+
+
+class Verdict(NamedTuple):
+    """
+    What the numbers of one joint are good for.
+
+    Attributes
+    ----------
+    joint : str
+        Name.
+    severity : Severity
+        The worst of its findings.
+    findings : tuple of Finding
+        The worst first; also those of all joints.
+
+    """
+
+    joint: str
+    severity: Severity
+    findings: tuple[Finding, ...]
+
+    @property
+    def usable(self) -> bool:
+        """Return whether there are numbers to be used."""
+        return self.severity < Severity.REFUSED
+
+    @property
+    def word(self) -> str:
+        """Return the verdict without its reasons."""
+        return WORDS[self.severity]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return the reasons for the verdict, with what to record or to give."""
+        return tuple(x.text for x in self.findings
+                     if x.severity == self.severity and x.severity > Severity.NOTE)
+
+    def __str__(self) -> str:
+        """Return the verdict with its reasons."""
+        return ': '.join([self.word, *(['; '.join(self.reasons)] if self.reasons else [])])
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {'joint': self.joint, 'verdict': self.word, 'findings': [
+            {'severity': WORDS[x.severity], 'reason': x.reason, 'cure': x.cure}
+            for x in self.findings]}
+
+    def own(self) -> tuple[Finding, ...]:
+        """Return what was noticed of this joint, without notes."""
+        return tuple(x for x in self.findings
+                     if x.joint != ALL_JOINTS and x.severity > Severity.NOTE)
+
+
+def of_all_joints(verdicts: Sequence[Verdict], severity: Severity) -> list[str]:
+    """Return what was noticed for all joints, with this severity."""
+    found = dict.fromkeys(x for verdict in verdicts for x in verdict.findings
+                          if x.joint == ALL_JOINTS and x.severity == severity)
+    return [x.text for x in found]
+
+
+def verdicts(found: Identification, more: Sequence[Finding] = ()) -> list[Verdict]:
+    """
+    Return the verdict of each joint.
+
+    Parameters
+    ----------
+    found : Identification
+        With what it has noticed itself; physical bounds are added here.
+    more : sequence of Finding
+        What was noticed later, as on a second bag.
+
+    """
+    everything = [*found.findings, *_bounds(found), *more]
+    verdicts = []
+    for i, name in enumerate(found.joints):
+        # The name stands before the verdict.
+        mine = sorted(dict.fromkeys(x._replace(reason=x.reason.removeprefix(f'{name}: '))
+                                    for x in everything if x.joint in (i, ALL_JOINTS)),
+                      key=lambda x: -x.severity)
+        mine = [x for x in mine if x.severity > Severity.NOTE or x.kind.care == inf
+                or x.kind == Kind.DELAYS]
+        verdicts.append(Verdict(name, max((x.severity for x in mine), default=Severity.NOTE),
+                                tuple(mine)))
+    return verdicts
+
+
+def _bounds(found: Identification) -> Iterator[Finding]:
+    """Yield what is beyond a physical bound, or at the end of what was looked for."""
+    for i, scale in enumerate(found.scale):
+        if scale.value is not None:
+            off = max(scale.value, 1.0 / scale.value) if scale.value > 0.0 else inf
+            most = Kind.SCALE.refused
+            if off > most:
+                yield Finding(Kind.SCALE, i, f'its torque would be {scale.value:.3g} times the '
+                              f'signal, allowed: {1.0 / most:g} to {most:g}; the model has other '
+                              'errors', f'correct the model, or {_EXCITE}', off)
+    for error, number in found.errors:
+        if number.value is not None and not error.unit and number.value < -max(
+                Kind.MASS_LOST.refused, number.half):
+            yield Finding(Kind.MASS_LOST, ALL_JOINTS, f'{error.name} would have '
+                          f'{1.0 + number.value:.2g} times its mass: the model has other errors',
+                          f'correct the model, or {_EXCITE}', -number.value)
+    for i, (friction, lag) in enumerate(zip(found.friction, found.timing.drive[1])):
+        left = found.unexplained[i] if found.unexplained else None
+        if found.unexplained and left is None and friction.coulomb.value is not None:
+            yield Finding(Kind.MOTION, i, 'it slides for too short a time to test what its '
+                          'friction depends on', _held(found.joints[i]))
+        yield from _friction_bounds(found, i, friction)
+        yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT, left)
+        refused = any(x.joint == i and x.severity == Severity.REFUSED for x in found.findings)
+        if lag > Kind.LAG.care and not refused:
+            yield Finding(
+                Kind.LAG, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
+                'have: an elastic joint, backlash or a delay of this joint looks like that',
+                'measure the position behind the gear, or confirm that the drive is that slow',
+                lag)
+
+
+def _held(joint: str) -> str:
+    """Return what to do with a joint that friction holds."""
+    return (f'friction holds it: raise its kp, or play a motion of `ctc excite --for {joint}` '
+            'with a position controller, and give both bags')
+
+
+def _friction_bounds(found: Identification, i: int, friction: JointFriction
+                     ) -> Iterator[Finding]:
+    """Yield which numbers of the friction of a joint cannot be, or have another cause."""
+    coulomb, offset = friction.coulomb, friction.offset
+    if coulomb.value is None:
+        yield Finding(Kind.NO_MOTION, i, coulomb.reason, _held(found.joints[i]))
+        return
+    if not isfinite(coulomb.value + coulomb.half):
+        yield Finding(Kind.NO_NUMBER, i, f'Coulomb friction is {coulomb}: no finite number',
+                      _EXCITE)
+    if offset.value is not None and coulomb.value > 0.0:
+        part = abs(offset.value) / coulomb.value
+        clear = (abs(offset.value) - offset.half) / coulomb.value
+        torque = found.data.torque[found.data.way[:, i] != 0.0, i]
+        one_sided = bool(len(torque)) and abs(float(np.sign(torque).mean())) > _SIGN
+        if clear > Kind.UNEVEN.care:
+            yield Finding(Kind.UNEVEN, i, f'both directions differ by twice {offset}, Coulomb '
+                          f'friction is {coulomb}: more likely a constant torque that the model '
+                          'lacks', 'check the model and the offset of the torque sensor', clear)
+        elif one_sided and clear > 0.0 and part > Kind.ONE_SIDED.care:
+            yield Finding(Kind.ONE_SIDED, i, f'forwards and backwards differ by twice {offset}, '
+                          'and the torque has one sign: a dead band of the drive, a zero of the '
+                          'torque or a constant torque that the model lacks looks the same; then '
+                          'each direction is wrong by that, and their mean is right',
+                          'record poses in which the load has the other sign', part)
+    speed = friction.stribeck_velocity.value
+    if speed is not None and not STRIBECK[0] / _END < speed < STRIBECK[-1] * _END:
+        yield Finding(Kind.DOUBT, i, f'the Stribeck velocity is {speed:.3g} rad/s, at the end '
+                      f'of {STRIBECK[0]:g} to {STRIBECK[-1]:.3g} rad/s', _EXCITE)
+
+
+def _how_well(i: int, coulomb: Estimate, measured: bool, left: Unexplained | None
+              ) -> Iterator[Finding]:
+    """Yield that the Coulomb friction of a joint is not known well."""
+    if coulomb.value is None:
+        return
+    cause = left.effects[0].cause if left is not None and left.effects else None
+    unexplained = left is not None and left.off > 0.0
+    part = coulomb.half / max(abs(coulomb.value), 1e-300)
+    if part >= 1.0 and unexplained:
+        yield Finding(Kind.NO_NUMBER, i, f'Coulomb friction is not known: {coulomb} with what '
+                      'is not explained', cause.cure if cause else _EXCITE)
+    elif part >= 1.0:
+        yield Finding(Kind.NO_NUMBER if measured else Kind.DOUBT, i, 'no friction shows: '
+                      f'Coulomb friction is {coulomb}', 'say where the torque is measured; behind '
+                      'the gear friction is not in it')
+    elif not unexplained:
+        yield Finding(Kind.COULOMB_INTERVAL, i, f'Coulomb friction is known to {coulomb} only',
+                      'record a longer motion', part)
+
+
+def next_step(verdicts: Sequence[Verdict]) -> str:
+    """Return in one sentence which joints are usable, and what to do next."""
+    names = [[x.joint for x in verdicts if x.severity == severity] for severity in Severity]
+    said = [f'{WORDS[severity]}: {", ".join(mine) if len(mine) < len(verdicts) else "all joints"}'
+            for severity, mine in zip(Severity, names) if mine]
+    again = [x.joint for x in verdicts if any(
+        y.kind in SETTLED and y.severity > Severity.NOTE for y in x.findings)]
+    if again:
+        do = (f'`ctc excite --for {",".join(again)}` makes a motion that shows them; then '
+              '`ctc identify` with all bags')
+    elif not names[Severity.REFUSED]:
+        do = 'run with identified.yaml' + (
+            ', or do first what the reasons ask for' if names[Severity.CARE] else '')
+    else:
+        do = 'do what the reasons ask for'
+    return f'{"; ".join(said)}. Next: {do}.'

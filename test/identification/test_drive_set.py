@@ -1,0 +1,135 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sets of delay, lag and rate limit contain the truth, and have more than one where two fit."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from ctc_chattering.analysis.recording import Stretch
+from ctc_chattering.identification.drive_search import DriveScan, DriveSearch, DriveSet
+from ctc_chattering.identification.least_squares import Data
+from ctc_chattering.identification.weak_form import TestFunction
+from ctc_chattering.identification.windows import Rows
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.simulation.drive import response
+import numpy as np
+import pytest
+
+H, COUNT = 1e-3, 8000
+PHI = TestFunction(H)
+LAGS = (0.0, *(0.0003 * 1.5 ** k for k in range(9)))
+
+
+@dataclasses.dataclass
+class Unexplained:
+    """Torques of which nothing else is fitted."""
+
+    data: Data
+    count: Array
+
+    def unexplained(self, torque: Array, i: int) -> Array:
+        return torque if i == 0 else np.zeros(0)
+
+
+def driven_torque(command: Array, lag: float, rate: float) -> Array:
+    """Return the mean over each period by the closed form of the simulated drives."""
+    now, found = float(command[0]), np.empty_like(command)
+    for k, c in enumerate(command):
+        end, area = response(float(c) - now, lag, rate, H)
+        found[k], now = c + area / H, c + end
+    return found
+
+
+def commands(seed: int, jump: float, slow: float = 1.0) -> Array:
+    """Return commands of 8 s that swing, and jump now and then."""
+    rng = np.random.default_rng(seed)
+    t = H * np.arange(COUNT)
+    swing = sum(rng.normal(0.0, 8.0) * np.sin(slow * (k + 1) * t + rng.uniform(0.0, 6.0))
+                for k in range(5))
+    return np.asarray(swing + jump * np.cumsum(
+        rng.choice([-1.0, 1.0], COUNT) * (rng.random(COUNT) < 3e-3)))
+
+
+def searched(command: Array, torque: Array, noise: float, seed: int,
+             rates: bool = False) -> DriveSet:
+    """Return the set for a torque that the motion shows with noise."""
+    centres = PHI.centres(COUNT, 200)
+    rng = np.random.default_rng(seed)
+    base = PHI.sums(torque[:, None], PHI.over, centres)
+    base += rng.normal(0.0, noise, base.shape)
+    one = np.ones((len(centres), 1))
+    fields: dict[str, Any] = {'t': H * centres, 'way': one, 'velocity': one,
+                              'stribeck': one[:, :, None], 'more': np.empty((*one.shape, 0))}
+    rows = Rows(**fields, centres=centres, base=base, gravity=0.0 * one, load=one)
+    part = Stretch(0.0, H, np.zeros((COUNT, 1)), None, command[:, None])
+    data = Data.of([rows], [PHI.sums(command[:, None], PHI.over, centres)])
+    search = DriveSearch(DriveScan([part], [rows], Unexplained(data, one.sum(axis=0)), PHI,
+                                   range(-1, 6), LAGS), np.array([True]), [0.0])
+    fastest = np.abs(np.diff(command)).max(keepdims=True) / H
+    if rates:
+        search.search_rates(fastest)
+    return search.found(fastest if rates else None)
+
+
+def late(torque: Array, delay: int) -> Array:
+    return np.concatenate((np.full(delay, torque[0]), torque[:len(torque) - delay]))
+
+
+def test_sets_contain_the_truth() -> None:
+    """Of 30 robots, at most two may have a lag outside, and none a delay that is wrong."""
+    outside = 0
+    for seed in range(30):
+        rng = np.random.default_rng((seed, 1))
+        delay, lag = int(rng.integers(0, 4)), float(rng.choice([0.0, rng.uniform(3e-4, 5e-3)]))
+        command = commands(seed, rng.uniform(0.0, 5.0))
+        torque = late(driven_torque(command, lag, np.inf), delay)
+        found = searched(command, torque, 10.0 ** rng.uniform(-3.0, -1.0), seed)
+        assert delay in found.delays, f'{seed}: {delay}, {lag}: {found.delays}'
+        low, _, high = found.delays[delay][:, 0]
+        outside += not low - 1e-6 <= lag <= high + 1e-6
+    assert outside <= 2
+
+
+def test_where_two_fit_both_are_in_the_set() -> None:
+    """Slow commands show the sum of delay and lag, not each."""
+    command = commands(1, 0.0, 0.5)
+    found = searched(command, late(driven_torque(command, 2e-3, np.inf), 1), 0.03, 1)
+    assert {1, 2, 3} <= set(found.delays)
+    for delay, lags in found.delays.items():
+        assert lags[0, 0] <= max(3e-3 - delay * H, 0.0) <= lags[2, 0]
+
+
+@pytest.mark.parametrize('rate', [150.0, 600.0, np.inf])
+def test_the_rate_limit(rate: float) -> None:
+    command = commands(3, 6.0)
+    found = searched(command, late(driven_torque(command, 1e-3, rate), 1), 0.01, 3, True)
+    low, best, high = found.rate[:, 0]
+    if np.isinf(rate):
+        assert low > 600.0 and np.isinf(high)
+    else:
+        assert low <= rate <= high < 1.1 * rate
+        assert low > 0.9 * rate and low <= best <= high
+    assert found.delays[1][0, 0] <= 1e-3 <= found.delays[1][2, 0]
+
+
+def test_a_rate_limit_that_never_bites_has_a_lower_bound() -> None:
+    command = commands(5, 0.0)
+    fastest = float(np.abs(np.diff(command)).max()) / H
+    found = searched(command, driven_torque(command, 0.0, 10.0 * fastest), 0.01, 5, True)
+    low, best, high = found.rate[:, 0]
+    assert 0.0 < low <= fastest
+    assert np.isinf(best) and np.isinf(high)

@@ -1,0 +1,44 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Corrected bodies on windows that they were not fitted to."""
+
+from __future__ import annotations
+
+from ctc_chattering.identification.bodies import left_over
+from ctc_chattering.identification.least_squares import Term, TermKind
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import pytest
+from random_windows import COUNT, random_windows
+
+TERMS = [Term(kind, i) for i in range(2) for kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
+
+
+def ratios(rotor: Array) -> Array:
+    """Return what corrected bodies leave with these rotors in each window, shape (2,)."""
+    data, columns = random_windows(rotor)
+    return left_over(data, TERMS, columns, None)
+
+
+@pytest.mark.parametrize('later', [0.3, -0.3])
+def test_a_rotor_that_stays_is_corrected_and_one_that_changes_is_worse(later: float) -> None:
+    rotor = np.where(np.arange(COUNT) < COUNT // 2, 0.3, later)[:, None] * np.ones(2)
+    found = ratios(rotor)
+    assert (found < 0.2).all() if later > 0.0 else (found > 1.3).all(), found
+
+
+def test_noise_of_a_joint_that_nothing_corrects_is_not_worse() -> None:
+    found = ratios(np.array([0.0, 0.3]))
+    assert found[0] < 1.01 and found[1] < 0.2, found

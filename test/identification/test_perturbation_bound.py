@@ -1,0 +1,148 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""ka holds P at the limits, single outliers do not count, and drives bound what is asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.identification.findings import Estimate, Severity
+from ctc_chattering.identification.gains import torque_rate
+from ctc_chattering.identification.identify import Identification
+from ctc_chattering.identification.perturbation import (
+    MARGIN,
+    MeasuredPerturbation,
+    perturbation,
+    perturbation_bound,
+    tail_bound,
+)
+from identified_robots import identified, Recorded
+import numpy as np
+import pytest
+
+
+# Made where a test needs them: not in each process that collects tests.
+def made() -> Recorded:
+    return identified(12.0)[0]
+
+
+def base() -> Identification:
+    return identified(12.0)[1]
+
+
+@cache
+def measured() -> MeasuredPerturbation:
+    return perturbation(base())
+
+
+class Limited(TwoLink):
+    """The paper's arm with limits."""
+
+    velocity_limits = (6.0, 8.0)
+    effort_limits = (500.0, 200.0)
+
+
+def test_friction_at_the_limits_is_that_of_the_robot() -> None:
+    found = perturbation_bound(base(), measured(), Limited(9.81))
+    largest = np.array(made().plant.coulomb_friction) + np.multiply(
+        made().plant.viscous_friction, [6.0, 8.0])
+    assert found.fastest.friction == pytest.approx(largest, rel=1e-2)
+    assert (found.ka >= 0.999 * MARGIN * largest).all() and (found.ka < 1.3 * largest).all()
+    assert 'in the run |P| is at most' in found.reason and not found.findings
+
+
+def test_without_limits_the_speed_of_the_run_counts() -> None:
+    found = perturbation_bound(base(), measured(), made().model)
+    assert found.peak == pytest.approx(measured().peak, rel=0.02)
+    assert 'its limit is not known' in found.reason
+
+
+def test_ka_is_cut_to_what_the_drive_gives() -> None:
+    model = Limited(9.81)
+    model.effort_limits = (500.0, 12.0)
+    found = perturbation_bound(base(), measured(), model)
+    assert found.ka[1] == 12.0
+    (finding,) = found.findings
+    assert (finding.severity, finding.joint) == (Severity.CARE, 1)
+    assert 'cut to its effort limit, 12 N*m' in finding.reason
+
+
+@pytest.mark.parametrize('size', [30.0, 185.0])
+def test_an_outlier_is_named_and_does_not_count(size: float) -> None:
+    residual = base().data.residual.copy()
+    k = int(np.flatnonzero(base().data.used().all(axis=1))[40])
+    residual[k, 0] += size
+    run = perturbation(base(), dataclasses.replace(base().data, residual=residual))
+    assert run.peak == pytest.approx(measured().peak, rel=0.02)
+    (finding,) = run.outliers()
+    assert finding.joint == 0 and f'{run.t[k]:.2f} s' in finding.reason
+    assert not list(measured().outliers())
+
+
+def test_the_tail_is_that_of_the_distribution() -> None:
+    rng = np.random.default_rng(0)
+    sizes = np.abs(rng.laplace(size=(300, 2400)))
+    bounds = np.array([tail_bound(x) for x in sizes])
+    assert np.median(bounds / sizes.max(axis=1)) == pytest.approx(1.0, abs=0.1)
+    assert (bounds <= sizes.max(axis=1)).all()
+    assert tail_bound(np.append(sizes[0], 1e3)) < 1.05 * sizes[0].max()
+
+
+def test_errors_of_the_model_are_in_the_perturbation() -> None:
+    error = 5.0 * np.sin(measured().t)[:, None] * [1.0, 0.0]
+    data = dataclasses.replace(base().data, residual=base().data.residual + error)
+    assert perturbation(base(), data).tail[0] > 3.0
+
+
+def test_the_rate_is_within_what_drives_give() -> None:
+    """Told is the lower end of the interval, and what is given before that."""
+    needed = np.array([2000.0, 100.0])
+    rate = [Estimate(1200.0, 200.0, 'N*m/s'), Estimate(5000.0, 1000.0, 'N*m/s')]
+    found = torque_rate(dataclasses.replace(base(), rate=rate), needed)
+    assert found.known.tolist() == [1000.0, 4000.0]
+    late = 1.0 + 2e3 * base().timing.delays[0][2]
+    assert found.value == pytest.approx([1000.0, 4000.0 / late[1]])
+    (slow,) = found.findings
+    assert slow.joint == 0 and '1e+03 N*m/s; 2e+03' in slow.reason
+    assert torque_rate(base(), needed, (300.0, 300.0)).value.tolist() == [300.0, 300.0]
+    (unknown,) = torque_rate(dataclasses.replace(base(), rate=[]), needed).findings
+    assert 'not known' in unknown.reason and '--torque-rate' in unknown.cure
+
+
+def test_ka_does_not_hold_at_speeds_of_which_friction_is_not_known() -> None:
+    one = dataclasses.replace(base().friction[1], viscous=Estimate.none('joint2 moves at 1 rad/s'))
+    found = dataclasses.replace(base(), friction=[base().friction[0], one])
+    (finding,) = perturbation_bound(found, measured(), Limited(9.81)).findings
+    assert (finding.severity, finding.joint) == (Severity.CARE, 1)
+    assert 'joint2 moves at 1 rad/s' in finding.reason and 'speeds' in finding.cure
+
+
+def test_ka_holds_an_impact_that_is_shorter_than_a_window() -> None:
+    short = base().short
+    assert short is not None and not measured().impact.any()
+    torque = short.perturbation.copy()
+    torque[len(torque) // 2, 0] = 3.0 * measured().peak[0]
+    found = dataclasses.replace(base(), short=short._replace(perturbation=torque))
+    hit = perturbation(found)
+    assert hit.peak[0] == pytest.approx(3.0 * measured().peak[0], rel=0.05)
+    assert hit.peak[1] == measured().peak[1]
+    bound = perturbation_bound(found, hit, made().model)
+    assert bound.ka[0] > 3.0 * measured().peak[0]
+    (finding,) = bound.findings
+    assert (finding.severity, finding.joint) == (Severity.CARE, 0)
+    assert 'impacts of backlash' in finding.reason
+    assert 'what is not explained makes the most of it' in bound.reason

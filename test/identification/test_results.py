@@ -1,0 +1,159 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is printed, shown and written of an identification, whose numbers are made up."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+from ctc_chattering.analysis.tables import WIDTH
+from ctc_chattering.identification.findings import (
+    ALL_JOINTS,
+    Estimate,
+    Finding,
+    Kind,
+    NONE,
+)
+from ctc_chattering.identification.friction import JointFriction
+from ctc_chattering.identification.results import IdentificationResults, write_page
+from ctc_chattering.identification.sensors import Clock
+from ctc_chattering.identification.trial_runs import missing_gains
+import numpy as np
+import pytest
+
+NAMES = tuple(f'left_manipulator_of_the_second_cell_joint_{k}' for k in range(7))
+#: A number that is only of the joint that is refused.
+SECRET = 7.654321
+WHY = ('31.4% of the friction, 1.2 N*m RMS, depends on the way since a reversal: backlash, an '
+       'elastic joint, or friction that builds up over a way')
+
+
+def results(refused: int = 2) -> IdentificationResults:
+    """Return results of seven joints of long names, one of which is not usable."""
+    n = len(NAMES)
+    none = Estimate.none(NONE)
+
+    def friction(i: int) -> JointFriction:
+        one = Estimate(SECRET if i == refused else 5.12345 + i, 0.01, 'N*m')
+        return JointFriction(one, one, one, Estimate(0.0, 0.01), one, none, none, none)
+    size = np.full(n, 1.0)
+    size[refused] = SECRET
+    numbers = [Estimate(1.0, 0.1)] * n
+    lags = np.full(n, 1e-3)
+    lags[refused] = SECRET
+    timing = SimpleNamespace(
+        drive=(1.0, lags, 0.1 * lags), source='command', of_commands=None,
+        delays={1: np.stack((lags, lags, lags))})
+    rate = [Estimate.none('at least 680 N*m/s: the drive follows commands that change so fast')]
+    findings = (Finding(Kind.NO_NUMBER, refused, WHY, 'reduce the backlash'),
+                Finding(Kind.DOUBT, 3, WHY), Finding(Kind.DOUBT, ALL_JOINTS, 'base tilted'),
+                Finding(Kind.NOTE, 1, 'a note'))
+    found = SimpleNamespace(
+        joints=NAMES, friction=[friction(i) for i in range(n)], timing=timing, findings=findings,
+        unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, velocity_lag=[
+            Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers,
+        rate=n * rate, tilt=(), bodies=None, side='', errors=[], left=[], duration=20.0,
+        selected=SimpleNamespace(attributed=True), clock=Clock(1e-3, 0.0, 1e-3, 0, ()),
+        data=SimpleNamespace(
+            torque=np.zeros((1, n)), way=np.zeros((1, n))))
+    recommended = SimpleNamespace(
+        findings=(), ka=size.tolist(), verdicts=[f'{x}: possible: {s}' for x, s in zip(
+            NAMES, size)], values={'ka': (size.tolist(), 'of the largest |P|')}, trials=(),
+        noise_torque=0.1 * size, allowed=[True] * n)
+    run = SimpleNamespace(peak=size, misfit=lambda: (size, 0.01 * size))
+    return IdentificationResults('run', cast(Any, found), cast(Any, run),
+                                 cast(Any, recommended), None)
+
+
+def test_lines_of_the_terminal_are_short_and_verdicts_come_first() -> None:
+    lines = results().text().splitlines()
+    assert max(map(len, lines)) <= WIDTH == 100
+    assert lines[0] == 'Verdict'
+    assert lines[1] == '  all joints: usable with care: base tilted'
+    assert lines[2].strip() == f'{NAMES[0]}: usable with care'
+    assert any(line.startswith(f'  {NAMES[2]}: not usable: 31.4% of the') for line in lines)
+    # The cut names still tell the joints apart.
+    rows = [line for line in lines if '…' in line]
+    assert len({row.split()[0] for row in rows}) == 7
+
+
+def test_a_terminal_has_few_reasons_of_a_joint() -> None:
+    one = results()
+    more = [Finding(Kind.DOUBT, 4, f'reason {k}', f'cure {k}') for k in range(5)]
+    text = dataclasses.replace(one, found=cast(Any, SimpleNamespace(
+        **{**vars(one.found), 'findings': more}))).text()
+    assert f'{NAMES[4]}: usable with care: reason 0; cure 0\n    - reason 1; cure 1\n' in text
+    assert '    - reason 2; cure 2\n    - 2 more on the page\n' in text and 'reason 3' not in text
+
+
+def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:
+    one = results()
+    page = tmp_path / 'index.html'
+    write_page(one, [], page, {})
+    for text in (one.text(), page.read_text()):
+        assert '5.12' in text and str(SECRET)[:4] not in text
+        assert 'not usable' in text and 'reduce the backlash' in text
+    found = one.as_mapping()
+    assert [x['verdict'] for x in found['verdicts']] == [
+        *['usable with care'] * 2, 'not usable', *['usable with care'] * 4]
+    bad = found['friction'][2]
+    assert bad['coulomb'] == {'value': None, 'reason': 'not usable'}
+    assert bad['refused']['coulomb']['value'] == SECRET
+    for values in (found['peak_perturbation_nm'], found['recommended']['ka']['value'],
+                   found['torque_steps_nm']['implicit'], found['noise_torque_nm']):
+        assert values[2] is None and values[0] is not None
+    assert found['torque_scale'][2]['value'] is None
+    drives = found['delays_possible'][0]
+    for values in (found['actuator_lag_s'], found['actuator_lag_error_s'],
+                   drives['actuator_lag_s'], drives['actuator_lag_interval_95_s']):
+        assert values[2] is None and values[0] is not None
+
+
+def test_the_page_has_the_verdicts_before_the_numbers(tmp_path: Path) -> None:
+    page = tmp_path / 'index.html'
+    write_page(results(), [], page, {})
+    text = page.read_text()
+    assert text.index('severity2') < text.index('<h2>Numbers')
+    assert '<p class="attention">All joints are usable with care: base tilted</p>' in text
+
+
+def test_notes_and_why_a_number_lacks_stand_below_the_tables() -> None:
+    text = ' '.join(results().text().split())
+    assert f'{NAMES[1]}: a note' in text
+    assert text.count('lag of the velocity: not identifiable: it hardly accelerates') == 1
+    assert f'{NAMES[1]}, {NAMES[3]}, ' in text and f'{NAMES[2]}, ' not in text
+    # A bound stands in the table, and needs no sentence.
+    assert ' at least 680 ' in text and 'follows commands' not in text
+
+
+def test_the_page_folds_what_is_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(IdentificationResults, 'base', [SimpleNamespace(
+        body=f'link{k}', known=1.0, found=Estimate(SECRET, 0.1)) for k in range(48)])
+    page = tmp_path / 'index.html'
+    write_page(results(), [], page, {})
+    folded = page.read_text().partition('<details id')[2].partition('</details>')[0]
+    assert '<summary>Inertial parameters that have a torque: 48</summary>' in folded
+    assert all(f'link{k}<' in folded for k in range(48))
+
+
+def test_a_reason_of_all_joints_is_said_once_where_gains_are_missing() -> None:
+    one = results()
+    bad = Finding(Kind.NO_NUMBER, ALL_JOINTS, 'no gains survive', 'record a longer motion')
+    found = SimpleNamespace(**{**vars(one.found), 'findings': (bad,)})
+    (line,) = missing_gains(dataclasses.replace(one, found=cast(Any, found)).verdicts)
+    assert line.startswith(', '.join(NAMES)) and line.count('no gains survive') == 1

@@ -1,0 +1,63 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Encoder step, velocity noise and stamps are those that were put in."""
+
+from __future__ import annotations
+
+from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.identification.sensors import clock, encoder_step, velocity_noise
+import numpy as np
+import pytest
+
+H = 1e-3
+T = np.asarray(H * np.arange(10_000), float)
+
+
+@pytest.mark.parametrize('step', [1e-6, 2.0 * np.pi / 2 ** 17, 1e-3])
+def test_the_step_of_an_encoder(step: float) -> None:
+    q = step * np.round(np.sin(0.7 * T) / step)
+    found = encoder_step(q)
+    assert found.value == pytest.approx(step, rel=1e-6)
+
+
+def test_a_position_without_steps_has_none() -> None:
+    assert encoder_step(np.sin(0.7 * T)).value is None
+    noisy = np.sin(0.7 * T) + np.random.default_rng(0).normal(0.0, 1e-5, len(T))
+    assert str(encoder_step(noisy)) == 'not identifiable: no step shows'
+    assert 'hardly moves' in str(encoder_step(np.zeros(1000)))
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.5e-3, 3e-3])
+def test_noise_and_lag_of_the_velocity(lag: float) -> None:
+    rng = np.random.default_rng(1)
+    q = np.sin(3.0 * T)[:, None] + rng.normal(0.0, 1e-6, (len(T), 1))
+    dq = 3.0 * np.cos(3.0 * (T - lag))[:, None] + rng.normal(0.0, 2e-3, (len(T), 1))
+    (noise,), (found,), _ = velocity_noise(Recording('r', ('a',), T, q, dq), H)
+    assert noise.value == pytest.approx(2e-3, rel=0.05)
+    assert found.number() == pytest.approx(lag, abs=3e-5)
+    assert (found.value is None) == (lag == 0.0)
+
+
+def test_the_stamps() -> None:
+    rng = np.random.default_rng(2)
+    t = T + rng.normal(0.0, 2e-5, len(T))
+    keep = np.r_[0:2000, 2002:5000, 6000:10_000]
+    found = clock(Recording('r', ('a',), t[keep], np.zeros((len(keep), 1))))
+    assert found.period == pytest.approx(H, rel=1e-3)
+    # The difference of two stamps has √2 times the deviation of one.
+    assert found.jitter == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.05)
+    assert found.missing == 1002
+    ((begin, length),) = found.pauses
+    assert (begin, length) == pytest.approx((4.999, 1.001), abs=2e-4)

@@ -1,0 +1,105 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Gains that fail on a robot within the intervals are not recommended."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from typing import Any
+
+from ctc_chattering.identification import trial_runs as module
+from ctc_chattering.identification.findings import Severity
+from ctc_chattering.identification.gains import recommend, Recommendation
+from ctc_chattering.identification.identify import Identification
+from ctc_chattering.identification.perturbation import MeasuredPerturbation, perturbation
+from ctc_chattering.identification.trial_runs import draw_robots, parameter_values, trial_runs
+from identified_robots import identified, Recorded
+import numpy as np
+import pytest
+
+
+# Made where a test needs them: not in each process that collects tests.
+def made() -> Recorded:
+    return identified(12.0)[0]
+
+
+def base() -> Identification:
+    return identified(12.0)[1]
+
+
+@cache
+def measured() -> MeasuredPerturbation:
+    return perturbation(base())
+
+
+@cache
+def gains() -> Recommendation:
+    return recommend(base(), measured(), made().model, made().recording.q)
+
+
+def values_of(recommended: Recommendation) -> dict[str, dict[str, Any]]:
+    return parameter_values(base(), recommended, made().model, made().recording.q,
+                            {'model': 'two_link', 'gravity': 9.81}, None)
+
+
+def surviving(monkeypatch: pytest.MonkeyPatch, most: float) -> Recommendation:
+    """Return what is recommended where poles above `most` diverge."""
+    def run(values: Any, _draw: Any) -> Any:
+        controller = values['controller']
+        fast = controller['law'] != 'compensation' and 0.5 * controller['kv'][0] > most
+        return module._TriedRun(None if fast else np.full(2, 1e-4), np.zeros(2),
+                                'diverged' if fast else '')
+    monkeypatch.setattr(module, '_run', run)
+    return trial_runs(base(), measured(), gains(), values_of, count=6)
+
+
+def test_the_pole_steps_down_until_all_draws_survive(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = surviving(monkeypatch, 60.0)
+    kv: Any = found.values['kv'][0]
+    assert kv == [100.0, 100.0]
+    assert [text.split(': ')[0] for text in found.trials] == [
+        f'observer_feedback with p = {p} rad/s' for p in (100, 70, 50)]
+    assert 'fails in draw 1 of 6' in found.trials[0] and 'diverged' in found.trials[0]
+    assert '6 of 6 draws survived' in found.trials[-1]
+
+
+def test_gains_of_which_none_survives_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    finding = surviving(monkeypatch, 1.0).findings[-1]
+    assert finding.severity == Severity.REFUSED
+    assert 'no gains survive' in finding.reason and 'record' in finding.cure
+
+
+def test_draws_have_the_corners_and_are_within_the_intervals() -> None:
+    lags = np.array([[0.0, 1e-3], [1e-3, 2e-3], [2e-3, 3e-3]])
+    timing = dataclasses.replace(base().timing, delays={0: lags, 2: np.zeros((3, 2))})
+    plant = values_of(gains())['plant']
+    found = dataclasses.replace(base(), timing=timing)
+    draws = list(draw_robots(found, measured(), plant, 20, 1))
+    assert [x.values['plant']['input_delay'] for x in draws[:8]] == [0] * 4 + [2] * 4
+    scales = {round(x.values['controller']['inertia_scale'], 6) for x in draws[:4]}
+    assert scales == {0.95, 1.05}
+    for draw in draws:
+        lag = np.array(draw.values['plant']['actuator_lag'])
+        low, _, high = timing.delays[draw.values['plant']['input_delay']]
+        assert (lag >= low).all() and (lag <= high).all()
+    again = draw_robots(found, measured(), plant, 20, 1)
+    assert [x.values for x in again] == [x.values for x in draws]
+
+
+def test_the_identified_robot_survives(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, '_DURATION', 1.3)
+    found = trial_runs(base(), measured(), gains(), values_of, count=1)
+    assert '1 of 1 draws survived' in found.trials[0]

@@ -1,0 +1,249 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a sceptical outsider says of an identification whose truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import re
+import tempfile
+import time
+from typing import Any, NamedTuple
+
+from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.bags.motion import read_motion
+from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.registry import make_model
+from ctc_chattering.errors import CtcError
+from ctc_chattering.identification.findings import Estimate, NONE, Severity
+from ctc_chattering.identification.friction import JointFriction
+from ctc_chattering.identification.gains import recommend
+from ctc_chattering.identification.identified_robot import corrected_description, with_correction
+from ctc_chattering.identification.identify import Identification, identify
+from ctc_chattering.identification.model_errors import candidates
+from ctc_chattering.identification.perturbation import perturbation
+from ctc_chattering.identification.results import IdentificationResults
+from faults_of_arms import truths
+from faulty_bags import bag_of
+from faulty_case import Case
+from faulty_robots import Played
+from identified_robots import arm
+import numpy as np
+from rigid_bodies import Array
+
+#: A number is wrong if it is off by this many halves of its interval, and by this part.
+_HALVES, _PART = 1.5, 0.05
+#: The same of noise, which has no interval.
+_NOISE = 0.2
+#: Faults under which no mass differs from that of the model.
+_MASSES_ARE_RIGHT = ('centres', 'forearm', 'payload', 'everything', 'wrong_robot')
+
+
+class Number(NamedTuple):
+    """
+    A number with its truth.
+
+    Attributes
+    ----------
+    name : str
+        What it is.
+    joint : int
+        -1 for all.
+    low, high : float
+        Its interval.
+    truth : (float, float)
+        Lowest and highest over the run.
+    scale : float
+        What the part that it is off by is a part of.
+
+    """
+
+    name: str
+    joint: int
+    low: float
+    high: float
+    truth: tuple[float, float]
+    scale: float
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the interval contains the truth."""
+        return self.low <= self.truth[1] and self.high >= self.truth[0]
+
+    @property
+    def wrong(self) -> bool:
+        """Return whether it is far off."""
+        value, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        off = max(value - self.truth[1], self.truth[0] - value)
+        return off > _HALVES * half and off > _PART * self.scale
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return (f'{self.name}[{self.joint}] {0.5 * (self.low + self.high):.4g} ± '
+                f'{0.5 * (self.high - self.low):.2g}, truth {self.truth[0]:.4g}'
+                + (f' to {self.truth[1]:.4g}' if self.truth[1] != self.truth[0] else ''))
+
+
+class Outcome(NamedTuple):
+    """
+    What `ctc identify` makes of a recording; nothing but `refusal` where it refuses all.
+
+    `model` and `urdf` are what its gains are for: corrected where it corrects the description.
+    """
+
+    refusal: str
+    results: IdentificationResults | None = None
+    severity: tuple[Severity, ...] = ()
+    reasons: tuple[str, ...] = ()
+    seconds: float = 0.0
+    model: Model | None = None
+    urdf: str = ''
+
+
+def model_of(one: Case) -> Model:
+    """Return the model that the user has."""
+    urdf = arm(one.believed or one.robot.name).urdf
+    return make_model('urdf' if urdf else 'two_link', 9.81, one.robot.joints, urdf)
+
+
+def outcome(one: Case, recording: Recording, seed: int) -> Outcome:
+    """Return what `ctc identify` makes of a recording."""
+    model, urdf = model_of(one), arm(one.believed or one.robot.name).urdf
+    begin = time.perf_counter()
+    try:
+        if one.bag:
+            with tempfile.TemporaryDirectory() as folder:
+                path = bag_of(Path(folder) / 'bag', recording, seed, urdf)
+                recording = read_motion(path, one.robot.joints, urdf).recording
+            begin = time.perf_counter()
+        recording = recording.checked()
+        found = identify([recording], model, candidates(model, urdf, {}))
+        found, model, urdf = _corrected(one, recording, found, model, urdf)
+        run = perturbation(found)
+        results = IdentificationResults(recording.name, found, run,
+                                        recommend(found, run, model, recording.q), None)
+    except CtcError as error:
+        return Outcome(str(error))
+    return Outcome('', results, tuple(x.severity for x in results.verdicts),
+                   tuple(map(str, results.verdicts)), time.perf_counter() - begin, model, urdf)
+
+
+def _corrected(one: Case, recording: Recording, found: Identification, model: Model, urdf: str
+               ) -> tuple[Identification, Model, str]:
+    """Return an identification with its model, corrected as the command does it."""
+    text = corrected_description(found, urdf)
+    if not text:
+        return found, model, urdf
+    other = make_model('urdf', 9.81, one.robot.joints, text)
+    better = with_correction(
+        found, identify([recording], other, candidates(other, text, {})), 'corrected.urdf')
+    return (found, model, urdf) if better is None else (better, other, text)
+
+
+def numbers(one: Case, found: Identification, seen: Played, duration: float) -> Iterator[Number]:
+    """Yield all numbers that have a truth."""
+    true = truths(one, duration)
+    through = np.abs(seen.link).mean(axis=0)
+    for k, x in enumerate(found.tilt):
+        pull = np.full(2, one.robot.physics.bodies.gravity[k])
+        yield from _number(f'gravity {"xyz"[k]}', -1, x, pull, 9.81)
+    for i, friction in enumerate(found.friction):
+        coulomb = float(true['coulomb'][1, i])
+        for name, scale in (('coulomb', 0.0), ('forwards', 0.0), ('backwards', 0.0),
+                            ('viscous', 0.0), ('load', coulomb / through[i])):
+            yield from _number(name, i, getattr(friction, name), true[name][:, i], scale)
+        yield from _slow_friction(i, friction, true, coulomb)
+        noise, size = found.noise[i].value, _NOISE * float(true['noise'][0, i])
+        if noise is not None:
+            yield Number('velocity noise', i, noise - size, noise + size,
+                         (float(true['noise'][0, i]),) * 2, size)
+        for name, floor in (('scale', 0.0), ('rotor', 1e-3), ('rate', 0.0)):
+            estimates = getattr(found, name)
+            if estimates:
+                yield from _number(name, i, estimates[i], true[name][:, i], floor)
+
+
+def _slow_friction(i: int, friction: JointFriction, true: dict[str, Any], coulomb: float
+                   ) -> Iterator[Number]:
+    """Yield Stribeck friction; where there is said to be none, also that, down to its bound."""
+    x, speed = friction.stribeck, float(true['stribeck_velocity'][0, i])
+    bound = re.match(r'none above ([\d.e-]+) rad/s', x.reason)
+    none = x.reason == NONE or (bound is not None and speed > float(bound.group(1)))
+    if x.value is None and none:
+        x = Estimate(0.0, 1e-9)
+    yield from _number('stribeck', i, x, true['stribeck'][:, i], coulomb)
+
+
+def _number(name: str, i: int, x: Estimate, truth: Array, scale: float) -> Iterator[Number]:
+    """Yield an estimate if it has a number."""
+    if x.value is not None and np.isfinite(x.half):
+        yield Number(name, i, x.value - x.half, x.value + x.half,
+                     (float(truth[0]), float(truth[1])), max(scale, abs(float(truth[1]))))
+
+
+def timings(one: Case, found: Identification) -> Iterator[tuple[str, bool, bool, int]]:
+    """Yield what is said of delay and lags: words, whether it holds, is wrong, and the joint."""
+    known = found.timing if found.timing.source == 'command' else found.timing.commands
+    if known is None:
+        return
+    true, lags = one.robot.delay, truths(one, 1.0)['lag'][0]
+    if true not in known.delays:
+        yield f'delays {list(known.delays)}, truth {true}', False, True, -1
+        return
+    yield '', True, False, -1
+    said = np.array(known.delays[true], float)
+    half = 2.0 * known.lag_error
+    low, high = (said[0], said[2]) if said.ndim == 2 else (said - half, said + half)
+    for i, (a, b) in enumerate(zip(low, high)):
+        if np.isfinite(b) and np.isfinite(a):
+            x = Number('lag', i, float(a), float(b), (lags[i], lags[i]), max(5e-4, lags[i]))
+            yield str(x), x.holds, x.wrong, i
+
+
+def masses(fault: str, found: Identification) -> Iterator[str]:
+    """Yield which masses are said to be wrong that are right."""
+    if fault not in _MASSES_ARE_RIGHT:
+        for error, x in found.errors:
+            if x.value is not None and abs(x.value) > max(_HALVES * x.half, _PART):
+                yield f'{error.name} {x.value:+.3g} ± {x.half:.2g}, truth 0'
+
+
+def judged(one: Case, fault: str, seen: Played, made: Outcome, duration: float
+           ) -> dict[str, Any]:
+    """
+    Return the row of a run: what holds, and what is wrong without a warning.
+
+    Numbers of joints that are usable count for what holds; a number is wrong without a warning if
+    nothing is said of its joint, and one of all joints if nothing is said of any.
+    """
+    n = one.robot.n
+    if made.results is None:
+        return {'refusal': made.refusal, 'held': [], 'wrong': [], 'usable': 0, 'care': 0,
+                'refused': n}
+    clean = [x == Severity.NOTE for x in made.severity]
+    found = made.results.found
+    said = [(str(x), x.holds, x.wrong, x.joint) for x in numbers(one, found, seen, duration)]
+    said += list(timings(one, found))
+    held = [bool(holds) for _, holds, _, i in said if (clean[i] if i >= 0 else any(clean))]
+    wrong = [words for words, _, bad, i in said if bad and (clean[i] if i >= 0 else any(clean))]
+    warned = [words for words, _, bad, i in said
+              if bad and i >= 0 and made.severity[i] == Severity.CARE]
+    if any(clean):
+        wrong += masses(fault, found)
+    return {'refusal': '', 'held': held, 'wrong': wrong, 'warned': warned,
+            'usable': sum(clean), 'care': sum(x == Severity.CARE for x in made.severity),
+            'refused': sum(x == Severity.REFUSED for x in made.severity),
+            'reasons': list(made.reasons), 'seconds': round(made.seconds, 1)}
