@@ -20,6 +20,7 @@ import argparse
 from collections.abc import Iterator
 from math import inf
 from statistics import median
+from typing import Any
 
 from ctc_chattering.configuration.package_share import find_config
 from ctc_chattering.studies import recommended
@@ -36,8 +37,9 @@ def candidates(rule: Rule) -> Iterator[Rule]:
     """Yield the rule, and others with p or one of its numbers half as large again, or less."""
     for name in ('', 'speed', 'fastest', 'kp', 'kv', 'ki', 'reversal', *rule.times_p, *rule.fixed):
         for factor in (1.0,) if not name else (0.7, 1.4):
-            parts = {key: {x: y * (factor if x == name else 1.0) for x, y in part.items()}
-                     for key, part in (('times_p', rule.times_p), ('fixed', rule.fixed))}
+            parts: dict[str, Any] = {
+                key: {x: y * (factor if x == name else 1.0) for x, y in part.items()}
+                for key, part in (('times_p', rule.times_p), ('fixed', rule.fixed))}
             whole = {name: factor * getattr(rule, name)} if name in Rule._fields else {}
             yield rule._replace(**parts, **whole)
 
