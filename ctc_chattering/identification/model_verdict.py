@@ -46,6 +46,8 @@ _TRUSTED = 1e-4
 _TURNED = 0.1
 #: Part of the Coulomb friction below which another friction is nothing (viscous: at 1 rad/s).
 _NOTHING = 1e-4
+#: Causes that change inertias of links, as rotors do.
+_BODIES = (CauseKind.LINK, CauseKind.MASSES, CauseKind.CENTRE, CauseKind.BODY)
 _RECORD = 'record a motion with more speed and larger accelerations of all joints'
 _CORRECT = 'correct the description'
 
@@ -114,8 +116,11 @@ class ModelVerdict:
     def rotor(self) -> list[Estimate]:
         """Return the inertia of rotors that the model lacks, length n [kg·m²]."""
         found = [self._none() for _ in self._joints]
+        if any(cause.kind in _BODIES for cause, _ in self._found):
+            found = [Estimate.none('beside another error of a body no motion tells it from that'
+                                   )] * len(found)
         for cause, numbers in self._found:
-            if cause.kind == CauseKind.ROTOR:
+            if cause.kind == CauseKind.ROTOR and found[0].shows_none:
                 which = range(len(found)) if cause.which == ALL else [cause.which]
                 for i, number in zip(which, numbers):
                     found[i] = dataclasses.replace(number, unit='kg*m^2')
