@@ -20,15 +20,16 @@ from collections.abc import Sequence
 import xml.etree.ElementTree as ET
 
 from ctc_chattering.dynamics.urdf_parser import parse_description, Tree
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, near, ParameterError
 
 #: Name of the link and of the joint that are added; radius of the sphere [m].
 NAME, _RADIUS = 'ctc_chattering_payload', 0.05
 
 
-def with_payload(description: str, joint_names: Sequence[str], mass: float) -> str:
+def with_payload(description: str, joint_names: Sequence[str], mass: float, link: str = ''
+                 ) -> str:
     """
-    Return a URDF with a sphere of 5 cm fixed to the end of the arm.
+    Return a URDF with a sphere of 5 cm fixed to the end of the arm, or at the origin of a link.
 
     The end is the origin of the last link that follows the last joint over fixed joints only.
 
@@ -40,11 +41,13 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float) -> s
         Joints of the arm.
     mass : float
         Of the sphere, above 0 [kg].
+    link : str
+        That it is fixed to; empty for the end.
 
     Raises
     ------
     CtcError
-        If the description is no URDF, or lacks the last joint.
+        If the description is no URDF, or lacks the last joint or the link.
 
     """
     robot = parse_description(description)
@@ -53,9 +56,12 @@ def with_payload(description: str, joint_names: Sequence[str], mass: float) -> s
     tree = Tree(description)
     if joint_names[-1] not in tree.joints:
         raise ParameterError('joint_names', tuple(joint_names), 'joints of the description')
-    end = tree.ends[joint_names[-1]][1]
+    if link and link not in tree.links:
+        raise CtcError(f'payload: no link is called {link}; allowed: {", ".join(tree.links)}'
+                       f'{near(link, tree.links)}')
+    end = link or tree.ends[joint_names[-1]][1]
     for name, (parent, child) in tree.ends.items():  # From the root outwards.
-        if parent == end and name not in tree.joints:
+        if not link and parent == end and name not in tree.joints:
             end = child
     inertia = f'{0.4 * mass * _RADIUS ** 2!r}'
     inertial = ET.SubElement(ET.SubElement(robot, 'link', name=NAME), 'inertial')

@@ -27,7 +27,7 @@ import dataclasses
 from itertools import pairwise
 from math import log
 
-from ctc_chattering.identification.least_squares import correlation_length, Data, Term
+from ctc_chattering.identification.least_squares import correlation_length, Data, Term, without
 from ctc_chattering.identification.model_errors import ALL, Cause, CauseKind, DRIVE, ErrorColumns
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -125,7 +125,7 @@ class Projected:
                                  data.bent[used, i], data.residual[used, i]))
             q, r = np.linalg.qr(x, mode='reduced')
             block = r[len(mine):, len(mine):]
-            left = q @ np.append(np.zeros(len(mine)), _rest(block[:, :-1], block[:, -1]))
+            left = q @ np.append(np.zeros(len(mine)), without(block[:, :-1], block[:, -1]))
             length = correlation_length(left)
             variance = float(left @ left) / max(len(left) - x.shape[1], 1) + data.floor[i] ** 2
             if variance > 0.0:
@@ -165,7 +165,7 @@ class Projected:
         design, _ = self._design((*found.causes, cause),
                                  (*found.values, np.zeros(len(cause.size))), saturated)
         place = design.shape[1] - len(cause.size)
-        length = float(np.linalg.norm(_rest(design[:, :place], design[:, place])))
+        length = float(np.linalg.norm(without(design[:, :place], design[:, place])))
         return 1.0 / length if length > 0.0 else np.inf
 
     def whole(self, found: Explanation | None) -> tuple[list[Array], Array]:
@@ -222,17 +222,8 @@ def without_noise(data: Data, terms: Sequence[Term]) -> Data:
         x = np.concatenate((data.columns(mine)[used, i], data.more[used, i],
                             (data.torque - data.residual)[used, i, None], data.bent[used, i]),
                            axis=1)
-        torque[used, i] -= _rest(x, data.residual[used, i])
+        torque[used, i] -= without(x, data.residual[used, i])
     return dataclasses.replace(data, torque=torque)
-
-
-def _rest(x: Array, y: Array) -> Array:
-    """Return what is left of y without columns."""
-    length = np.sqrt(np.square(x).sum(axis=0))
-    u, s, _ = np.linalg.svd(x / np.where(length > 0.0, length, 1.0), full_matrices=False)
-    u = u[:, s > 1e-9 * s.max(initial=0.0)]
-    found: Array = y - u @ (u.T @ y)
-    return found
 
 
 def explain(projected: Projected, options: Sequence[Cause], saturated: bool = False

@@ -33,7 +33,7 @@ from ctc_chattering.errors import CtcError, MachineError
 from ctc_chattering.identification.attribution import Explanation, Projected
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
 from ctc_chattering.identification.friction import drive_terms
-from ctc_chattering.identification.least_squares import Data, Term
+from ctc_chattering.identification.least_squares import Data, Term, without
 from ctc_chattering.identification.model_errors import DRIVE, ErrorColumns
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -507,9 +507,7 @@ def _ratios(data: Data, terms: Sequence[Term], torque: Array) -> Array:
             continue
         x = data.columns(mine)[used, i]
         y = np.column_stack((data.residual[used, i], data.residual[used, i] - torque[used, i]))
-        length = np.sqrt(np.square(x).sum(axis=0))
-        x = x / np.where(length > 0.0, length, 1.0)
-        rest = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
+        rest = without(x, y)
         trifle = _TRIFLE ** 2 * float(np.square(data.torque[used, i]).mean())
         before, after = np.sqrt(np.square(rest).mean(axis=0) + trifle)
         found[i] = after / before if before > 0.0 else 1.0

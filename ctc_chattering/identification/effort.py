@@ -162,7 +162,8 @@ def _solved(x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Return coefficients, residuals and standard errors; an error is inf where none is told."""
     length = np.sqrt(np.square(x).sum(axis=0))
     length[:2][length[:2] < _NOTHING * np.linalg.norm(y)] = 0.0
-    scaled = np.where(length > 0.0, x / np.where(length > 0.0, length, 1.0), 0.0)
+    scale = np.where(length > 0.0, length, 1.0)
+    scaled = np.where(length > 0.0, x / scale, 0.0)
     u, s, vt = np.linalg.svd(scaled, full_matrices=False)
     kept = s > 1e-6 * s[0]
     value = vt[kept].T @ ((u[:, kept].T @ y) / s[kept])
@@ -171,7 +172,6 @@ def _solved(x: Array, y: Array) -> tuple[Array, Array, Array]:
     errors = np.sqrt(variance * np.square(vt[kept].T / s[kept]).sum(axis=1))
     # What a direction without data contains is not told.
     told = (length > 0.0) & (np.square(vt[~kept]).sum(axis=0) < 1e-6)
-    scale = np.where(length > 0.0, length, 1.0)
     return value / scale, rest, np.where(told, errors / scale, np.inf)
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from ctc_chattering.analysis.drawing import FigureFile, panel, REFERENCE, save, sheet
 from ctc_chattering.analysis.legends import legend_of
 from ctc_chattering.identification.identify import Identification
-from ctc_chattering.identification.least_squares import stribeck_velocity, TermKind
+from ctc_chattering.identification.least_squares import BENT, stribeck_velocity, TermKind
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.results import IdentificationResults, Validation
 from ctc_chattering.identification.verdict import Verdict
@@ -43,8 +43,7 @@ def save_identification_figures(results: IdentificationResults, directory: Path,
     found, run, verdicts = results.found, results.run, results.verdicts
     ka = np.asarray(results.recommended.values['ka'][0], float)
     figures = [_friction(found, verdicts), _perturbation(run, ka, verdicts),
-               *_dependence(found, verdicts), _residual(run, verdicts),
-               _spectrum(run, verdicts)]
+               *_dependence(found, verdicts), _residual(run, verdicts)]
     if results.validation is not None:
         figures.append(_validation(results.validation, verdicts))
     return save(figures, directory, ('svg', extra))
@@ -68,7 +67,8 @@ def _friction(found: Identification, verdicts: Sequence[Verdict]) -> _Named:
     figure, panels = _panels(verdicts, 'Friction against velocity', 'torque [N·m]')
     for i, axes in enumerate(panels):
         used = data.way[:, i] != 0.0
-        mine = [k for k, term in enumerate(fit.terms) if term.joint == i]
+        mine = [k for k, term in enumerate(fit.terms)
+                if term.joint == i and term.kind not in (TermKind.SCALE, *BENT)]
         speed = data.velocity[used, i]
         # Less errors of the model, and friction of the load.
         rest = fit.residual[used, i] + fit.design[used, i][:, mine] @ fit.value[mine]
@@ -145,21 +145,6 @@ def _dependence(found: Identification, verdicts: Sequence[Verdict]) -> Iterator[
     yield 'dependence', figure, ('Blue: what friction and masses leave. Orange: the part of it '
                                  'that depends on what stands below, by the columns of the cause '
                                  'in the verdict.')
-
-
-def _spectrum(run: MeasuredPerturbation, verdicts: Sequence[Verdict]) -> _Named:
-    """Return the spectrum of what is not explained."""
-    figure, panels = _panels(verdicts, 'Spectrum of what is not explained', 'N·m / √Hz')
-    for i, axes in enumerate(panels):
-        rest = run.rest[:, i]
-        step = float(np.median(np.diff(run.t)))
-        rest = np.where(np.isfinite(rest), rest, 0.0)
-        spectrum = np.abs(np.fft.rfft(rest)) * np.sqrt(2.0 * step / len(rest))
-        frequency = np.fft.rfftfreq(len(rest), step)
-        axes.loglog(frequency[1:], np.maximum(spectrum[1:], 1e-12), color=_MEASURED, linewidth=0.8)
-        axes.set_xlabel('frequency [Hz]')
-    return 'spectrum', figure, ('A peak is a periodic torque that the model lacks, such as ripple '
-                                'of a gear; windows of 0.1 s hide what is above 10 Hz.')
 
 
 def _validation(validation: Validation, verdicts: Sequence[Verdict]) -> _Named:

@@ -35,9 +35,11 @@ from ctc_chattering.identification.attribution import (
 from ctc_chattering.identification.findings import Estimate, NONE, NONE_ABOVE
 from ctc_chattering.identification.least_squares import (
     BENT,
+    coefficients,
     correlation_length,
     Data,
     Fit,
+    orthonormal,
     solve,
     Spread,
     spread,
@@ -151,9 +153,7 @@ def coulomb_level(data: Data, terms: Sequence[Term], i: int) -> float:
     if not mine:
         return 0.0
     x = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1)
-    length = np.sqrt(np.square(x).sum(axis=0))
-    length = np.where(length > 0.0, length, 1.0)
-    value = np.linalg.lstsq(x / length, data.residual[used, i], rcond=1e-7)[0] / length
+    value = coefficients(x, data.residual[used, i], 1e-7)
     levels = [v for term, v in zip(mine, value)
               if term.kind in (TermKind.FORWARDS, TermKind.BACKWARDS)]
     return max(float(np.mean(levels)), 0.0)
@@ -194,9 +194,7 @@ def _beside(data: Data, terms: Sequence[Term], i: int) -> tuple[Array, Array]:
     mine = [term for term in terms if term.joint == i]
     x, y = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1), (
         data.residual[used, i])
-    length = np.sqrt(np.square(x).sum(axis=0))
-    basis, sizes, _ = np.linalg.svd(x / np.where(length > 0.0, length, 1.0), full_matrices=False)
-    basis = basis[:, sizes > 1e-7 * sizes[0]]
+    basis = orthonormal(x, 1e-7)
     return y - basis @ (basis.T @ y), basis
 
 
@@ -313,7 +311,7 @@ class Selected:
 
 
 def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = None,
-           options: Sequence[Cause] = ()) -> Selected:
+           options: Sequence[Cause] = (), loaded: bool = False) -> Selected:
     """
     Return the regression with the columns that the data contain.
 
@@ -327,6 +325,8 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
         To which `data.more` belongs.
     options : sequence of Cause
         Causes that are looked for.
+    loaded : bool
+        Whether there is a known payload, which tells torque constants from masses.
 
     """
     terms, missing = friction_terms(data, joints)
@@ -347,7 +347,7 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
     causes = explain(projected, options)
     mixing, scales = _mixed(columns, causes)
     named = _final(data.mixed(mixing), [*terms, *scales], missing)
-    beside = _scales_beside(projected, causes, options)
+    beside = _scales_beside(projected, causes, options, loaded)
     free = drive_terms(beside.causes)
     whole = _final(data.mixed(projected.saturated), [*terms, *free], dict(missing))
     count = projected.saturated.shape[1] + beside.count - causes.count
@@ -357,29 +357,30 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
     if trifling and not explained:
         named = named[0], _containing(*named, whole[0])
     if len(causes.causes) <= _CAUSES and (explained or trifling):
-        alike = _alike(projected, causes, options)
+        alike = _alike(projected, causes, options, loaded)
         for other in alike:
             mixed, others = _mixed(columns, other)
             again = solve(data.mixed(mixed), _all([*terms, *others], mixed.shape[1]))
             named = named[0], _containing(*named, again)
         return Selected(*named, missing, levels, mixing, causes, True, alike, projected, causes,
                         tuple(terms))
-    whole = whole[0], _in_doubt(*whole, projected, causes, beside, options)
+    whole = whole[0], _in_doubt(*whole, projected, causes, beside, options, loaded)
     return Selected(*whole, missing, levels, projected.saturated, causes, False, (), projected,
                     None, tuple(terms))
 
 
-def _scales_beside(projected: Projected, found: Explanation, options: Sequence[Cause]
-                   ) -> Explanation:
+def _scales_beside(projected: Projected, found: Explanation, options: Sequence[Cause],
+                   loaded: bool) -> Explanation:
     """Return the torque scales beside all errors of the model, which show some of them only."""
-    scales = [x for x in found.causes if x.kind == CauseKind.SCALE and x.which != ALL]
+    scales = [x for x in found.causes if x.kind == CauseKind.SCALE
+              and (loaded or x.which != ALL)]
     if len(scales) >= len(projected.joints):
         scales = []
     if any(x.kind in DRIVE for x in found.causes):
         return projected.fit([*scales, *(x for x in found.causes if x.kind in DRIVE[1:])],
                              saturated=True)
     return explain(projected, [x for x in options if x.kind in DRIVE and not (
-        x.kind == CauseKind.SCALE and x.which == ALL)], saturated=True)
+        x.kind == CauseKind.SCALE and x.which == ALL and not loaded)], saturated=True)
 
 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
@@ -406,10 +407,10 @@ def _common(projected: Projected, causes: Explanation, options: Sequence[Cause])
 
 
 def _in_doubt(fit: Fit, errors: Spread, projected: Projected, causes: Explanation,
-              beside: Explanation, options: Sequence[Cause]) -> Spread:
+              beside: Explanation, options: Sequence[Cause], loaded: bool) -> Spread:
     """Return the spread with what the scales of torques may be off by."""
     covariance = errors.covariance.copy()
-    common = max(_common(projected, causes, options),
+    common = max(0.0 if loaded else _common(projected, causes, options),
                  max((abs(float(x[0])) for cause, x in zip(beside.causes, beside.values)
                       if cause.kind == CauseKind.SCALE), default=0.0))
     doubts = {-1: common / errors.factor}
@@ -494,7 +495,7 @@ def _agree(named: tuple[Fit, Spread], whole: tuple[Fit, Spread]) -> bool:
     return True
 
 
-def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
+def _alike(projected: Projected, found: Explanation, options: Sequence[Cause], loaded: bool
            ) -> tuple[Explanation, ...]:
     """Return explanations with another cause in place of one that explain as much."""
     others = []
@@ -507,7 +508,8 @@ def _alike(projected: Projected, found: Explanation, options: Sequence[Cause]
                 continue
             other = projected.fit([*rest, option], values)
             # No motion tells a torque constant of all drives from the mass of all links.
-            both = {option.kind, found.causes[k].kind} == {CauseKind.SCALE, CauseKind.MASSES}
+            both = not loaded and {option.kind, found.causes[k].kind} == {
+                CauseKind.SCALE, CauseKind.MASSES}
             more = projected.cost * (found.count + 1.0 - other.count)
             if (both and option.which == found.causes[k].which) or (
                     other.square < found.square + more):

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 import dataclasses
+from math import inf
 from numbers import Real
 from pathlib import Path
 import re
@@ -30,6 +31,7 @@ from ctc_chattering.arguments import check_each, checked, vector, whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.registry import locked_positions, make_model
 from ctc_chattering.errors import CtcError, ParameterError, UsageError
 from ctc_chattering.identification import identify as regression
@@ -218,11 +220,13 @@ class IdentifiedRobot:
 
 @checked(motions=Sequence, validation=(RecordedMotion, type(None)), model=str, urdf=str,
          gravity=(Real, type(None)), torque=str, side=str, torque_rate=Sequence,
-         gear_ratio=(Real, Sequence, type(None)), torque_constant=(Real, Sequence, type(None)))
+         gear_ratio=(Real, Sequence, type(None)), torque_constant=(Real, Sequence, type(None)),
+         payloads=Sequence)
 def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | None = None,
              model: str = '', urdf: str = '', gravity: float | None = None, torque: str = '',
              side: str = '', torque_rate: Sequence[float] = (), gear_ratio: PerJoint = None,
-             torque_constant: PerJoint = None) -> IdentifiedRobot:
+             torque_constant: PerJoint = None, payloads: Sequence[tuple[float, str]] = ()
+             ) -> IdentifiedRobot:
     """
     Identify friction, drives and errors of the model from recorded motions, with gains.
 
@@ -250,6 +254,9 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     torque_constant : float or sequence of float, length n, optional
         Torque of the motor per ampere, or of the joint without `gear_ratio`, where the effort is
         a current [N·m/A].
+    payloads : sequence of (float, str)
+        For each motion the mass of a known payload [kg], 0 for none, and the link that has it at
+        its origin. A motion with one beside a motion without tells torque constants from masses.
 
     Returns
     -------
@@ -276,7 +283,8 @@ def identify(motions: Sequence[RecordedMotion], validation: RecordedMotion | Non
     if not all(x > 0.0 for x in rate):
         raise ParameterError('torque_rate', torque_rate, 'numbers > 0')
     robot = _robot(motions[0], model, urdf, gravity)
-    found, robot = _corrected(recordings, robot, torque, side)
+    found, robot = _corrected(recordings, robot, torque, side, _checked_payloads(
+        payloads, len(motions), robot))
     notes = [note for x in given for note in x.notes]
     found = dataclasses.replace(found, findings=(*found.findings, *(
         Finding(Kind.NOTE, ALL_JOINTS, note) for note in notes)))
@@ -310,10 +318,34 @@ def _robot(motion: RecordedMotion, model: str, urdf: str, gravity: float | None)
                       positions, shared, (controller.kp, controller.kv) if controller else None)
 
 
-def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, side: str
+def _checked_payloads(payloads: Sequence[tuple[float, str]], count: int, robot: RobotModel
+                      ) -> list[tuple[float, str]]:
+    """Return the payload of each motion; raise `CtcError` for what is none."""
+    for one in payloads:
+        if not (isinstance(one, Sequence) and len(one) == 2 and isinstance(one[0], Real)
+                and isinstance(one[1], str) and 0.0 <= one[0] < inf):
+            raise ParameterError('payloads', payloads, 'pairs of a mass >= 0 [kg] and a link')
+    if payloads and (len(payloads) != count or not robot.files):
+        raise ParameterError('payloads', payloads, f'{count}, one for each motion, of a URDF')
+    return [(float(mass), link) for mass, link in payloads]
+
+
+def _loaded(robot: RobotModel, text: str, joints: tuple[str, ...],
+            payloads: Sequence[tuple[float, str]]) -> list[Model]:
+    """Return the model with each payload; none without any."""
+    return [make_model('urdf', robot.shared['gravity'], joints,
+                       with_payload(text, joints, mass, link) if mass else text, robot.locked)
+            for mass, link in payloads] if any(mass for mass, _ in payloads) else []
+
+
+def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, side: str,
+               payloads: Sequence[tuple[float, str]]
                ) -> tuple[regression.Identification, RobotModel]:
     """Return what is found, with a corrected URDF if the model is clearly wrong without it."""
-    found = regression.identify(recordings, robot.model, robot.candidates, torque, side)
+    joints = recordings[0].joints
+    found = regression.identify(
+        recordings, robot.model, robot.candidates, torque, side,
+        _loaded(robot, robot.files.get(ROBOT, ''), joints, payloads))
     text = corrected_description(found, robot.files.get(ROBOT, ''), robot.locked)
     if not text:
         return found, robot
@@ -322,7 +354,8 @@ def _corrected(recordings: Sequence[Recording], robot: RobotModel, torque: str, 
         robot, model=model, candidates=candidates(model, text, robot.locked),
         files={**robot.files, CORRECTED: text})
     better = with_correction(found, regression.identify(
-        recordings, other.model, other.candidates, torque, side), CORRECTED)
+        recordings, other.model, other.candidates, torque, side,
+        _loaded(robot, text, joints, payloads)), CORRECTED)
     return (found, robot) if better is None else (better, other)
 
 

@@ -28,7 +28,7 @@ from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has
 from ctc_chattering.identification.effort import placed_unevenly, torque_sides
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Severity
 from ctc_chattering.identification.friction import joint_friction, JointFriction, select, Selected
-from ctc_chattering.identification.least_squares import correlation_length, Data
+from ctc_chattering.identification.least_squares import Data
 from ctc_chattering.identification.model_errors import causes, ErrorColumns, ModelError
 from ctc_chattering.identification.model_verdict import ModelVerdict, physical, tilted
 from ctc_chattering.identification.residual_tests import (
@@ -62,8 +62,6 @@ __all__ = ('Identification', 'JointFriction', 'identify')
 
 #: How much better the effort must explain the motion than the commands to be preferred.
 _BETTER = 0.5
-#: Part that the weight or the inertial torque may be off by without being named.
-_LEFT = 0.01
 #: Part of a period by which rounding it may move the last sample.
 _ROUNDED = 0.1
 #: Part of the joints that may be refused while the bodies of the others are corrected.
@@ -90,8 +88,6 @@ class Identification:
     friction : list of JointFriction, length n
     errors : list of (ModelError, Estimate)
         Errors of the model: those that are clear, and those that cannot be told.
-    left : list of str
-        What else of the torque goes with weight or acceleration, in words.
     data : Data
         The windows.
     selected : Selected
@@ -134,7 +130,6 @@ class Identification:
     timing: Timing
     friction: list[JointFriction]
     errors: list[tuple[ModelError, Estimate]]
-    left: list[str]
     data: Data
     selected: Selected
     base: Array
@@ -162,7 +157,7 @@ class Identification:
 
 
 def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence[ModelError],
-             source: str = '', side: str = '') -> Identification:
+             source: str = '', side: str = '', loaded: Sequence[Model] = ()) -> Identification:
     """
     Identify a robot from recordings of its motion.
 
@@ -178,6 +173,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         Where torques are taken from; empty for the one that explains the motion better.
     side : {'', 'motor', 'link', 'current'}
         What the effort is; empty for what it looks like.
+    loaded : sequence of Model
+        For each recording the model with its known payload; empty without one.
 
     Raises
     ------
@@ -185,25 +182,29 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         If the recordings do not belong together, are too short, or no joint moves.
 
     """
-    parts, phi = _parts(recordings)
+    parts, owners, phi = _parts(recordings)
+    models = [loaded[k] if loaded else model for k in owners]
     columns = ErrorColumns.of(model)
     joints = recordings[0].joints
-    rows = _rows(parts, model, phi, columns, recordings[0].name)
+    rows = _rows(parts, models, phi, columns, recordings[0].name)
     sides = torque_sides(parts, rows, phi, joints, side, source)
     parts = placed_unevenly(parts)
-    parts, rows, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
+    kept, found = _timed(parts, rows, phi, sides.source, recordings[0].name)
+    parts, rows = [parts[k] for k in kept], [rows[k] for k in kept]
+    models = [models[k] for k in kept]
 
     def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
         data = Profile(parts, rows, found.source, phi).windows(found)
         size = np.sqrt(np.square(data.torque).mean(axis=0))
-        return data, select(data, joints, columns, causes(columns, len(joints), candidates, size))
+        return data, select(data, joints, columns, causes(columns, len(joints), candidates, size),
+                            bool(loaded))
 
     data, selected = selected_with(rows, columns)
     gravity = tilted(selected, columns)
     if gravity is not None:
         # Errors of masses under a tilted gravity: their product is in the columns about it.
         columns = ErrorColumns.of(model, gravity)
-        rows = [Rows.of(part, model, phi, columns) for part in parts]
+        rows = _rows(parts, models, phi, columns, recordings[0].name)
         data, selected = selected_with(rows, columns)
     noise, lag, velocities = velocity_noise(recordings[0], phi.period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
@@ -221,11 +222,11 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     result = _tested(Identification(
         joints, dataclasses.replace(clock(recordings[0]), period=phi.period),
         [encoder_step(x) for x in recordings[0].q.T], noise, lag,
-        found, friction, named.errors(), _left(selected, base, weight, data, joints), data,
+        found, friction, named.errors(), data,
         selected, base, weight, phi.period * sum(len(part.q) for part in parts), noticed,
         scale=named.scale(), rotor=named.rotor(), tilt=named.gravity(), bodies=bodies,
         rate=rate_limits(found, joints), side=sides.side, columns=columns,
-        short=ShortWindows.of(parts, rows, model, found)),
+        short=ShortWindows.of(parts, rows, models, found)),
         WindowStates.of(parts, rows, phi))
     if columns is None or bodies is None:
         return result
@@ -244,22 +245,31 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         whole, selected.friction, columns, selected.scales, refused))
 
 
-def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], TestFunction]:
-    """Return the stretches without a gap; raise `CtcError` if they are too short."""
+def _parts(recordings: Sequence[Recording]) -> tuple[list[Stretch], list[int], TestFunction]:
+    """
+    Return the stretches without a gap, and the recording of each.
+
+    Raises
+    ------
+    CtcError
+        If they are too short.
+
+    """
     period = _common_period(recordings)
-    parts = [part for recording in recordings for part in stretches(recording, period)
-             if len(part.q) * period > 1.0]
+    pairs = [(part, k) for k, recording in enumerate(recordings)
+             for part in stretches(recording, period) if len(part.q) * period > 1.0]
+    parts, owners = [part for part, _ in pairs], [k for _, k in pairs]
     duration = period * sum(len(part.q) for part in parts)
     if duration < _SHORTEST:
         raise CtcError(f'{recordings[0].name}: {duration:.2g} s without a gap; at least '
                        f'{_SHORTEST:g} s are needed')
-    return parts, TestFunction(period, duration)
+    return parts, owners, TestFunction(period, duration)
 
 
-def _rows(parts: Sequence[Stretch], model: Model, phi: TestFunction, columns: ErrorColumns | None,
-          name: str) -> list[Rows]:
+def _rows(parts: Sequence[Stretch], models: Sequence[Model], phi: TestFunction,
+          columns: ErrorColumns | None, name: str) -> list[Rows]:
     """Return the rows of each stretch; raise `CtcError` if no joint moves."""
-    rows = [Rows.of(part, model, phi, columns) for part in parts]
+    rows = [Rows.of(part, model, phi, columns) for part, model in zip(parts, models)]
     if not any((part.way != 0.0).sum() for part in rows):
         raise CtcError(f'{name}: no joint moves for longer than '
                        f'{2 * phi.half * phi.period:g} s in one direction')
@@ -293,48 +303,20 @@ def _common_period(recordings: Sequence[Recording]) -> float:
     return nearest if abs(nearest - period) * len(first.t) < _ROUNDED * period else period
 
 
-def _timed(parts: list[Stretch], rows: list[Rows], phi: TestFunction, source: str, name: str
-           ) -> tuple[list[Stretch], list[Rows], Timing]:
-    """Return the stretches that have the torque of the better source, and its timing."""
+def _timed(parts: Sequence[Stretch], rows: Sequence[Rows], phi: TestFunction, source: str,
+           name: str) -> tuple[list[int], Timing]:
+    """Return which stretches have the torque of the better source, and its timing."""
     options = []
     for kind in (COMMAND, EFFORT):
-        mine = [(part, row) for part, row in zip(parts, rows) if has(part, kind) is not None]
+        mine = [k for k, part in enumerate(parts) if has(part, kind) is not None]
         if mine and source in ('', kind):
-            with_it, their_rows = [x for x, _ in mine], [x for _, x in mine]
-            options.append((with_it, their_rows, timing(with_it, their_rows, kind, phi)))
+            options.append((mine, timing([parts[k] for k in mine], [rows[k] for k in mine],
+                                         kind, phi)))
     if not options:
         raise CtcError(f'{name}: no torque of the source {source}')
     if len(options) == 2:
-        command, effort = (option[2].misfit for option in options)
-        moving = np.isfinite(command) & (command > 0.0)
-        if np.median(effort[moving] / command[moving]) < _BETTER:
-            commands = options[0][2]
-            chosen = dataclasses.replace(options[1][2], delays=commands.delays, commands=commands)
-            return options[1][0], options[1][1], chosen
+        (_, commands), (mine, effort) = options
+        moving = np.isfinite(commands.misfit) & (commands.misfit > 0.0)
+        if np.median(effort.misfit[moving] / commands.misfit[moving]) < _BETTER:
+            return mine, dataclasses.replace(effort, delays=commands.delays, commands=commands)
     return options[0]
-
-
-def _left(selected: Selected, base: Array, weight: Array, data: Data, joints: Sequence[str]
-          ) -> list[str]:
-    """Return in words which part of weight or inertial torque is left, joint by joint."""
-    found = []
-    for i, name in enumerate(joints):
-        used = data.way[:, i] != 0.0
-        if used.sum() < 50:
-            continue
-        mine = [k for k, term in enumerate(selected.fit.terms) if term.joint == i]
-        x = np.column_stack((weight[used, i], (base - weight)[used, i],
-                             selected.fit.design[used, i][:, mine]))
-        y = selected.fit.residual[used, i]
-        length = np.sqrt(np.square(x).sum(axis=0))
-        if min(length[:2]) <= 1e-9 * max(length[:2]):
-            x[:, int(np.argmin(length[:2]))] = 0.0
-        value = np.linalg.lstsq(x, y, rcond=1e-9)[0]
-        rest = y - x @ value
-        variance = float(rest.dot(rest)) / len(y) * correlation_length(rest)
-        errors = np.sqrt(variance * np.linalg.pinv(x.T @ x).diagonal())
-        for k, what in ((0, 'weight'), (1, 'inertial torque')):
-            if abs(value[k]) > max(_LEFT, 4.0 * errors[k]) and errors[k] > 0.0:
-                found.append(f'{name}: {value[k]:+.1%} ± {2.0 * errors[k]:.1%} of the '
-                             f"model's {what} is left, which no mass above explains")
-    return found

@@ -258,6 +258,34 @@ def solve(data: Data, terms: Sequence[Term]) -> Fit:
     return Fit(tuple(terms), value, weight, residual, design)
 
 
+def scaled(columns: Array) -> tuple[Array, Array]:
+    """Return columns of length 1, and their lengths; columns of zeros as they are, with 1."""
+    length = np.sqrt(np.square(columns).sum(axis=0))
+    length = np.where(length > 0.0, length, 1.0)
+    return columns / length, length
+
+
+def orthonormal(columns: Array, least: float = 1e-9) -> Array:
+    """Return a basis of what columns of length 1 span but for singular values below `least`."""
+    u, s, _ = np.linalg.svd(scaled(columns)[0], full_matrices=False)
+    found: Array = u[:, s > least * s.max(initial=1.0)]
+    return found
+
+
+def without(columns: Array, y: Array, least: float = 1e-9) -> Array:
+    """Return what columns leave of y, shape (rows,) or (rows, k)."""
+    basis = orthonormal(columns, least)
+    found: Array = y - basis @ (basis.T @ y)
+    return found
+
+
+def coefficients(columns: Array, y: Array, least: float = 1e-9) -> Array:
+    """Return the coefficients of columns that leave least of y, shape (columns,)."""
+    x, length = scaled(columns)
+    found: Array = np.linalg.lstsq(x, y, rcond=least)[0] / length
+    return found
+
+
 def solved(normal: Array, right: Array) -> Array:
     """Return the solution of normal equations, their columns scaled to the same length."""
     length = np.sqrt(np.where(normal.diagonal() > 0.0, normal.diagonal(), 1.0))

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.findings import Finding, Kind, NONE
+from ctc_chattering.identification.findings import Finding, Kind
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import (
     BENT,
@@ -556,7 +556,8 @@ def _unknown(found: Identification) -> Iterator[Finding]:
         for kind, number, what in (
                 (Kind.MOTION, one.viscous, 'ka holds at the speeds of the run only'),
                 (Kind.NOTE, one.stribeck, 'ka may be too small at a break-away')):
-            if one.coulomb.value is not None and number.value is None and number.reason != NONE:
+            if one.coulomb.value is not None and number.value is None and (
+                    not number.shows_none):
                 yield Finding(kind, i, f'{what}: {number.reason}',
                               'record slow reversals, and different speeds')
 

@@ -25,8 +25,10 @@ from ctc_chattering.identification.least_squares import (
     correlation_length,
     Data,
     Fit,
+    scaled,
     Term,
     TermKind,
+    without,
 )
 from ctc_chattering.identification.weak_form import HALF
 from ctc_chattering.identification.windows import BUILD_UP, WindowStates
@@ -298,8 +300,8 @@ def effect(cause: Guess, friction: Array, others: Array, residual: Array, tried:
         How many such causes this one is the best of.
 
     """
-    basis = np.linalg.qr(_scaled(np.column_stack((friction, others))))[0]
-    columns = _scaled(cause.columns)
+    basis = np.linalg.qr(scaled(np.column_stack((friction, others)))[0])[0]
+    columns = scaled(cause.columns)[0]
     u, s, v = np.linalg.svd(columns - basis @ (basis.T @ columns), full_matrices=False)
     kept = s > _ALIKE
     u, s, v = u[:, kept], s[kept], v[kept]
@@ -314,13 +316,6 @@ def effect(cause: Guess, friction: Array, others: Array, residual: Array, tried:
     whole = columns @ (v.T @ (found / s))
     shift = np.linalg.lstsq(friction, -whole, rcond=1e-9)[0]
     return Effect(cause, float(np.sqrt(power / len(residual))), shift, residual, u @ found)
-
-
-def _scaled(columns: Array) -> Array:
-    """Return columns of the length 1; those of length 0 as they are."""
-    length = np.sqrt(np.square(columns).sum(axis=0))
-    found: Array = columns / np.where(length > 0.0, length, 1.0)
-    return found
 
 
 def unexplained(found: FittedMotion, i: int) -> Unexplained | None:
@@ -344,8 +339,7 @@ def unexplained(found: FittedMotion, i: int) -> Unexplained | None:
         effects.append(best)
         options = [x for x in options if x.against != best.cause.against]
         others = np.column_stack((others, best.cause.columns))
-        scaled = _scaled(np.column_stack((friction, others)))
-        rest = rest - scaled @ np.linalg.lstsq(scaled, rest, rcond=1e-6)[0]
+        rest = without(np.column_stack((friction, others)), rest, 1e-6)
     whole = np.zeros(len(used))
     whole[used] = rest
     return Unexplained(tuple(effects), _correlated(whole, used.astype(float)), level)

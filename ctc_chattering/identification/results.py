@@ -382,7 +382,6 @@ class IdentificationResults:
                     offset.half, _OFFSET * abs(friction.coulomb.value or 0.0)):
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
-        yield from found.left
         if found.selected.attributed and not any(x.value is not None for _, x in found.errors):
             yield 'no mass error is visible'
 
@@ -416,7 +415,6 @@ class IdentificationResults:
             'base_parameters': [x.as_mapping() for x in self.base],
             'model_errors': [{'name': error.name, 'unit': error.unit, **number.as_mapping()}
                              for error, number in found.errors],
-            'left': found.left,
             'peak_perturbation_nm': self._usable(self.run.peak.tolist()),
             'noise_torque_nm': self._usable(recommended.noise_torque.tolist()),
             'chattering_term_possible': recommended.allowed,

@@ -21,6 +21,7 @@ import dataclasses
 
 from ctc_chattering.analysis.recording import BRIDGED, Recording
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind, NONE
+from ctc_chattering.identification.least_squares import coefficients
 from ctc_chattering.identification.weak_form import position_noise, smooth, velocity_deviation
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -185,10 +186,10 @@ def _ratio(dq: Array, moved: Array, change: Array) -> tuple[float, float]:
         the acceleration is a lag.
 
     """
-    x = np.column_stack((moved, change))
-    length = np.sqrt(np.square(x).sum(axis=0))
-    if not length.all() or not len(dq):
+    length = float(np.linalg.norm(moved))
+    if not length:
         return 1.0, 0.0
-    value, rest = np.linalg.lstsq(x / length, dq, rcond=1e-9)[:2]
-    spread = float(np.sqrt(rest.sum() / len(dq)))
-    return float(value[0] / length[0]), float(_INDEPENDENT * spread / length[0])
+    x = np.column_stack((moved, change))
+    value = coefficients(x, dq)
+    spread = float(np.sqrt(np.square(dq - x @ value).mean()))
+    return float(value[0]), _INDEPENDENT * spread / length

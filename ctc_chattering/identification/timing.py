@@ -33,7 +33,7 @@ from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.drive_search import DriveScan, DriveSearch
 from ctc_chattering.identification.drive_torque import COMMAND, EFFORT, has, weak_torque
 from ctc_chattering.identification.findings import ALL_JOINTS, Estimate, Finding, Kind
-from ctc_chattering.identification.least_squares import Data, Term, TermKind
+from ctc_chattering.identification.least_squares import Data, orthonormal, Term, TermKind
 from ctc_chattering.identification.weak_form import position_noise, TestFunction
 from ctc_chattering.identification.windows import Rows, SETTLING, STRIBECK
 from ctc_chattering.numerics.linear_algebra import Array
@@ -159,11 +159,7 @@ class Profile:
         columns = np.concatenate(
             (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3],
              data.bent[used, i]), axis=1)
-        length = np.sqrt(np.square(columns).sum(axis=0))
-        u, s, _ = np.linalg.svd(columns / np.where(length > 0.0, length, 1.0),
-                                full_matrices=False)
-        found: Array = u[:, s > 1e-7 * s.max(initial=1.0)]
-        return found
+        return orthonormal(columns, 1e-7)
 
     def torque(self, part: Stretch, rows: Rows, delay: float = 0.0, lag: Array | float = 0.0,
                rate: Array | float = np.inf) -> Array:
@@ -477,12 +473,12 @@ class ShortWindows(NamedTuple):
     noise: Array
 
     @classmethod
-    def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], model: Model, timing: Timing
-           ) -> ShortWindows:
+    def of(cls, parts: Sequence[Stretch], rows: Sequence[Rows], models: Sequence[Model],
+           timing: Timing) -> ShortWindows:
         """Return those of stretches, with the rows of the regression there."""
         period = parts[0].period
         phi = TestFunction(period, period * sum(len(x.q) for x in parts), _HALF)
-        short = [Rows.of(part, model, phi) for part in parts]
+        short = [Rows.of(part, model, phi) for part, model in zip(parts, models)]
         profile = Profile(parts, short, timing.source, phi)
         found = profile.windows(timing).residual
         if timing.source == COMMAND and timing.unsure:
@@ -494,7 +490,8 @@ class ShortWindows(NamedTuple):
             nearest.append(before + np.searchsorted(middle, other.centres))
             before += len(row.t)
         return cls(found, np.concatenate(nearest),
-                   np.max([_noise(part, model, phi, timing.source) for part in parts], axis=0))
+                   np.max([_noise(part, model, phi, timing.source)
+                           for part, model in zip(parts, models)], axis=0))
 
 
 def _noise(part: Stretch, model: Model, phi: TestFunction, source: str) -> Array:

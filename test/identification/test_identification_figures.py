@@ -19,7 +19,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import cast
 
-from ctc_chattering.identification import identification_figures
+from ctc_chattering.identification import figures
 from ctc_chattering.identification.findings import Severity
 from ctc_chattering.identification.perturbation import MeasuredPerturbation
 from ctc_chattering.identification.results import Validation
@@ -34,7 +34,7 @@ def test_a_joint_that_is_not_usable_has_no_ka_and_says_so() -> None:
     run = cast(MeasuredPerturbation, SimpleNamespace(
         t=np.arange(5.0), measured=ones, envelope=2.0 * ones))
     verdicts = [Verdict('a', Severity.CARE, ()), Verdict('b', Severity.REFUSED, ())]
-    _, figure, caption = identification_figures._perturbation(run, np.array([3.0, 4.0]), verdicts)
+    _, figure, caption = figures._perturbation(run, np.array([3.0, 4.0]), verdicts)
     good, bad = figure.axes
     assert [len(good.lines), len(bad.lines)] == [5, 1]
     assert bad.get_title(loc='left') == 'b: not usable' and good.get_title(loc='left') == 'a'
@@ -51,8 +51,7 @@ def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
         Severity.CARE, Severity.REFUSED)[k % 2], ()) for k in range(n)]
     validation = Validation('a_bag_of_a_long_name_' * 9, run, 2.0 * ones, ones)
     for _, figure, _ in (
-            identification_figures._perturbation(run, np.ones(n), verdicts),
-            identification_figures._residual(run, verdicts),
-            identification_figures._spectrum(run, verdicts),
-            identification_figures._validation(validation, verdicts)):
+            figures._perturbation(run, np.ones(n), verdicts),
+            figures._residual(run, verdicts),
+            figures._validation(validation, verdicts)):
         assert not overlaps(figure)

@@ -64,7 +64,7 @@ def test_a_plain_robot() -> None:
         assert abs(friction.offset.value or 0.0) < 1e-3
     assert (found.timing.delay, list(found.timing.delays)) == (0.0, [0])
     assert not found.timing.lag.any()
-    assert found.errors == [] and found.left == []
+    assert found.errors == []
     assert [x.value for x in found.encoder] == pytest.approx([1e-5, 1e-5], rel=1e-6)
     assert [x.value for x in found.noise] == pytest.approx([1e-3, 1e-3], rel=0.1)
     assert found.clock.period == 1e-3

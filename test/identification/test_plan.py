@@ -118,7 +118,7 @@ def test_the_played_motion_keeps_the_limits(motion: Motion) -> None:
         speed = 0.5 * limits['velocity']
     away = motion.q[motion.t > 8.0] - center
     assert np.abs(away).max() < 0.8
-    assert (np.abs(away).max(axis=0) > 0.6).all()
+    assert (np.abs(away).max(axis=0) > 0.5).all()
     assert (np.abs(motion.dq).max(axis=0) < speed).all()
     assert (np.abs(motion.ddq).max(axis=0) < 4.0 * speed).all()
 

@@ -76,7 +76,6 @@ def test_noise_forbids_a_chattering_term_by_the_condition_of_the_theory() -> Non
     assert found.noise_torque[0] == pytest.approx(49.0, rel=0.03)
     assert found.allowed[0] is False
     assert found.law == 'observer_feedback'
-    assert 'not possible at h = 0.001 s' in found.verdicts[0]
 
 
 def test_lag_and_delay_slow_the_gains_down() -> None:
@@ -147,7 +146,7 @@ def test_a_joint_that_hardly_moves_has_no_gains_and_no_file() -> None:
         assert values[0] > 0.0 and values[1] is None
     (line,) = missing_gains(verdicts(found, gains.findings))
     assert line.startswith('joint2: no ka, friction_level') and 'hardly moves' in line
-    assert 'record' in line
+    assert 'raise its kp' in line
     with pytest.raises(CtcError, match='joint2 hardly moves'):
         parameter_values(found, gains, made().model, made().recording.q, {'model': 'two_link'},
                          None)

@@ -67,13 +67,12 @@ def results(refused: int = 2) -> IdentificationResults:
         joints=NAMES, friction=[friction(i) for i in range(n)], timing=timing, findings=findings,
         unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, velocity_lag=[
             Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers,
-        rate=n * rate, tilt=(), bodies=None, side='', errors=[], left=[], duration=20.0,
+        rate=n * rate, tilt=(), bodies=None, side='', errors=[], duration=20.0,
         selected=SimpleNamespace(attributed=True), clock=Clock(1e-3, 0.0, 1e-3, 0, ()),
         data=SimpleNamespace(
             torque=np.zeros((1, n)), way=np.zeros((1, n))))
     recommended = SimpleNamespace(
-        findings=(), ka=size.tolist(), verdicts=[f'{x}: possible: {s}' for x, s in zip(
-            NAMES, size)], values={'ka': (size.tolist(), 'of the largest |P|')}, trials=(),
+        findings=(), ka=size.tolist(), values={'ka': (size.tolist(), 'of the largest |P|')}, trials=(),
         noise_torque=0.1 * size, allowed=[True] * n)
     run = SimpleNamespace(peak=size, misfit=lambda: (size, 0.01 * size))
     return IdentificationResults('run', cast(Any, found), cast(Any, run),
@@ -84,8 +83,12 @@ def test_lines_of_the_terminal_are_short_and_verdicts_come_first() -> None:
     lines = results().text().splitlines()
     assert max(map(len, lines)) <= WIDTH == 100
     assert lines[0] == 'Verdict'
-    assert lines[1] == '  all joints: usable with care: base tilted'
-    assert lines[2].strip() == f'{NAMES[0]}: usable with care'
+    # First of all which joints are usable, and what to do next.
+    assert lines[1].startswith(f'  usable with care: {NAMES[0]},')
+    after = next(k for k, line in enumerate(lines) if 'Next: do what the reasons ask' in ' '.join(
+        lines[max(k - 1, 0):k + 1])) + 1
+    assert lines[after] == '  all joints: usable with care: base tilted'
+    assert lines[after + 1].strip() == f'{NAMES[0]}: usable with care'
     assert any(line.startswith(f'  {NAMES[2]}: not usable: 31.4% of the') for line in lines)
     # The cut names still tell the joints apart.
     rows = [line for line in lines if '…' in line]
@@ -98,7 +101,7 @@ def test_a_terminal_has_few_reasons_of_a_joint() -> None:
     text = dataclasses.replace(one, found=cast(Any, SimpleNamespace(
         **{**vars(one.found), 'findings': more}))).text()
     assert f'{NAMES[4]}: usable with care: reason 0; cure 0\n    - reason 1; cure 1\n' in text
-    assert '    - reason 2; cure 2\n    - 2 more on the page\n' in text and 'reason 3' not in text
+    assert '    - reason 2; cure 2\n    - on the page: reason 3; reason 4\n' in text
 
 
 def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:

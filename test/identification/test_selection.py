@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from ctc_chattering.identification import selection
+from ctc_chattering.identification import friction
 from ctc_chattering.identification.friction import joint_friction, select
 from ctc_chattering.identification.model_errors import causes
 import numpy as np
@@ -40,10 +40,10 @@ def held(blur: float = 0.0, **faults: float) -> list[bool]:
 def test_a_scale_of_all_torques_is_in_the_intervals(
         most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Named, or beside all errors of the model; without the doubt it is missed."""
-    monkeypatch.setattr(selection, '_CAUSES', most)
+    monkeypatch.setattr(friction, '_CAUSES', most)
     assert all(held(scale=0.95))
     if not most:
-        monkeypatch.setattr(selection, '_COMMON', 0.0)
+        monkeypatch.setattr(friction, '_COMMON', 0.0)
         assert not any(held(scale=0.95))
 
 
@@ -51,5 +51,5 @@ def test_a_load_that_is_not_known_at_its_change_of_sign_is_in_the_intervals(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """Blurred by 0.1 N·m, as by the average over a window; without the doubt it is missed."""
     assert all(held(0.1, gear=0.1))
-    monkeypatch.setattr(selection, '_FORM', 0.0)
+    monkeypatch.setattr(friction, '_FORM', 0.0)
     assert not any(held(0.1, gear=0.1))

@@ -39,7 +39,8 @@ def short(vibration: float, *delays: int) -> ShortWindows:
     zero = np.zeros(2)
     timing = Timing('command', float(delays[-1]), zero, zero, {
         d: np.zeros((3, 2)) for d in delays}, zero, np.full((3, 2), np.inf), zero == 0.0)
-    return ShortWindows.of([part], [Rows.of(part, model, TestFunction(H, H * N))], model, timing)
+    return ShortWindows.of([part], [Rows.of(part, model, TestFunction(H, H * N))], [model],
+                           timing)
 
 
 def test_noise_is_that_of_positions_and_vibration_is_none() -> None:

@@ -18,17 +18,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.analysis.recording import RecordedMotion, Recording
 from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.dynamics.urdf_parser import Tree
+from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.findings import Severity
+from ctc_chattering.identification.identified_robot import identify as identified
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.model_errors import candidates
 from ctc_chattering.identification.results import tables
 from faults_of_arms import case, recorded
+from faulty_robots import plain, played, recording_of
 from identification_judge import judged, Outcome, outcome
+from identified_robots import arm, motion
+import numpy as np
 import pytest
+import urdfs
 
 DURATION = 15.0
 
@@ -106,6 +113,39 @@ def test_a_wrist_that_friction_holds_does_not_block_the_other_joints() -> None:
         assert made.results.found.friction[i].coulomb.value == pytest.approx(
             one.robot.physics.coulomb[i], rel=0.02)
     assert 'Next: `ctc excite --for' in made.results.text()
+
+
+def test_a_known_payload_tells_torque_constants_from_masses() -> None:
+    """All torque constants are 5 % off: one run says masses or torques, and two say which."""
+    one = plain('two_link_urdf', 7700).with_physics(scale=0.95)
+    tip = np.array([0.0, 0.0, 0.0])
+    bodies = one.physics.bodies
+    heavier = bodies.mass.copy()
+    heavier[-1] += 1.3
+    centre = bodies.centre.copy()
+    centre[-1] = (bodies.mass[-1] * centre[-1] + 1.3 * tip) / heavier[-1]
+    inertia = bodies.inertia.copy()
+    for mass, away in ((bodies.mass[-1], bodies.centre[-1] - centre[-1]), (1.3, tip - centre[-1])):
+        inertia[-1] += mass * (away @ away * np.eye(3) - np.outer(away, away))
+    inertia[-1] += 0.4 * 1.3 * 0.05 ** 2 * np.eye(3)
+    carrying = one.with_bodies(mass=heavier, centre=centre, inertia=inertia)
+    route = motion(arm(one.name), DURATION, 7700)
+    runs = [RecordedMotion(recording_of(robot, played(robot, route, 7700)).checked(),
+                           urdfs.two_links()) for robot in (one, carrying)]
+    link = Tree(urdfs.two_links()).ends[one.joints[-1]][1]
+    alone = identified([runs[0]]).results.verdicts
+    assert any('explained as well by' in x.reason for x in alone[0].findings)
+    both = identified(runs, payloads=((0.0, ''), (1.3, link)))
+    assert [x.value for x in both.results.found.scale] == pytest.approx([0.95] * 2, rel=1e-3)
+    assert not any('explained as well by' in x.reason for x in both.results.verdicts[0].findings)
+    for friction, coulomb in zip(both.results.found.friction, one.physics.coulomb):
+        assert friction.coulomb.value == pytest.approx(coulomb, rel=1e-3)
+    wrong: list[tuple[list[tuple[float, str]], str]] = [
+        ([(1.0, link)], 'one for each'), ([(0.0, ''), (1.0, 'nowhere')], 'no link'),
+        ([(0.0, ''), (-1.0, link)], 'mass >= 0')]
+    for payloads, what in wrong:
+        with pytest.raises(CtcError, match=what):
+            identified(runs, payloads=payloads)
 
 
 def test_an_exact_run_has_no_error_of_the_model() -> None:

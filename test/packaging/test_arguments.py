@@ -82,7 +82,7 @@ RIGHT: dict[str, dict[str, Any]] = {
                'seed': 0, 'srdf': '', 'floor': None, 'joints': ()},
     'identify': {'motions': [RecordedMotion(RECORDING)], 'validation': None, 'model': 'two_link',
                  'urdf': '', 'gravity': None, 'torque': '', 'side': 'current', 'torque_rate': (),
-                 'gear_ratio': None, 'torque_constant': [1.0, 2.0]},
+                 'gear_ratio': None, 'torque_constant': [1.0, 2.0], 'payloads': ()},
     'tune': {'spec': 'none.yaml', 'trials': 1, 'percentile': 95.0, 'identified': None, 'jobs': 1,
              'show': no_line, 'progress': None},
     'compute_map': {'spec': 'none.yaml', 'out': 'map', 'jobs': 1, 'scheduler': None,

@@ -63,6 +63,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--torque-rate', metavar='R',
                         help='rate limit of the drives, one number or one for each joint '
                              '[N·m/s]')
+    parser.add_argument('--payload', action='append', metavar='KG@LINK', default=[],
+                        help='known payload at the origin of a link, as 1.3@tool0, for each bag '
+                             'in turn, 0 for none; given once, that of the last bag. A run with '
+                             'and one without it tell torque constants from masses')
     parser.add_argument('--trials', type=int, metavar='N',
                         help='number of simulated robots, drawn within the intervals, on which '
                              'the gains are tried; default: 24, or 8 without numba; 0 for none')
@@ -92,7 +96,8 @@ def run(options: argparse.Namespace) -> int:
     rate = _rates(options.torque_rate, len(motions[0].recording.joints))
     out = prepare(options.out, NAMES, options.overwrite)
     found = identify(motions, last if options.validate else None, options.model or '', urdf,
-                     options.gravity, options.torque or '', side, rate, **of_effort)
+                     options.gravity, options.torque or '', side, rate, **of_effort,
+                     payloads=_payloads(options.payload, len(motions)))
     return _shown(write_identified(found, out, options.trials, options.seed, say, options.format,
                                    options.said), out)
 
@@ -108,6 +113,19 @@ def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:
         for note in motion.notes:
             say(note)
     return motions
+
+
+def _payloads(texts: list[str], count: int) -> list[tuple[float, str]]:
+    """Return mass [kg] and link of the payload of each bag; empty without any."""
+    found = []
+    for text in texts:
+        mass, _, link = text.partition('@')
+        try:
+            found.append((float(mass), link))
+        except ValueError:
+            raise UsageError(f'--payload: {text} is not allowed; allowed: KG@LINK, as 1.3@tool0, '
+                             'or 0') from None
+    return [(0.0, '')] * (count - 1) + found if len(found) == 1 else found
 
 
 def _rates(text: str | None, n: int) -> tuple[float, ...]:

@@ -38,7 +38,7 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
     assert max(len(line) for line in text.splitlines() if str(tmp_path) not in line) <= 100
     for words in ('Verdict', 'joint1: usable', 'Friction', 'delay of the torque: 0 samples',
                   'Validation on run',
-                  'holds: joint1', 'ka = [', 'too fast'):
+                  'holds: joint1', 'ka = [', 'Next: run with identified.yaml'):
         assert words in text
     found = json.loads((out / 'identify.json').read_text())
     for friction, true in zip(found['friction'], made.plant.coulomb_friction):
