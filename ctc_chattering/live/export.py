@@ -23,8 +23,8 @@ from typing import Any
 from ctc_chattering.analysis.interactive_plots import coded, component
 from ctc_chattering.analysis.markup import page
 from ctc_chattering.analysis.output import write_text
-from ctc_chattering.errors import CtcError
-from ctc_chattering.live.recorded import check_comparable, RecordedRun
+from ctc_chattering.live.bag_page import check_comparable, RecordedRun
+from ctc_chattering.live.page import scripts
 from ctc_chattering.live.skeleton import as_json, places, stage
 
 #: Most samples of a run in the file; of more, every so many-th is taken.
@@ -53,36 +53,30 @@ def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
         If the runs cannot be compared, or the file cannot be written.
 
     """
-    if reason := check_comparable(runs):
-        raise CtcError(reason)
-    text = page('ctc_chattering.live', 'export.html',
-                title=' and '.join(run.name for run in runs), data=_data(runs),
-                component=component())
+    check_comparable(runs)
+    text = page('ctc_chattering.live', 'export.html', component=component(),
+                title=' and '.join(run.about['name'] for run in runs), data=_data(runs),
+                scripts=scripts(('numbers.js', 'player.js', 'arm.js')))
     write_text(path, text)
     return len(text.encode())
 
 
 def _data(runs: Sequence[RecordedRun]) -> dict[str, Any]:
-    """Return what the script of the page reads."""
+    """Return what the scripts of the page read."""
     reach, middle, floor = stage(run.skeleton for run in runs)
+    every = [-(-len(run.result.run.t) // _MOST) for run in runs]
     return {
-        'names': runs[0].result.joint_names, 'units': runs[0].result.position_units,
+        'joints': runs[0].result.joint_names, 'units': runs[0].result.position_units,
         'reach': reach, 'middle': middle, 'floor': floor, 'begin': min(run.begin for run in runs),
         'end': max(run.end for run in runs), 'settled': max(run.settled for run in runs),
-        'every': [_every(run) for run in runs],
-        'runs': [_run(run, place) for run, place in zip(runs, places(len(runs), reach))]}
+        'every': every, 'runs': [_run(*given) for given in zip(
+            runs, places(len(runs), reach), every)]}
 
 
-def _every(run: RecordedRun) -> int:
-    """Return that every so many-th sample is in the file."""
-    return -(-len(run.samples.t) // _MOST)
-
-
-def _run(run: RecordedRun, place: Sequence[float]) -> dict[str, Any]:
-    part = slice(None, None, _every(run))
+def _run(run: RecordedRun, place: Sequence[float], every: int) -> dict[str, Any]:
+    part = slice(None, None, every)
     return {
-        'name': run.name, 'place': place,
-        'laws': [(t, run.law(t)) for t, _ in run.result.configs],
+        **run.about, 'place': place,
         'bodies': [] if run.skeleton is None else as_json(run.skeleton),
-        'packed': coded(run.samples.t[part], {
+        'packed': coded(run.result.run.t[part], {
             name: values[part] for name, values in run.signals.items()})}

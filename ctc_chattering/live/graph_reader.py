@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+import dataclasses
 from functools import partial
 import os
 import time
@@ -28,7 +29,7 @@ from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
 from ctc_chattering.live.history import Track
-from ctc_chattering.live.samples import Instant, Samples
+from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
 from ctc_chattering.ros.joint_order import select
@@ -51,6 +52,25 @@ _KEPT = 1000
 _NODES = ('plant', 'controller', 'reference')
 #: Age of what the controller tracks, against the state, from which it is old [s].
 _ALONE = 0.25
+
+
+@dataclasses.dataclass(frozen=True)
+class Instant:
+    """
+    One sample.
+
+    Attributes
+    ----------
+    t : float
+        [s].
+    q, q_d : ndarray, shape (n,)
+        Position and desired position [rad].
+
+    """
+
+    t: float
+    q: Array
+    q_d: Array
 
 
 class GraphReader(BaseNode):
@@ -199,14 +219,6 @@ class GraphReader(BaseNode):
             self._first = self._state[0]
         return self.start or self._first
 
-    def samples(self, last: float = 1.0) -> Samples:
-        """Return the signals of the `last` seconds, at the times of the errors."""
-        t, rows = self.tracks[topics.TRACKING].read(last)
-        n = len(self.names)
-        v, torques = (_at(t, *self.tracks[x].read(last)) for x in (topics.FILTER, topics.TORQUES))
-        parts = torques[:, :-1].reshape(len(t), len(PARTS), n)
-        return Samples(t, rows[:, n:], v, parts.sum(axis=1))
-
     def _select(self, names: Sequence[str], state: StateMessage, *rows: Sequence[float]) -> Any:
         if not self.names:
             raise RejectedMessage('early')
@@ -298,11 +310,3 @@ class GraphReader(BaseNode):
 def _reader(kind: Any) -> Callable[[bytes], Any]:
     """Return what makes a message of its bytes."""
     return lambda data: deserialize_message(data, kind)
-
-
-def _at(t: Any, times: Any, rows: Any) -> Any:
-    """Return the last rows at or before each of `t`; nan before the first one."""
-    if not len(times):
-        return np.full((len(t), rows.shape[1]), np.nan)
-    k = np.searchsorted(times, t, side='right') - 1
-    return np.where(k[:, None] < 0, np.nan, rows[np.maximum(k, 0)])

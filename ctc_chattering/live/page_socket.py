@@ -19,21 +19,24 @@ Samples are binary messages, as `analysis/interactive_plots.py` packs them, whos
 run (``run``) and whether they begin a new one (``fresh``). Words are JSON objects as text; each
 key is a subject of its own with its receiver.
 
-To the page (live/page.js):
+To the page (live/web/page.js):
 
-- ``show``: {``joints``, ``units``, ``runs``: names}, ``options`` of plots.js, ``note``: what is
-  drawn; the plots are made anew
-- ``mark``: time of the arm that is shown [s], or null
-- ``controls``: what `LawPanel.state` returns
+- ``show``: {``joints``, ``units``, ``runs``: [{``name``, ``laws``: [[time, law], ...]}, ...],
+  ``options`` of plots.js, ``time``: first and last one of bags [s], ``note``: what is drawn}; the
+  plots are made anew
+- ``mark``: time of the arm that is shown [s], of bags
+- ``silent``: for how long nothing was heard of a graph [s]; the numbers are shown anew
+- ``light``, ``reports``, ``answers``: see web/status.js
+- ``controls``: what `Controls.state` returns
 - ``scene``: which arms there are, for the camera that the browser keeps
 - ``ended``: how the graph has ended; empty while it has not
-- ``remember``: {name: value}; kept by the browser
 
 From the page:
 
-- ``ask``: what `LawPanel.receive` takes
-- ``seek``: time that was clicked [s]
-- ``remembered``: {name: value}, once, when it is opened
+- ``ask``: what `Controls.receive` takes
+- ``seek``: time to show [s]
+- ``magnify``: what errors are multiplied by where the ghost is drawn
+- ``fit``: have the cameras show the arms
 """
 
 from __future__ import annotations
@@ -77,7 +80,7 @@ class _Client:
                 await connection.send(message)
 
 
-class SamplesSocket:
+class PageSocket:
     """
     All open pages.
 
