@@ -23,9 +23,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from browser import browser_page, unfold
-import ctc_chattering.live
+from browser import answered, browser_page, unfold
 from ctc_chattering.control.controller import ControllerConfig
+import ctc_chattering.live
 from ctc_chattering.live.controls import ALL, Controls, GAINS, gains_of, numbers
 import pytest
 
@@ -124,7 +124,16 @@ def test_limits_are_the_declared_ones_and_hold_the_values_in_force() -> None:
     assert ka.shown()['values'] == (8.0, 4.0, 0.0)
 
 
-PUSH, TIME = {'joint': 1, 'torque': 5, 'lasts': 0.5}, {'word': 'step', 'samples': 7}
+PUSH: dict[str, Any] = {'joint': 1, 'torque': 5, 'lasts': 0.5}
+TIME: dict[str, Any] = {'word': 'step', 'samples': 7}
+#: Requests with a value that no page of ours sends.
+ODD: dict[str, tuple[Any, ...]] = {
+    'push': ({**PUSH, 'joint': 3}, {**PUSH, 'joint': True}, {**PUSH, 'torque': nan},
+             {**PUSH, 'torque': 10 ** 400}, {**PUSH, 'lasts': '1'}, {}, None),
+    'time': ({**TIME, 'word': 'x'}, {**TIME, 'word': []}, {**TIME, 'samples': 0},
+             {**TIME, 'samples': 1.5}, {**TIME, 'samples': True}, {}, []),
+    'plant': ({'name': 'hold_at', 'value': '1'}, {'name': [], 'value': '1'}, None,
+              {'name': 'coulomb_friction', 'value': 1})}
 
 
 @pytest.mark.parametrize('message', [
@@ -135,12 +144,7 @@ PUSH, TIME = {'joint': 1, 'torque': 5, 'lasts': 0.5}, {'word': 'step', 'samples'
     {'gain': None}, {'law': 'none'}, {'law': ['chattering']}, {'law': {}}, {'switching': None},
     {'record': 5}, {'record': ['x']}, {'record': True}, {'set': 'x'}, {}, [], None, 'law',
     {'law': 'chattering', 'switching': 'sign'}, {'torques': 1}, {'torques': 'on'},
-    *[{'push': x} for x in ({**PUSH, 'joint': 3}, {**PUSH, 'joint': True}, {**PUSH, 'torque': nan},
-                            {**PUSH, 'torque': 10 ** 400}, {**PUSH, 'lasts': '1'}, {}, None)],
-    *[{'time': x} for x in ({**TIME, 'word': 'x'}, {**TIME, 'word': []}, {**TIME, 'samples': 0},
-                            {**TIME, 'samples': 1.5}, {**TIME, 'samples': True}, {}, [])],
-    *[{'plant': x} for x in ({'name': 'hold_at', 'value': '1'}, {'name': [], 'value': '1'}, None,
-                             {'name': 'coulomb_friction', 'value': 1})]])
+    *[{name: value} for name, values in ODD.items() for value in values]])
 def test_what_no_page_of_ours_sends_is_passed_over(message: Any) -> None:
     assert asked(message) == []
 
@@ -163,8 +167,9 @@ def test_all_else_is_asked_for() -> None:
         *is_set('law', 'compensation'), *is_set('switching', 'sign', 'was so already'),
         ('start', ''), ('stop',), ('reset',), ('enable', True), ('enable', False)]
     fields = [{'plant': {'name': 'coulomb_friction', 'value': x}} for x in ('1, 2, 3', '5', 'x')]
-    assert asked(*fields) == [('set', 'plant', {'coulomb_friction': x}, 'done') for x in (
-        [1.0, 2.0, 3.0], [5.0] * 3, 'x')]
+    values: tuple[Any, ...] = ([1.0, 2.0, 3.0], [5.0] * 3, 'x')
+    assert asked(*fields) == [
+        ('set', 'plant', {'coulomb_friction': value}, 'done') for value in values]
     assert asked({'push': PUSH}) == [(
         'set', 'plant', {'disturbance.push_duration': 0.5}, {'disturbance.push': [0.0] * 3},
         {'disturbance.push': [0.0, 5.0, 0.0]}, 'done')]
@@ -247,8 +252,7 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force() -> None:
             assert reason in page.locator('label', has=shown).locator('.ctc-wrong').inner_text()
             shown.press('Enter')
         assert len(page.evaluate('sent')) == 1
-        questions: list[str] = []
-        page.on('dialog', lambda dialog: (questions.append(dialog.message), dialog.dismiss()))
+        questions = answered(page, accept=False)
         shown.fill('301')
         shown.press('Enter')
         assert questions == ['ka: 3 → 301 N·m, a change by more than a factor of 100. Set it?']
@@ -279,8 +283,8 @@ def test_the_browser_keeps_a_camera_that_was_moved_for_this_arm() -> None:
     script = (WEB / 'view.js').read_text()
     with browser_page(color_scheme='dark') as page:
         page.route('http://ctc.test/**', lambda route: route.fulfill(
-            content_type='text/html', body='<head></head><canvas></canvas>' if '/view/' in route.request.url
-            else AROUND.format(script=script)))
+            content_type='text/html', body='<head></head><canvas></canvas>'
+            if '/view/' in route.request.url else AROUND.format(script=script)))
 
         def opened(scene: str = 'two links') -> Any:
             page.goto('http://ctc.test/')

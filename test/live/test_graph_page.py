@@ -26,7 +26,17 @@ import signal
 import time
 from typing import Any
 
-from browser import browser_page, ctc_live, eventually, inked, numbers, press, scene, unfold
+from browser import (
+    answered,
+    browser_page,
+    ctc_live,
+    eventually,
+    inked,
+    numbers,
+    press,
+    scene,
+    unfold,
+)
 from ctc_chattering.ros.node import qos
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from faults import nodes_of
@@ -118,15 +128,14 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
         unfold(page, 'gains')
         ka = page.get_by_label('ka as a number')
         eventually(lambda: ka.input_value() == '25', 'the value in force', page)
-        said_to_user: list[str] = []
-        page.on('dialog', lambda dialog: (said_to_user.append(dialog.message), dialog.accept()))
+        questions = answered(page, accept=True)
         ka.fill('-5')
         assert page.locator('.ctc-wrong', has_text='allowed: 0 to').count() == 1
         ka.press('Enter')
         ka.fill('2600')
         ka.press('Enter')  # The first request that is sent.
         graph.until(lambda: graph.get('controller', 'ka') == [2600.0] * 2, 'a confirmed change')
-        assert said_to_user == [
+        assert questions == [
             'ka: 25 → 2600 N·m, a change by more than a factor of 100. Set it?']
         graph.set('controller', 'ka', [25.0, 25.0])
         eventually(lambda: ka.input_value() == '25', 'the value in force', page)
