@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from ctc_chattering.configuration.robot_description import find_file
 from ctc_chattering.live.cameras import outermost
@@ -32,7 +32,8 @@ ARM_COLOUR, GHOST_COLOUR = (0, 114, 178), (230, 159, 0)
 _GHOST_SCALE, _GHOST_OPACITY = 1.03, 0.6
 #: What the ghost's distance from the arm may be multiplied by, and the largest that is drawn of a
 #: joint then [rad or m].
-MAGNIFIED, _LARGEST = (1, 10, 100, 1000), 1.0
+Magnified = Literal[1, 10, 100, 1000]
+_LARGEST = 1.0
 #: What meshes are read from, and how large these files may be [bytes]; of more triangles than
 #: `_MOST` a link is drawn by its other shapes.
 _FORMATS, _SIZE, _MOST = ('.stl', '.dae', '.obj'), 50_000_000, 200_000
@@ -55,7 +56,7 @@ class ArmView:
     ----------
     skeleton : Skeleton
     magnified : int
-        What the error is multiplied by where the ghost is drawn; one of `MAGNIFIED`.
+        What the error is multiplied by where the ghost is drawn; one of `Magnified`.
 
     """
 
@@ -82,8 +83,6 @@ class ArmView:
                         f'{frame.name}/{k}', middle + scale * (vertices - middle), faces,
                         color=colour, opacity=opacity, side=side, flat_shading=False,
                         cast_shadow=False, receive_shadow=False)
-        self._label = server.scene.add_label(
-            f'/{name}/ghost/label', '', visible=False, anchor='bottom-left')
 
     def points(self, positions: Iterable[Array]) -> Array:
         """Return the outline of the arm at `positions`, each of shape (n,), shape (N, 3) [m]."""
@@ -106,18 +105,6 @@ class ArmView:
                 frame.wxyz, frame.position = quaternion(pose[:3, :3]), pose[:3, 3]
             if not self._parts[part].visible:
                 self._parts[part].visible = True
-            if part == 'ghost':
-                self._show_label(poses[:, :3, 3])
-
-    def _show_label(self, joints: Array) -> None:
-        """Say at the ghost by how much its distance from the arm is magnified, if it is."""
-        text = f'ghost: error × {self.magnified}'
-        if self._label.visible != (self.magnified != 1):
-            self._label.visible = self.magnified != 1
-        if self._label.visible:
-            self._label.position = joints[-1]
-            if self._label.text != text:
-                self._label.text = text
 
     def remove(self) -> None:
         """Take it from the scene."""

@@ -12,20 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page over recorded runs: what it sends once, and the arms at the time that is shown."""
+"""Recorded runs: their page, which gets all samples once, and their export as one file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 import time
 from typing import Any
 
-from ctc_chattering.analysis.interactive_plots import packed, PARTS, signals_of
+from ctc_chattering.analysis.interactive_plots import coded, component, packed, PARTS, signals_of
+from ctc_chattering.analysis.markup import page as page_of
+from ctc_chattering.analysis.output import write_text
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.errors import CtcError
-from ctc_chattering.live.page import Page
+from ctc_chattering.live.page import Page, scripts
 from ctc_chattering.live.page_socket import Message, word
-from ctc_chattering.live.skeleton import Skeleton, skeleton_of
+from ctc_chattering.live.skeleton import as_json, places, Skeleton, skeleton_of, stage
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -37,6 +40,8 @@ _SEEN = 40
 _SETTLED = 1.0
 #: Signals that are sent together: those that are drawn first come first.
 _TOGETHER = (('e',), ('V',), ('torque', *PARTS), ('q', 'q_d'), ('dq',), ('v',))
+#: Most samples of a run in the file; of more, every so many-th is taken.
+_MOST = 60_000
 
 
 class RecordedRun:
@@ -140,8 +145,8 @@ class BagPage:
         self._arms = page.show_arms([run.skeleton for run in runs])
         self._look(False)
         self._shown: Any = None
-        page.socket.on('seek', self._seek)
-        page.socket.on('fit', lambda _: self._look(True))
+        page.socket.on('seek', float, self._seek)
+        page.socket.on('fit', None, lambda _: self._look(True))
 
     def _look(self, everybody: bool) -> None:
         """Have cameras show the motion."""
@@ -153,10 +158,9 @@ class BagPage:
         if points:
             self._page.cameras.look(np.concatenate(points), len(points), everybody)
 
-    def _seek(self, t: Any) -> None:
-        """Go to a time that a browser shows, if it is one."""
-        if type(t) in (int, float) and t == t:  # Not nan.
-            self._t = float(min(max(self._begin, t), self._end))
+    def _seek(self, t: float) -> None:
+        """Go to a time that a browser shows."""
+        self._t = min(max(self._begin, t), self._end)
 
     def update(self) -> None:
         """Show what has changed."""
@@ -190,3 +194,54 @@ class BagPage:
         while not stop:
             time.sleep(_FRAME)
             self.update()
+
+
+def write_export(runs: Sequence[RecordedRun], path: Path) -> int:
+    """
+    Write the page.
+
+    Parameters
+    ----------
+    runs : sequence of RecordedRun
+        One or two, of the same joints.
+    path : Path
+        File to write.
+
+    Returns
+    -------
+    int
+        Its size [bytes].
+
+    Raises
+    ------
+    CtcError
+        If the runs cannot be compared, or the file cannot be written.
+
+    """
+    check_comparable(runs)
+    text = page_of('ctc_chattering.live', 'export.html', component=component(),
+                   title=' and '.join(run.about['name'] for run in runs), data=_data(runs),
+                   scripts=scripts(('numbers.js', 'player.js', 'arm.js')))
+    write_text(path, text)
+    return len(text.encode())
+
+
+def _data(runs: Sequence[RecordedRun]) -> dict[str, Any]:
+    """Return what the scripts of the page read."""
+    reach, middle, floor = stage(run.skeleton for run in runs)
+    every = [-(-len(run.result.run.t) // _MOST) for run in runs]
+    return {
+        'joints': runs[0].result.joint_names, 'units': runs[0].result.position_units,
+        'reach': reach, 'middle': middle, 'floor': floor, 'begin': min(run.begin for run in runs),
+        'end': max(run.end for run in runs), 'settled': max(run.settled for run in runs),
+        'every': every, 'runs': [_run(*given) for given in zip(
+            runs, places(len(runs), reach), every)]}
+
+
+def _run(run: RecordedRun, place: Sequence[float], every: int) -> dict[str, Any]:
+    part = slice(None, None, every)
+    return {
+        **run.about, 'place': place,
+        'bodies': [] if run.skeleton is None else as_json(run.skeleton),
+        'packed': coded(run.result.run.t[part], {
+            name: values[part] for name, values in run.signals.items()})}

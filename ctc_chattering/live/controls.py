@@ -17,19 +17,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import dataclasses
+from functools import partial
 from math import inf
 import time
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from ctc_chattering.analysis.number_format import in_field
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.graph_reader import GraphReader
+from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
-from ctc_chattering.parameters import LARGEST, Parameter, unit_text
+from ctc_chattering.parameters import Parameter, unit_text
+from msgspec import Meta, Struct
 
 #: The gains with a slider.
 GAINS = ('kp', 'kv', 'lambda', 'ka', 'observer_bandwidth', 'estimator_bandwidth')
@@ -41,8 +44,6 @@ LARGEST_CHANGE = 100.0
 PLANT = {'coulomb_friction': 'Coulomb friction [N·m]', 'viscous_friction': 'viscous friction',
          'disturbance.amplitude': 'disturbance [N·m]',
          'disturbance.frequency': 'its frequency [rad/s]'}
-#: What can be chosen, by parameter.
-_CHOICES = {'law': LAWS, 'switching': SWITCHINGS}
 #: Answers that are shown.
 _ANSWERS = 50
 #: Why simulated time cannot be stopped, where it cannot.
@@ -87,7 +88,7 @@ class GainSlider:
                 'bounds': self.spec.bounds, 'values': self.values,
                 'each': len(self.values) > 1 and not self.matrix, 'off': self.off}
 
-    def changed(self, joint: Any, value: Any) -> list[float] | float | None:
+    def changed(self, joint: int, value: float) -> list[float] | float | None:
         """
         Return the parameter's value once the one of a joint, or of `ALL`, is another.
 
@@ -100,8 +101,7 @@ class GainSlider:
 
         """
         n = len(self.values)
-        if (self.off or type(joint) is not int or not ALL <= joint < n
-                or type(value) not in (int, float) or (self.matrix and joint != ALL)):
+        if self.off or not ALL <= joint < n or (self.matrix and joint != ALL):
             return None
         (value,) = self.spec.coerce((value,)) if n > 1 or self.spec.shape else (
             self.spec.coerce(value),)
@@ -141,12 +141,44 @@ def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> list[GainSl
     return found
 
 
+class Gain(Struct, forbid_unknown_fields=True):
+    """A value for a gain of a joint or of `ALL`, and whether a large change is meant."""
+
+    name: str
+    joint: int
+    value: float
+    confirmed: bool
+
+
+class Field(Struct, forbid_unknown_fields=True):
+    """A parameter of `PLANT`, and what is in its field."""
+
+    name: str
+    value: str
+
+
+class Push(Struct, forbid_unknown_fields=True):
+    """A torque [N·m] on a joint, and for how long [s]."""
+
+    joint: Annotated[int, Meta(ge=0)]
+    torque: float
+    lasts: float
+
+
+class Hold(Struct, forbid_unknown_fields=True):
+    """What is to become of simulated time; `samples` are those of a step."""
+
+    word: Literal['hold', 'step', 'run']
+    samples: Annotated[int, Meta(ge=1, le=100_000)]
+
+
 class Controls:
     """
-    What web/controls.js draws, and what it sends on the subject ``ask``.
+    What web/controls.js draws, and the words that it sends.
 
     Parameters
     ----------
+    socket : PageSocket
     reader : GraphReader
         What is known of the graph.
     requests : Requests
@@ -155,13 +187,19 @@ class Controls:
 
     """
 
-    def __init__(self, reader: GraphReader, requests: Any, recording: Any) -> None:
+    def __init__(self, socket: PageSocket, reader: GraphReader, requests: Any, recording: Any
+                 ) -> None:
         self._reader, self._requests, self._recording = reader, requests, recording
         self.answers: deque[dict[str, Any]] = deque(maxlen=_ANSWERS)
         self._answered = 0
-        self._receivers: dict[str, Callable[[Any], None]] = {
-            'gain': self._gain, 'torques': self._torques, 'record': self._record,
-            'plant': self._plant, 'push': self._push, 'time': self._time}
+        one_of: Any = Literal
+        for name, names in (('law', LAWS), ('switching', SWITCHINGS)):
+            socket.on(name, one_of[names], partial(self._set, 'controller', name))
+        for name, kind, receive in (
+                ('gain', Gain, self._gain), ('torques', bool, self._torques),
+                ('record', str | None, self._record), ('plant', Field, self._plant),
+                ('push', Push, self._push), ('time', Hold, self._hold)):
+            socket.on(name, kind, receive)
 
     @property
     def _in_force(self) -> Mapping[str, Any]:
@@ -189,95 +227,61 @@ class Controls:
         self.answers.appendleft({'what': what, 'done': done, 'text': text[:1000],
                                  'at': time.strftime('%H:%M:%S')})
 
-    def receive(self, asked: Any) -> None:
-        """Carry out what a page asks for; what no page of ours asks is passed over."""
-        if not isinstance(asked, dict) or len(asked) != 1:
-            return
-        (what, value), = asked.items()
-        if what in _CHOICES and value in _CHOICES[what]:
-            self._set('controller', what, value)
-        elif what in self._receivers:
-            self._receivers[what](value)
-
     def _set(self, node: str, name: str, value: Any) -> None:
         """Set a parameter; of one that has this value the answer says so."""
         same = self._reader.parameters[node].get(name) == value
         self._requests.set(node, {name: value}, done='was so already' if same else 'done')
 
-    def _gain(self, asked: Any) -> None:
-        if not isinstance(asked, dict) or set(asked) != {'name', 'joint', 'value', 'confirmed'}:
-            return
+    def _gain(self, asked: Gain) -> None:
         for gain in gains_of(self._in_force, self._reader.names):
-            if gain.spec.name == asked['name']:
-                self._set_gain(gain, asked['joint'], asked['value'], asked['confirmed'] is True)
+            if gain.spec.name == asked.name:
+                self._set_gain(gain, asked)
 
-    def _set_gain(self, gain: GainSlider, joint: Any, value: Any, confirmed: bool) -> None:
-        name = gain.spec.name
+    def _set_gain(self, gain: GainSlider, asked: Gain) -> None:
         try:
-            changed = gain.changed(joint, value)
+            value = gain.changed(asked.joint, asked.value)
         except CtcError as error:
-            self.answer(name, False, str(error))
+            self.answer(asked.name, False, str(error))
             return
-        if changed is None:
+        if value is None:
             return
-        if not confirmed and is_large(gain.matrix or gain.values, changed):
-            self.answer(name, False, (f'{in_field(changed)} is a change by more than a factor of '
-                                      f'{LARGEST_CHANGE:g}: it must be confirmed'))
+        if not asked.confirmed and is_large(gain.matrix or gain.values, value):
+            self.answer(asked.name, False, f'{in_field(value)} is a change by more than a factor '
+                        f'of {LARGEST_CHANGE:g}: it must be confirmed')
         else:
-            self._set('controller', name, changed)
+            self._set('controller', asked.name, value)
 
-    def _torques(self, on: Any) -> None:
-        if on is True:
+    def _torques(self, on: bool) -> None:
+        if on:
             self._requests.reset()
-        if isinstance(on, bool):
-            self._requests.enable(on)
+        self._requests.enable(on)
 
-    def _record(self, name: Any) -> None:
+    def _record(self, name: str | None) -> None:
         if name is None:
             self._recording.stop()
-        elif isinstance(name, str):
+        else:
             self._recording.start(name)
 
-    def _plant(self, asked: Any) -> None:
-        if (isinstance(asked, dict) and set(asked) == {'name', 'value'}
-                and asked['name'] in tuple(PLANT) and isinstance(asked['value'], str)):
-            self._set('plant', asked['name'], numbers(asked['value'], len(self._reader.names)))
+    def _plant(self, asked: Field) -> None:
+        if asked.name in PLANT:
+            self._set('plant', asked.name, numbers(asked.value, len(self._reader.names)))
 
-    def _push(self, asked: Any) -> None:
-        n = len(self._reader.names)
-        if not isinstance(asked, dict) or set(asked) != {'joint', 'torque', 'lasts'}:
-            return
-        joint, torque, lasts = (asked[x] for x in ('joint', 'torque', 'lasts'))
-        if type(joint) is not int or not 0 <= joint < n or not (
-                is_number(torque) and is_number(lasts)):
-            return
-        none = [0.0] * n
-        torques = [float(torque) if i == joint else x for i, x in enumerate(none)]
+    def _push(self, asked: Push) -> None:
+        none = [0.0] * len(self._reader.names)
+        torques = [asked.torque if i == asked.joint else x for i, x in enumerate(none)]
         # Only a change pushes: the same push again is one after none.
-        self._requests.set('plant', {'disturbance.push_duration': float(lasts)},
+        self._requests.set('plant', {'disturbance.push_duration': asked.lasts},
                            {'disturbance.push': none}, {'disturbance.push': torques})
 
-    def _time(self, asked: Any) -> None:
-        """Hold simulated time, go on by samples, or run."""
-        if not isinstance(asked, dict) or set(asked) != {'word', 'samples'}:
-            return
-        word, samples, config = asked['word'], asked['samples'], self._reader.config
-        if (word not in ('hold', 'step', 'run') or type(samples) is not int
-                or not 1 <= samples <= 100_000):
-            return
-        hold = 0.0
-        if word != 'run' and config is not None:
+    def _hold(self, asked: Hold) -> None:
+        hold, config = 0.0, self._reader.config
+        if asked.word != 'run' and config is not None:
             period = round(config.control_period * NANOSECONDS)
             instant = self._reader.instant()
             latest = max(self._reader.clock, instant.t if instant is not None else 0.0)
-            k = round(latest * NANOSECONDS / period) + (samples if word == 'step' else 1)
-            hold = seconds(k * period)
+            k = round(latest * NANOSECONDS / period)
+            hold = seconds((k + (asked.samples if asked.word == 'step' else 1)) * period)
         self._requests.set('plant', {'hold_at': hold})
-
-
-def is_number(value: Any) -> bool:
-    """Return whether a value is a finite number."""
-    return type(value) in (int, float) and abs(value) <= LARGEST
 
 
 def is_large(before: Sequence[float], after: list[float] | float) -> bool:

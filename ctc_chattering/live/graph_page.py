@@ -30,18 +30,16 @@ from ctc_chattering.launch.requests import Requests
 from ctc_chattering.live.arm_view import ArmView
 from ctc_chattering.live.controls import Controls
 from ctc_chattering.live.graph_reader import GraphReader
-from ctc_chattering.live.health import counted, ENDED, light, NodeReport, SIGNS, SILENT
+from ctc_chattering.live.health import ENDED, light, SIGNS, SILENT
 from ctc_chattering.live.page import Page
 from ctc_chattering.live.page_socket import Message, PageSocket, word
 from ctc_chattering.live.recorder_process import RecorderProcess
 from ctc_chattering.live.skeleton import skeleton_of
 from ctc_chattering.numerics.linear_algebra import Array
-from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.ros.exit_deadline import end_after
 from ctc_chattering.ros.fastdds import use_profile
 from ctc_chattering.ros.node import Executor
 from ctc_chattering.ros.security import check_security
-from ctc_chattering.trajectory.reference import ReferenceConfig, Sinusoid
 import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -61,8 +59,7 @@ WINDOW = 10.0
 _SIGNALS = ('e', 'V', 'torque', 'rate')
 #: After which a motion has settled [s].
 _SETTLED = 3.0
-#: Parameters of the desired motion, and positions of it that the camera shows.
-_MOTION = ('joint_names', 'center', 'amplitude', 'frequency', 'phase')
+#: Desired positions of the last seconds that the camera shows.
 _POSES = 24
 #: Further than this out of what the camera shows, as a part of its size, the arm is shown anew.
 _OUT = 0.05
@@ -92,12 +89,11 @@ class GraphPage:
         self._executor.add_node(reader)
         self._requests = Requests(reader, self._answer, _PATIENCE)
         self._recording = RecorderProcess(bags, ros_args, self._answer)
-        self._controls = Controls(reader, self._requests, self._recording) if controls else None
-        if self._controls is not None:
-            page.socket.on('ask', self._controls.receive)
+        self._controls = (Controls(page.socket, reader, self._requests, self._recording)
+                          if controls else None)
         self._plots = GraphPlots(page.socket, reader)
         self._arm = GraphArm(page, reader)
-        page.socket.on('fit', lambda _: self._arm.look(everybody=True))
+        page.socket.on('fit', None, lambda _: self._arm.look(everybody=True))
         self._made_of: Any = None
         self._due = {'numbers': 0.0, 'parameters': 0.0}
 
@@ -166,7 +162,7 @@ class GraphPage:
         lines = list(map(_for_buttons, found.lines)) if self._controls else found.lines
         socket.tell(
             light={'level': found.level, 'sign': SIGNS[found.level], 'lines': lines,
-                   **self._summary(reports)},
+                   'law': self._law()},
             ended=f'{SIGNS[ENDED]}. {"; ".join(lines)}' if found.level == ENDED else '',
             reports=[(name, report.message, [
                 pair for pair in report.values.items() if _LONG not in pair[0]])
@@ -176,17 +172,13 @@ class GraphPage:
         # Also where nothing is new: the page counts anew.
         socket.send(word(silent=0.0 if reader.simulated else min(silence.values(), default=0.0)))
 
-    def _summary(self, reports: Mapping[str, NodeReport]) -> dict[str, str]:
-        """Return law, switching and period; and misses and refused messages."""
+    def _law(self) -> str:
+        """Return law, switching and period; the domain before they are known."""
         config = self._reader.config
         if config is None:
-            return {'law': f'domain {os.environ.get("ROS_DOMAIN_ID", "0")}', 'counts': ''}
+            return f'domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
         switching = f', {config.switching}' if config.takes('switching') else ''
-        return {
-            'law': f'law {config.law}{switching}, period {1e3 * config.control_period:g} ms',
-            'counts': '; '.join(
-                '{} {} misses, {} refused'.format(*counted(name, report))
-                for name, report in reports.items() if name != 'bringup')}
+        return f'law {config.law}{switching}, period {1e3 * config.control_period:g} ms'
 
 
 def _for_buttons(line: str) -> str:
@@ -307,10 +299,10 @@ class GraphArm:
         self._follow()
 
     def look(self, everybody: bool = False) -> None:
-        """Have cameras show the arm, and the desired motion if it is on it."""
+        """Have cameras show the arm and its desired motion, as far as it is known."""
         poses = self._poses()
         if self._view is not None and poses:
-            self._look_at(self._view.points(poses + self._motion()), everybody)
+            self._look_at(self._view.points(poses + self._reader.desired(_POSES)), everybody)
 
     def _follow(self) -> None:
         """Have cameras show more if the arm leaves what they show."""
@@ -330,20 +322,6 @@ class GraphArm:
         """Return positions of the arm and of the ghost, where they are known."""
         instant, q = self._reader.instant(), self._reader.position
         return [x for x in (q, None if instant is None else instant.q_d) if x is not None]
-
-    def _motion(self) -> list[Any]:
-        """Return positions of the desired motion, where it is known."""
-        values = self._reader.parameters['reference']
-        if values.get('trajectory_file'):
-            return []
-        with suppress(CtcError, KeyError):
-            known = ReferenceConfig.from_mapping({name: values[name] for name in _MOTION})
-            if known.joint_names == self._reader.names:
-                motion = Sinusoid(known)
-                slow = min((x for x in known.frequency if x), default=1.0)
-                return [np.array(motion.at(round(k / _POSES / slow * NANOSECONDS))[0])
-                        for k in range(_POSES)]
-        return []
 
 
 def run_graph_page(make_page: Callable[[], Page], stop: Sequence[int], ros_args: Sequence[str],

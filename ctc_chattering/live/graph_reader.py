@@ -16,19 +16,20 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 import dataclasses
 from functools import partial
+from itertools import islice
 import os
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.interactive_plots import PARTS
+from ctc_chattering.analysis.interactive_plots import packed, PARTS
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError, refused_as, RejectedMessage
 from ctc_chattering.live.health import NodeReport
-from ctc_chattering.live.history import Track
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS, seconds
 from ctc_chattering.ros import topics
@@ -52,6 +53,71 @@ _KEPT = 1000
 _NODES = ('plant', 'controller', 'reference')
 #: Age of what the controller tracks, against the state, from which it is old [s].
 _ALONE = 0.25
+
+
+class Mark(NamedTuple):
+    """How far a track was sent: rows added, how many before it was cleared, and time 0 [s]."""
+
+    added: int
+    cleared: int
+    begin: float
+
+
+class Track:
+    """
+    Signals that one message has: rows of numbers with their times, the last `most` of them.
+
+    A time before the last one, as at a new start of simulated time, clears it; of rows of one time
+    the first is kept.
+
+    Parameters
+    ----------
+    most : int
+        Number of rows.
+    **signals : int
+        Number of columns of each signal, in their order.
+
+    """
+
+    def __init__(self, most: int = 10_000, **signals: int) -> None:
+        self._signals = signals
+        self._rows: deque[tuple[float, Any]] = deque(maxlen=most)
+        self._added = self._cleared = 0
+
+    def clear(self) -> None:
+        """Forget all rows."""
+        self._rows.clear()
+        self._cleared = self._added
+
+    def add(self, t: float, row: Array) -> None:
+        """Append a row at time `t` [s]."""
+        if self._rows and t <= self._rows[-1][0]:
+            if t == self._rows[-1][0]:
+                return
+            self.clear()
+        self._rows.append((t, row))
+        self._added += 1
+
+    def latest(self, count: int) -> list[Any]:
+        """Return at most so many of the rows, evenly spaced, the last one among them."""
+        rows = list(self._rows)[::-1]
+        return [row for _, row in rows[::len(rows) // count + 1]]
+
+    def mark(self, begin: float) -> Mark:
+        """Return how far `packed` reaches now, with times from `begin` on [s]."""
+        return Mark(self._added, self._cleared, begin)
+
+    def packed(self, since: Mark | None, begin: float) -> bytes:
+        """Return the rows after a mark as a message to the pages, empty without any."""
+        now, count = self.mark(begin), len(self._rows)
+        fresh = since is None or since[1:] != now[1:]
+        first = 0 if fresh or since is None else max(0, count - (now.added - since.added))
+        if first == count:
+            return b''
+        t, rows = map(np.array, zip(*islice(self._rows, first, None)))
+        ends = np.cumsum(list(self._signals.values()))
+        parts = np.split(rows, ends[:-1], axis=1)
+        return packed(t - begin, dict(zip(self._signals, parts)), run=0, fresh=fresh)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,6 +277,10 @@ class GraphReader(BaseNode):
     def position(self) -> Any:
         """Return the last position that was heard, shape (n,); None before."""
         return None if self._state is None else self._state[1]
+
+    def desired(self, count: int) -> list[Array]:
+        """Return at most so many desired positions of the last seconds, each of shape (n,)."""
+        return [row[:len(self.names)] for row in self.tracks[topics.TRACKING].latest(count)]
 
     @property
     def begin(self) -> float:

@@ -16,10 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import dataclasses
 import math
-import re
 import time
 
 #: Levels of the light. `OK`, `WARN` and `ERROR` are those of /diagnostics.
@@ -143,19 +142,3 @@ def _silent(since: float, now: float) -> str:
 def _at(t: float) -> str:
     """Return a time of the clock on the wall as this machine's zone has it."""
     return time.strftime('%H:%M:%S', time.localtime(t))
-
-
-def counted(name: str, report: NodeReport) -> tuple[str, str, str]:
-    """Return a node's name, deadline misses and refused messages; `?` for what is no count."""
-    values = report.values
-    refused = [_count(value) for key, value in values.items() if key.endswith(': refused')]
-    return (name, _shown([_count(values.get('deadline misses', '0'))]), _shown(refused))
-
-
-def _count(text: str) -> int | None:
-    return int(text) if re.fullmatch('[0-9]{1,15}', text) else None
-
-
-def _shown(counts: Sequence[int | None]) -> str:
-    known = [x for x in counts if x is not None]
-    return str(sum(known)) if len(known) == len(counts) else '?'

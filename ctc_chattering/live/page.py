@@ -17,15 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from ctc_chattering.analysis.interactive_plots import component
 from ctc_chattering.analysis.markup import asset, fragment, Markup
 from ctc_chattering.analysis.markup import page as page_of
-from ctc_chattering.live.arm_view import ArmView, MAGNIFIED
+from ctc_chattering.live import require_viser
+from ctc_chattering.live.arm_view import ArmView, Magnified
 from ctc_chattering.live.cameras import Cameras, roots
 from ctc_chattering.live.page_socket import PageSocket
-from ctc_chattering.live.server import free_port, HOST, require_viser, serve, stop
+from ctc_chattering.live.server import free_port, HOST, serve, stop
 from ctc_chattering.live.skeleton import Skeleton, stage
 import numpy as np
 
@@ -54,7 +56,7 @@ class Page:
     socket : PageSocket
         The WebSocket of samples and words.
     magnified : int
-        What errors are multiplied by where the ghost is drawn; one of `MAGNIFIED`.
+        What errors are multiplied by where the ghost is drawn; one of `Magnified`.
     cameras : Cameras
         Of the browsers.
 
@@ -79,11 +81,7 @@ class Page:
         self._arms: list[ArmView] = []
         self._grid: Any = None
         self.cameras = Cameras(self.server)
-        self.socket.on('magnify', self._magnify)
-
-    def _magnify(self, factor: Any) -> None:
-        if type(factor) is int and factor in MAGNIFIED:
-            self.magnified = factor
+        self.socket.on('magnify', Magnified, partial(setattr, self, 'magnified'))
 
     def show_arms(self, skeletons: Sequence[Skeleton | None]) -> list[ArmView | None]:
         """Put arms side by side into the scene, in place of those there."""

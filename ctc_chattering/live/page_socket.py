@@ -33,7 +33,7 @@ To the page (live/web/page.js):
 
 From the page:
 
-- ``ask``: what `Controls.receive` takes
+- what `Controls` takes, by its subjects
 - ``seek``: time to show [s]
 - ``magnify``: what errors are multiplied by where the ghost is drawn
 - ``fit``: have the cameras show the arms
@@ -47,6 +47,9 @@ from contextlib import suppress
 import json
 from queue import Empty, SimpleQueue
 from typing import Any
+
+from msgspec import convert, MsgspecError, ValidationError
+from msgspec.json import decode
 
 Message = str | bytes
 #: Longest message from a page [characters].
@@ -92,7 +95,7 @@ class PageSocket:
         self._clients: set[_Client] = set()
         self._joined: SimpleQueue[_Client] = SimpleQueue()
         self._heard: SimpleQueue[Mapping[str, Any]] = SimpleQueue()
-        self._receivers: dict[str, Callable[[Any], None]] = {}
+        self._receivers: dict[str, tuple[Any, Callable[[Any], None]]] = {}
         #: The last words of each subject.
         self._told: dict[str, str] = {}
 
@@ -113,7 +116,7 @@ class PageSocket:
                 if len(data) > _LONGEST:
                     await connection.close(_TOO_LONG, f'more than {_LONGEST} characters')
                     break
-                self._take(data)
+                self.hear(data)
         except ConnectionClosed:
             pass
         finally:
@@ -121,20 +124,18 @@ class PageSocket:
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
 
-    def _take(self, data: Any) -> None:
-        """Keep a message if it can be one of the page."""
-        with suppress(ValueError, RecursionError):
-            message = json.loads(data) if isinstance(data, str) else None
-            if isinstance(message, dict):
-                self._heard.put(message)
+    def hear(self, data: Message) -> None:
+        """Keep a message for `poll` if it can be one of the page."""
+        with suppress(MsgspecError, RecursionError, UnicodeError):
+            self._heard.put(decode(data if isinstance(data, str) else '', type=dict[str, Any]))
 
-    def on(self, subject: str, receive: Callable[[Any], None]) -> None:
+    def on(self, subject: str, kind: Any, receive: Callable[[Any], None]) -> None:
         """
-        Have words of a subject received, in `poll`.
+        Have words of a subject received, in `poll`, if they are of a type, as msgspec has it.
 
-        Anybody who has the token can send them: whoever receives checks type and limits.
+        Anybody who has the token can send them: whoever receives checks all that is no type.
         """
-        self._receivers[subject] = receive
+        self._receivers[subject] = kind, receive
 
     def poll(self, greeting: Callable[[], Iterable[Message]]) -> None:
         """
@@ -147,9 +148,14 @@ class PageSocket:
                 self._joined.get_nowait().put((*greeting(), *self._told.values()))
         with suppress(Empty):
             while True:
-                for subject, value in self._heard.get_nowait().items():
-                    if subject in self._receivers:
-                        self._receivers[subject](value)
+                heard = self._heard.get_nowait()
+                for subject in heard.keys() & self._receivers.keys():
+                    kind, receive = self._receivers[subject]
+                    try:
+                        value = convert(heard[subject], kind)
+                    except ValidationError:
+                        continue  # Of no page of ours.
+                    receive(value)
 
     def tell(self, **words: Any) -> None:
         """Send words to all pages, each by its subject, and to new ones; the same only once."""

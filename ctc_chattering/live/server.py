@@ -28,7 +28,7 @@ from functools import partial
 from http import HTTPStatus
 from http.client import HTTPConnection, HTTPException
 from io import StringIO
-import logging
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 import socket
@@ -37,9 +37,12 @@ from typing import Any
 import webbrowser
 
 from ctc_chattering.analysis.markup import fragment
-from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.errors import CtcError
 from ctc_chattering.live.access import Access, HEADERS, is_local, VIEW_HEADERS
 from ctc_chattering.live.page_socket import PageSocket
+from msgspec import Struct
+from msgspec.msgpack import decode
+from msgspec.structs import astuple
 
 #: Where the page is by default, and how many ports after it are tried.
 HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
@@ -47,9 +50,6 @@ HOST, PORT, _TRIED = '127.0.0.1', 8080, 50
 _PATIENCE = 10.0
 #: Where viser's page is, and our WebSocket.
 _VIEW, _SAMPLES = '/view/', '/samples'
-#: All that a browser may say to viser: how many numbers each part of its camera has.
-_CAMERA = {'wxyz': 4, 'position': 3, 'look_at': 3, 'up_direction': 3, 'fov': 1, 'near': 1,
-           'far': 1, 'image_height': 1, 'image_width': 1}
 #: What a browser opens that must not have the address among its arguments.
 _LEADS = ('<!DOCTYPE html><meta charset="utf-8">'
           '<meta http-equiv="refresh" content="0; url={{ url }}">')
@@ -97,15 +97,25 @@ class _Front:
         await handle(connection)
 
 
+class Camera(Struct, tag='ViewerCameraMessage', forbid_unknown_fields=True):
+    """All that a browser may say to viser: where its camera is."""
+
+    wxyz: tuple[float, float, float, float]
+    position: tuple[float, float, float]
+    look_at: tuple[float, float, float]
+    up_direction: tuple[float, float, float]
+    fov: float
+    near: float
+    far: float
+    image_height: float
+    image_width: float
+
+
 def is_camera(data: Any) -> bool:
-    """Return whether a message of a browser says where its camera is, in finite numbers."""
-    from msgspec.msgpack import decode
+    """Return whether a message of a browser is a `Camera` of finite numbers."""
     with suppress(Exception):  # Of arbitrary bytes.
-        fields = decode(data)
-        if fields.pop('type') == 'ViewerCameraMessage' and fields.keys() == _CAMERA.keys():
-            parts = {name: x if isinstance(x, list) else [x] for name, x in fields.items()}
-            return all(len(parts[name]) == count for name, count in _CAMERA.items()) and all(
-                type(x) in (int, float) and isfinite(x) for part in parts.values() for x in part)
+        return all(map(isfinite, chain.from_iterable(
+            x if isinstance(x, tuple) else (x,) for x in astuple(decode(data, type=Camera)))))
     return False
 
 
@@ -196,26 +206,6 @@ def _check_closed(host: str, port: int) -> None:
                 f'the requests of viser {viser.__version__} cannot be checked (status {status} '
                 'without the token), and the page is not served to everyone: '
                 "pip install 'viser>=1.1,<1.2'")
-
-
-def require_viser() -> Any:
-    """
-    Return the library that serves the page.
-
-    Raises
-    ------
-    UsageError
-        If it is not installed; one line that says how to install it.
-
-    """
-    try:
-        import viser
-    except ImportError as error:
-        raise UsageError(f"the page needs viser ({error}): pip install 'ctc_chattering[live]', "
-                         'or pip install viser') from None
-    # A browser that goes away in the middle of a message is no error.
-    logging.getLogger('websockets').setLevel(logging.CRITICAL)
-    return viser
 
 
 def free_port(host: str, port: int | None) -> int:

@@ -27,9 +27,10 @@ from typing import Any
 
 from browser import browser_page, ctc_live
 from ctc_chattering.errors import CtcError
+from ctc_chattering.live import require_viser
 from ctc_chattering.live.access import Access, HEADERS, VIEW_HEADERS
 from ctc_chattering.live.page_socket import PageSocket
-from ctc_chattering.live.server import free_port, require_viser, serve, stop
+from ctc_chattering.live.server import free_port, serve, stop
 from ctc_chattering.ros.domain import own_domain
 import pytest
 from websockets import Headers

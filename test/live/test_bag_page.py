@@ -30,8 +30,7 @@ from browser import browser_page, ctc_live, eventually, inked, numbers, press, s
 from ctc_chattering.analysis.result import Result, simulate
 from ctc_chattering.bags.reader import read_bag
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.live.bag_page import RecordedRun
-from ctc_chattering.live.export import write_export
+from ctc_chattering.live.bag_page import RecordedRun, write_export
 from ctc_commands import ctc, refused
 from markupsafe import escape
 import numpy as np

@@ -302,7 +302,7 @@ def test_a_hostile_graph_neither_runs_a_script_nor_ends_the_page() -> None:
         def shown() -> bool:
             diagnostics.publish(DiagnosticArray(status=status))
             it.executor.spin_once(timeout_sec=0.0)
-            return mentions(page, EVIL) and mentions(page, 'controller ? misses, ? refused')
+            return mentions(page, EVIL)
         eventually(shown, 'what the nodes say, as text', page)
         eventually(lambda: page.locator('#reports td', has_text=EVIL).count() == 8,
                    'the reports', page)

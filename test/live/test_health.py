@@ -20,7 +20,6 @@ import dataclasses
 import time
 
 from ctc_chattering.live.health import (
-    counted,
     ENDED,
     ERROR,
     Light,
@@ -106,11 +105,3 @@ def test_nothing_heard_is_no_error() -> None:
 
 def test_levels_are_distinguished_without_colour() -> None:
     assert len({sign[0] for sign in SIGNS}) == len(SIGNS) == 5
-
-
-def test_counts_misses_and_refused_messages_once() -> None:
-    report = NodeReport(OK, 'running', 0.0, {
-        'deadline misses': '3', 'joint_states: refused': '4', 'joint_states: refused, stamp': '4',
-        'reference: refused': '1', 'reference: publishers': '/reference'})
-    assert counted('controller', report) == ('controller', '3', '5')
-    assert counted('plant', NodeReport(OK, 'running', 0.0)) == ('plant', '0', '0')

@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from ctc_chattering.live.history import Track
+from ctc_chattering.live.graph_reader import Track
 import numpy as np
 import pytest
 

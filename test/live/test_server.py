@@ -28,12 +28,12 @@ from typing import Any
 
 from ctc_chattering.cli.bringup import main as bringup
 from ctc_chattering.errors import CtcError
+from ctc_chattering.live import require_viser
 from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.server import (
     free_port,
     is_camera,
     PORT,
-    require_viser,
     serve,
     stop,
     warning_of,

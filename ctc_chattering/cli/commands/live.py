@@ -61,9 +61,10 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f'--port {options.port}: allowed: 0 to 65535')
     if options.export is not None:
         return _export(options.bags, options.export, options.overwrite)
-    from ctc_chattering.live.server import opened, require_viser, warning_of
+    from ctc_chattering.live import require_viser
     require_viser()
     from ctc_chattering.live.page import Page
+    from ctc_chattering.live.server import opened, warning_of
     if options.bags and (options.read_only or options.ros_args):
         raise UsageError('--read-only and --ros-args are for the page of a graph, not of bags')
     if not options.bags_in.is_dir():
@@ -121,7 +122,7 @@ def _runs(bags: Sequence[Path]) -> list[Any]:
 
 def _export(bags: Sequence[Path], path: Path, overwrite: bool) -> int:
     """Write the page of bags into one file."""
-    from ctc_chattering.live.export import write_export
+    from ctc_chattering.live.bag_page import write_export
     if not bags:
         raise UsageError('--export needs a bag')
     if path.exists() and not overwrite:

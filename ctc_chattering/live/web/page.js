@@ -43,7 +43,7 @@ const receivers = {
   },
   mark(t) { if (player(t)) moved(t); },
   silent(seconds) { if (plots) numbers(plots.runs, about, null, seconds); },
-  controls: ctcControls($('controls'), ask => say({ ask })),
+  controls: ctcControls($('controls'), say),
   scene: ctcView($('view'), { read: remembered, write: remember }),
   ended(text) { $('ended').textContent = text; $('ended').hidden = !text; },
   ...status,

@@ -1,7 +1,7 @@
 // Whether all is well with a graph: the light, what its nodes report, and what became of requests.
 //
 //   const status = ctcStatus(light, reports, log);   // elements
-//   status.light({level, sign, lines, law, counts}); status.reports([[name, message, [[key, value],
+//   status.light({level, sign, lines, law}); status.reports([[name, message, [[key, value],
 //   ...]], ...]); status.answers([{at, what, done, text}, ...]);   // the newest first
 'use strict';
 const ctcStatus = (light, reports, log) => {
@@ -13,13 +13,12 @@ const ctcStatus = (light, reports, log) => {
     return made;
   };
   return {
-    light({ level, sign, lines, law, counts }) {
+    light({ level, sign, lines, law }) {
       light.dataset.level = level;
       light.replaceChildren();
       element('b', light, sign);
       if (law) element('div', light, law, 'ctc-law');
       for (const line of lines) element('div', light, line);
-      if (counts) element('div', light, counts);
     },
     reports(nodes) {
       reports.replaceChildren();
