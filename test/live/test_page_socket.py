@@ -74,7 +74,8 @@ def test_what_is_no_word_of_a_subject_is_ignored_and_too_much_of_it_ends_the_con
         async with connect(url) as page:
             for data in ('', '{', '[1]', 'null', '"seek"', b'{"seek": 1}', b'\xff', '{"other": 1}',
                          '[' * 9000, '{"seek": NaN}', '{"seek": "1"}', '{"seek": true}',
-                         '{"seek": null}', f'{{"seek": {10 ** 400}}}', json.dumps({'seek': 2.5, 'other': {}})):
+                         '{"seek": null}', f'{{"seek": {10 ** 400}}}',
+                         json.dumps({'seek': 2.5, 'other': {}})):
                 await page.send(data)
 
             def polled() -> bool:
