@@ -79,7 +79,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     'RecordedMotion': {'recording': RECORDING, 'description': '', 'controller': None,
                        'notes': ()},
     'excite': {'setup': SETUP, 'request': {'duration': 0.01}, 'friction': None, 'evaluations': 1,
-               'seed': 0, 'srdf': '', 'floor': None},
+               'seed': 0, 'srdf': '', 'floor': None, 'joints': ()},
     'identify': {'motions': [RecordedMotion(RECORDING)], 'validation': None, 'model': 'two_link',
                  'urdf': '', 'gravity': None, 'torque': '', 'side': 'current', 'torque_rate': (),
                  'gear_ratio': None, 'torque_constant': [1.0, 2.0]},
