@@ -89,7 +89,7 @@ RIGHT: dict[str, dict[str, Any]] = {
                     'overwrite': False, 'show': no_line, 'progress': None, 'extra': 'svg',
                     'command': ''},
     'compare': {'files': ['none.yaml'], 'laws': ['chattering'], 'conditions': (), 'backends': (),
-                'trials': 0, 'variation': 1.5, 'held_out': 0, 'seed': 0, 'jobs': 1,
+                'gains': 'file', 'held_out': 0, 'seed': 0, 'jobs': 1,
                 'runner': over_simulation, 'show': no_line, 'progress': None},
     'study': {'laws': False, 'groups': (), 'jobs': 1, 'show': no_line, 'progress': None},
     'replay': {'bag': 'bag', 'rate': 1.0, 'delay': 0.0},
