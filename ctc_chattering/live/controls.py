@@ -141,7 +141,7 @@ def gains_of(parameters: Mapping[str, Any], names: Sequence[str]) -> list[GainSl
     return found
 
 
-class Gain(Struct, forbid_unknown_fields=True):
+class GainRequest(Struct, forbid_unknown_fields=True):
     """A value for a gain of a joint or of `ALL`, and whether a large change is meant."""
 
     name: str
@@ -150,14 +150,14 @@ class Gain(Struct, forbid_unknown_fields=True):
     confirmed: bool
 
 
-class Field(Struct, forbid_unknown_fields=True):
+class FieldRequest(Struct, forbid_unknown_fields=True):
     """A parameter of `PLANT`, and what is in its field."""
 
     name: str
     value: str
 
 
-class Push(Struct, forbid_unknown_fields=True):
+class PushRequest(Struct, forbid_unknown_fields=True):
     """A torque [N·m] on a joint, and for how long [s]."""
 
     joint: Annotated[int, Meta(ge=0)]
@@ -165,7 +165,7 @@ class Push(Struct, forbid_unknown_fields=True):
     lasts: float
 
 
-class Hold(Struct, forbid_unknown_fields=True):
+class HoldRequest(Struct, forbid_unknown_fields=True):
     """What is to become of simulated time; `samples` are those of a step."""
 
     word: Literal['hold', 'step', 'run']
@@ -196,9 +196,9 @@ class Controls:
         for name, names in (('law', LAWS), ('switching', SWITCHINGS)):
             socket.on(name, one_of[names], partial(self._set, 'controller', name))
         for name, kind, receive in (
-                ('gain', Gain, self._gain), ('torques', bool, self._torques),
-                ('record', str | None, self._record), ('plant', Field, self._plant),
-                ('push', Push, self._push), ('time', Hold, self._hold)):
+                ('gain', GainRequest, self._gain), ('torques', bool, self._torques),
+                ('record', str | None, self._record), ('plant', FieldRequest, self._plant),
+                ('push', PushRequest, self._push), ('time', HoldRequest, self._hold)):
             socket.on(name, kind, receive)
 
     @property
@@ -232,12 +232,12 @@ class Controls:
         same = self._reader.parameters[node].get(name) == value
         self._requests.set(node, {name: value}, done='was so already' if same else 'done')
 
-    def _gain(self, asked: Gain) -> None:
+    def _gain(self, asked: GainRequest) -> None:
         for gain in gains_of(self._in_force, self._reader.names):
             if gain.spec.name == asked.name:
                 self._set_gain(gain, asked)
 
-    def _set_gain(self, gain: GainSlider, asked: Gain) -> None:
+    def _set_gain(self, gain: GainSlider, asked: GainRequest) -> None:
         try:
             value = gain.changed(asked.joint, asked.value)
         except CtcError as error:
@@ -262,18 +262,18 @@ class Controls:
         else:
             self._recording.start(name)
 
-    def _plant(self, asked: Field) -> None:
+    def _plant(self, asked: FieldRequest) -> None:
         if asked.name in PLANT:
             self._set('plant', asked.name, numbers(asked.value, len(self._reader.names)))
 
-    def _push(self, asked: Push) -> None:
+    def _push(self, asked: PushRequest) -> None:
         none = [0.0] * len(self._reader.names)
         torques = [asked.torque if i == asked.joint else x for i, x in enumerate(none)]
         # Only a change pushes: the same push again is one after none.
         self._requests.set('plant', {'disturbance.push_duration': asked.lasts},
                            {'disturbance.push': none}, {'disturbance.push': torques})
 
-    def _hold(self, asked: Hold) -> None:
+    def _hold(self, asked: HoldRequest) -> None:
         hold, config = 0.0, self._reader.config
         if asked.word != 'run' and config is not None:
             period = round(config.control_period * NANOSECONDS)

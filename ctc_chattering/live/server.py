@@ -97,7 +97,7 @@ class _Front:
         await handle(connection)
 
 
-class Camera(Struct, tag='ViewerCameraMessage', forbid_unknown_fields=True):
+class CameraMessage(Struct, tag='ViewerCameraMessage', forbid_unknown_fields=True):
     """All that a browser may say to viser: where its camera is."""
 
     wxyz: tuple[float, float, float, float]
@@ -112,10 +112,11 @@ class Camera(Struct, tag='ViewerCameraMessage', forbid_unknown_fields=True):
 
 
 def is_camera(data: Any) -> bool:
-    """Return whether a message of a browser is a `Camera` of finite numbers."""
+    """Return whether a message of a browser is a `CameraMessage` of finite numbers."""
     with suppress(Exception):  # Of arbitrary bytes.
+        parts = astuple(decode(data, type=CameraMessage))
         return all(map(isfinite, chain.from_iterable(
-            x if isinstance(x, tuple) else (x,) for x in astuple(decode(data, type=Camera)))))
+            x if isinstance(x, tuple) else (x,) for x in parts)))
     return False
 
 
