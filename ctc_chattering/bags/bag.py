@@ -52,8 +52,8 @@ class Bag:
     ----------
     connections : list of Connection
         The topics of each file, as `rosbags` has them.
-    start_time : int
-        Log time of the first message [ns].
+    start_time, end_time : int
+        Log time of the first and of the last message [ns].
     message_count : int
         Number of all messages, as the metadata count them.
 
@@ -88,6 +88,7 @@ class Bag:
         for x in () if self._counts else self.connections:
             self._counts[x.topic, x.msgtype] += x.msgcount
         self.start_time: int = self._reader.start_time
+        self.end_time: int = self._reader.end_time - 1
         self.message_count = self._counts.total()
 
     def close(self) -> None:

@@ -18,9 +18,11 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
+import struct
 
 from ctc_chattering.bags.repair import open_bag
 from ctc_chattering.errors import CtcError
+from mcap.writer import Writer as McapWriter
 from motion_bags import joint_state, write
 import numpy as np
 import pytest
@@ -45,7 +47,7 @@ def test_a_directory_and_a_single_file(tmp_path: Path, ending: str, is_file: boo
         found = [(x.topic, t, reader.deserialize(data, x.msgtype).position.tolist())
                  for x, t, data in reader.messages()]
         assert found == [('/joint_states', t, [t, t]) for t in range(0, 50_000_000, 1_000_000)]
-        assert (reader.start_time, reader.message_count) == (0, 50)
+        assert (reader.start_time, reader.end_time, reader.message_count) == (0, 49_000_000, 50)
 
 
 @pytest.mark.parametrize(('ending', 'content', 'message'), [
@@ -65,6 +67,31 @@ def test_what_cannot_be_read_is_said_in_one_line(
         open_bag(bag)
     assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
+
+
+IDL = """module my_msgs { module msg { struct Thing {
+  std_msgs::msg::Header header; sequence<double> x; }; }; };"""
+
+
+@pytest.mark.parametrize(('encoding', 'definition'), [
+    ('ros2msg', 'std_msgs/Header header\nfloat64[] x'), ('ros2idl', IDL),
+    ('ros2idl', f'{"=" * 80}\nIDL: my_msgs/msg/Thing\n{IDL}')])
+def test_a_type_that_only_the_bag_defines(
+        tmp_path: Path, encoding: str, definition: str) -> None:
+    """Check both kinds of definitions; what they lack is known of ROS 2 Jazzy."""
+    data = struct.pack('<4siIIIIIdd', b'\0\1\0\0', 1, 2, 1, 0, 2, 0, 1.5, -2.5)
+    with (tmp_path / 'file.mcap').open('wb') as stream:
+        writer = McapWriter(stream)
+        writer.start('ros2')
+        schema = writer.register_schema('my_msgs/msg/Thing', encoding, definition.encode())
+        channel = writer.register_channel('/thing', 'cdr', schema)
+        writer.add_message(channel, 7, data, 7)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with closing(open_bag(tmp_path / 'file.mcap')) as reader:
+        ((connection, t, data),) = reader.messages()
+        reader.check_type(connection)
+        found = reader.deserialize(data, connection.msgtype)
+    assert (t, found.header.stamp.sec, found.x.tolist()) == (7, 1, [1.5, -2.5])
 
 
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:

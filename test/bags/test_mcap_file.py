@@ -36,7 +36,8 @@ from mcap.reader import make_reader, NonSeekingReader
 from mcap.records import Attachment, Channel, Chunk, ChunkIndex, DataEnd, Footer, Header, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
-from motion_bags import joint_state, write as write_bag
+from motion_bags import joint_state
+from motion_bags import write as write_bag
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
@@ -85,7 +86,7 @@ def write(file: Path, times: list[int], **how: Any) -> Path:
             f'my_msgs/msg/{topic[1].upper()}', 'ros2msg', b'string data')) for topic in TOPICS]
         for (i, t), channel in zip(enumerate(times), itertools.cycle(channels)):
             writer.add_message(channel, t, bytes(i), t)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return file
 
 
@@ -122,10 +123,10 @@ def test_a_wrong_byte_anywhere_in_the_index_is_found(file: Path) -> None:
     assert footer.summary_crc != 0
     for place in range(footer.summary_start, len(data) - 8, 23):
         file.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1:])
-        with pytest.raises(CtcError, match=r'file.mcap: the index has a wrong checksum|cut off'):
+        with pytest.raises(CtcError, match=r'file\.mcap: the index has a wrong checksum|cut off'):
             check(file)
     file.write_bytes(data[:-1])
-    with pytest.raises(CtcError, match='file.mcap: the file is cut off'):
+    with pytest.raises(CtcError, match=r'file\.mcap: the file is cut off'):
         check(file)
     file.write_bytes(data[:-12] + bytes(4) + data[-8:])  # A checksum of 0 stands for none.
     check(file)

@@ -65,7 +65,7 @@ def test_in_a_script_with_a_node_of_its_own(bag: Path) -> None:
             node.create_subscription(JointState, '/joint_states', heard.append, 5000)
             executor = SingleThreadedExecutor(context=context)
             executor.add_node(node)
-            assert replay(str(bag), rate=10.0, delay=0.1) == count
+            assert replay(str(bag), rate=10.0, delay=3.0) == count
             deadline = time.monotonic() + PATIENCE
             while len(heard) < 1000 and time.monotonic() < deadline:
                 executor.spin_once(0.1)
