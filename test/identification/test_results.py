@@ -72,7 +72,8 @@ def results(refused: int = 2) -> IdentificationResults:
         data=SimpleNamespace(
             torque=np.zeros((1, n)), way=np.zeros((1, n))))
     recommended = SimpleNamespace(
-        findings=(), ka=size.tolist(), values={'ka': (size.tolist(), 'of the largest |P|')}, trials=(),
+        findings=(), ka=size.tolist(), values={'ka': (size.tolist(), 'of the largest |P|')},
+        trials=(),
         noise_torque=0.1 * size, allowed=[True] * n)
     run = SimpleNamespace(peak=size, misfit=lambda: (size, 0.01 * size))
     return IdentificationResults('run', cast(Any, found), cast(Any, run),
@@ -118,7 +119,7 @@ def test_a_joint_that_is_not_usable_has_no_numbers(tmp_path: Path) -> None:
     assert bad['coulomb'] == {'value': None, 'reason': 'not usable'}
     assert bad['refused']['coulomb']['value'] == SECRET
     for values in (found['peak_perturbation_nm'], found['recommended']['ka']['value'],
-                   found['torque_steps_nm']['implicit'], found['noise_torque_nm']):
+                   found['noise_torque_nm']):
         assert values[2] is None and values[0] is not None
     assert found['torque_scale'][2]['value'] is None
     drives = found['delays_possible'][0]

@@ -49,7 +49,7 @@ def test_a_bag_becomes_numbers_gains_figures_and_a_page(
     assert setup.plant.coulomb_friction == pytest.approx(made.plant.coulomb_friction, rel=0.02)
     page = (out / 'index.html').read_text()
     assert 'Friction and gains from run' in page
-    for figure in ('friction', 'perturbation', 'residual', 'spectrum', 'validation'):
+    for figure in ('friction', 'perturbation', 'residual', 'validation'):
         assert f'figures/{figure}.svg' in page
         assert (out / 'figures' / f'{figure}.svg').is_file()
     assert main(command) == 1
