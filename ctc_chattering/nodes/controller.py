@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from math import inf
 import time
 
 from ctc_chattering.configuration.loop_setup import Values
@@ -48,6 +49,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
+
+#: Least time for which a message is waited for: without one EventsExecutor hangs [s].
+_SHORTEST = 1e-5
 
 
 class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
@@ -143,6 +147,17 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             self._loop.check_silence(now, lambda: self.count_publishers(JOINT_STATES))
         self._answer(now)
 
+    def patience(self) -> float:
+        """Return the time until a predicted state is to be answered [s]."""
+        due = self._loop.due()
+        return inf if due is None else max(seconds(due - time.monotonic_ns()), _SHORTEST)
+
+    def overdue(self) -> None:
+        """Answer a predicted state where none has come."""
+        due = self._loop.due()
+        if due is not None and time.monotonic_ns() >= due:
+            self._loop.predict()
+
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
@@ -194,6 +209,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     def on_change(self) -> None:
         """Have the law take what has been set."""
         self._loop.restart_duration = self.settings.restart_duration
+        self._loop.predicted_periods = self.settings.predicted_periods
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
             self._tell_if_plain(self._loop.law)
@@ -225,6 +241,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             'restarts per second': loop.health.rates.events_per_second,
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
+            'periods without a state, answered': loop.predicted,
             'time': 'simulated' if loop.simulated else 'real'})
 
 
