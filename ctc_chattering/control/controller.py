@@ -94,8 +94,9 @@ class _Unmeasured(NamedTuple):
     offset: int
     memories: Memories
     transit: Array
-    #: For each period the rows that the step took, and the torque sent, shape (n,).
-    answered: list[tuple[Array, Array]]
+    #: For each period the rows that the step took, how long after their instant the sample was
+    #: [ns], and the torque in force, shape (n,).
+    answered: list[tuple[Array, int, Array]]
 
 
 class Controller:
@@ -260,13 +261,14 @@ class Controller:
         self.memories = memory, of_law, last
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
-             ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None
-             ) -> Sample:
+             ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
+             late: int = 0) -> Sample:
         """
         Return the torque for this sample, and what it is made of.
 
-        Where `predicted_step` has answered for the period of this state already, the law takes
-        the state as of its stamp, and the torque is the one sent last.
+        Where the period of a state is over, or has been answered by `predicted_step`, the law
+        takes the state as of its stamp, and the torque in force for that period; what is returned
+        is for the present period.
 
         Parameters
         ----------
@@ -278,24 +280,30 @@ class Controller:
             The same for the next samples, as many as `input_delay` says.
         t, at : int, optional
             Stamp of the state, and instant of the reference, best `instant`; by default t [ns].
+        late : int
+            Periods that have passed since t; without an answer, the torque sent last is in force.
 
         """
         rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
         if self._bumpless or self._before != self.config.law:
             self._begin(rows)
         before = self._t
-        if t is None or before is None or (
-                t - before == self._period and not self._offset):
+        if t is None or (not late and (before is None or (
+                t - before == self._period and not self._offset))):
             self._t, self._unmeasured = t, None
             return self._step(rows, REGULAR)
         missed, offset = self._follows(t)
         after = t - offset - (t if at is None else at)
         if self._is_late(t):
-            return self._merged(missed, rows, Arrival(offset / 1e9, after / 1e9, 1.0, 1.0), t)
-        self._t, self._offset, self._unmeasured = t, offset, None
-        for k in range(missed, 0, -1):
-            self._step(rows, Arrival(0.0, (after - k * self._period) / 1e9, 0.0, 1.0))
-        return self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, 0.0))
+            sample = self._merged(missed, rows, offset, after, t)
+        else:
+            self._t, self._offset, self._unmeasured = t, offset, None
+            for k in range(missed, 0, -1):
+                self._step(rows, Arrival(0.0, (after - k * self._period) / 1e9, 0.0, 1.0))
+            sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, float(late > 0)))
+        for k in range(self.predicted_periods + 1, late + 1):
+            sample = self._predict(rows, after + k * self._period, k < late)
+        return sample
 
     def instant(self, t: int) -> int:
         """Return at which instant the law takes a state of stamp `t` in `step` [ns]."""
@@ -304,7 +312,7 @@ class Controller:
     def _is_late(self, t: int) -> bool:
         """Return whether `predicted_step` has answered for the period of a state."""
         return (self._unmeasured is not None and self._t is not None
-                and t < self._t - self._period // 2)
+                and t < self._t + self._period // 2)
 
     def _follows(self, t: int) -> tuple[int, int]:
         """Return the `periods` of a state of stamp `t` [ns]."""
@@ -319,9 +327,9 @@ class Controller:
         return len(self._unmeasured.answered) if self._unmeasured is not None else 0
 
     def predicted_step(self, q_d: Vector, dq_d: Vector, ddq_d: Vector,
-                       ahead: Sequence[Point] = ()) -> Sample | None:
+                       ahead: Sequence[Point] = (), periods: int = 1) -> Sample | None:
         """
-        Return what `step` does for the state that is predicted a period after the last one.
+        Return what `step` does for the state that is predicted some periods after the last one.
 
         None without a state with a stamp, where another law is to take over, or where it leaves
         the range of numbers.
@@ -329,34 +337,42 @@ class Controller:
         Parameters
         ----------
         q_d, dq_d, ddq_d, ahead
-            As of `step`, for the `instant` of a stamp a period after the last one.
+            As of `step`, for the `instant` of a stamp so many periods after the last one.
+        periods : int
+            In all but the last of which the torque sent last is in force.
 
         """
         zero = (0.0,) * self.model.n
         rows = self._rows(zero, zero, q_d, dq_d, ddq_d, ahead)
         if self._t is None or self._before != self.config.law:
             return None
+        for k in range(periods - 1, -1, -1):
+            sample = self._finite(self._predict, rows, -k * self._period, k > 0)
+        return sample
+
+    def _predict(self, rows: Array, after: int, kept: bool) -> Sample:
+        """Go on by a period without a state, at a sample `after` the instant of `rows` [ns]."""
+        assert self._t is not None
         if self._unmeasured is None:
             self._unmeasured = _Unmeasured(
                 self._t, self._offset, self.memories, self.transit.copy(), [])
         self._t += self._period
-        sample = self._finite(self._step, rows, Arrival(0.0, 0.0, 0.0, 0.0))
-        if sample is not None:
-            self._unmeasured.answered.append((rows, np.array(sample.tau)))
+        sample = self._step(rows, Arrival(0.0, after / 1e9, 0.0, float(kept)))
+        self._unmeasured.answered.append((rows, after, np.array(sample.tau)))
         return sample
 
-    def _merged(self, missed: int, rows: Array, arrival: Arrival, t: int) -> Sample:
-        """Take a state for which another torque was sent; return the sample of the last one."""
+    def _merged(self, missed: int, rows: Array, offset: int, after: int, t: int) -> Sample:
+        """Take a state whose period has been answered; return the sample of the last period."""
         assert self._unmeasured is not None
         _, _, memories, self.transit[:], answered = self._unmeasured
-        for k, (predicted, tau) in enumerate(answered):
+        for k, (predicted, later, tau) in enumerate(answered):
             self._stepper.memories = memories[0]._replace(held=tau), *memories[1:]
             if k == missed:
-                sample = self._step(rows, arrival)
-                self._unmeasured = _Unmeasured(t, self._offset, self.memories,
-                                               self.transit.copy(), answered[k + 1:])
+                sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, 1.0))
+                self._unmeasured = _Unmeasured(
+                    t, offset, self.memories, self.transit.copy(), answered[k + 1:])
             else:
-                sample = self._step(predicted, Arrival(0.0, 0.0, 0.0, 1.0))
+                sample = self._step(predicted, Arrival(0.0, later / 1e9, 0.0, 1.0))
             memories = self.memories
         return sample
 
@@ -387,14 +403,14 @@ class Controller:
             'q, dq, q_d, dq_d, ddq_d', rows, f'{self.model.n} numbers each')))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
-                 ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None
-                 ) -> Sample | None:
+                 ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
+                 late: int = 0) -> Sample | None:
         """
         Return what `step` does; None where that leaves the range of numbers.
 
         The law must then be `reset`.
         """
-        return self._finite(self.step, q, dq, q_d, dq_d, ddq_d, ahead, t, at)
+        return self._finite(self.step, q, dq, q_d, dq_d, ddq_d, ahead, t, at, late)
 
     @staticmethod
     def _finite(step: Callable[..., Sample], *arguments: Any) -> Sample | None:

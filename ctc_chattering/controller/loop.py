@@ -169,7 +169,7 @@ class ControlLoop:
         self._goes_on = False
         return begins_again
 
-    def answer(self, matched: bool) -> Answer | None:
+    def answer(self, matched: bool, now: int = 0) -> Answer | None:
         """
         Send the torque that answers the pending state, if there is one to send, and return it.
 
@@ -177,6 +177,8 @@ class ControlLoop:
         ----------
         matched : bool
             Whether those who are to receive the torque do.
+        now : int
+            Real time: on the clock of `take_state` [ns].
 
         Raises
         ------
@@ -194,7 +196,9 @@ class ControlLoop:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        sample = self._step(law, state, points, at)
+        late = 0 if self.simulated else min(self._periods_since(state.t, now),
+                                            self.predicted_periods)
+        sample = self._step(law, state, points, at, late)
         if (trip := self._trips.check(law, sample)) is not None:
             self._trip(trip)
             return None
@@ -207,25 +211,36 @@ class ControlLoop:
         """
         Return when the torque for a predicted state is to be sent, on the clock of `take_state`.
 
-        In real time, that is half a period after the next state should have come: for as many
-        periods as the parameter says, and before `state_timeout`; else None [ns].
+        In real time, that is a quarter of a period after the next state should have come: for as
+        many periods as the parameter says, and before `state_timeout`; else None [ns].
         """
         if (self.law is None or self.last is None or not self._goes_on or self.simulated
                 or not self.mode.sends_torque):
             return None
-        silence = (self.law.predicted_periods + 1) * self.period + self.period // 2
-        if (self.law.predicted_periods >= self.predicted_periods
-                or silence >= self.watchdog.timeout):
+        periods = self.law.predicted_periods + 1
+        silence = periods * self.period + self.period // 4
+        if periods > self.predicted_periods or silence >= self.watchdog.timeout:
             return None
         return self._stamps.arrival(self.last.t) + silence
 
-    def predict(self) -> None:
-        """Send the torque that answers the predicted state of the next period, if it has one."""
+    def _periods_since(self, t: int, now: int) -> int:
+        """
+        Return the periods that have passed at `now` since the sample of stamp `t` [ns].
+
+        A torque sent within half a period after the state should have come is in force from its
+        sample on.
+        """
+        return max((now - self._stamps.arrival(t) + self.period // 2) // self.period, 0)
+
+    def predict(self, now: int) -> None:
+        """Send the torque that answers the predicted state of the period at `now`, as `due`."""
         law, last = self.law, self.last
         assert law is not None and last is not None
-        points = self._desired(
-            law.instant(last.t + (law.predicted_periods + 1) * self.period), last)
-        sample = None if points is None else law.predicted_step(*points[0], points[1:])
+        before = law.predicted_periods
+        periods = min(self._periods_since(last.t, now), self.predicted_periods)
+        points = self._desired(law.instant(last.t + periods * self.period), last)
+        sample = None if points is None else law.predicted_step(
+            *points[0], points[1:], periods - before)
         trip = None if sample is None else self._trips.check(law, sample)
         self._goes_on = sample is not None and trip is None
         if trip is not None:
@@ -249,7 +264,7 @@ class ControlLoop:
                 f'within {self.restart_duration:g} s')
         return points
 
-    def _step(self, law: Controller, state: JointSample, points: list[Point], at: int
+    def _step(self, law: Controller, state: JointSample, points: list[Point], at: int, late: int
               ) -> Sample:
         """
         Return the law's answer; if it has none that is finite, the law restarts.
@@ -258,7 +273,7 @@ class ControlLoop:
         """
         for _ in range(2 if self.simulated else 1):
             sample = law.try_step(
-                state.q, state.dq, *points[0], points[1:], state.t, at)
+                state.q, state.dq, *points[0], points[1:], state.t, at, late)
             if sample is not None:
                 return sample
             law.reset(bumpless=True, held=self._held)

@@ -154,9 +154,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def overdue(self) -> None:
         """Answer a predicted state where none has come."""
-        due = self._loop.due()
-        if due is not None and time.monotonic_ns() >= due:
-            self._loop.predict()
+        due, now = self._loop.due(), time.monotonic_ns()
+        if due is not None and now >= due:
+            self._loop.predict(now)
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
@@ -164,7 +164,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
-            answer = self._loop.answer(self._matched)
+            answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
             self.inputs[0].reject(rejected, now)
             return
