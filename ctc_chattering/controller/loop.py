@@ -237,10 +237,18 @@ class ControlLoop:
         return max((now - self._stamps.arrival(t) + self.period // 2) // self.period, 0)
 
     def predict(self, now: int) -> None:
-        """Send the torque that answers the predicted state of the period at `now`, as `due`."""
+        """
+        Send the torque that answers the predicted state of the period at `now`, as `due`.
+
+        Raises
+        ------
+        RejectedMessage
+            As `answer`.
+
+        """
         law, last = self.law, self.last
         assert law is not None and last is not None
-        before = law.predicted_periods
+        before, self._goes_on = law.predicted_periods, False
         periods = min(self._periods_since(last.t, now), self.predicted_periods)
         points = self._desired(law.instant(last.t + periods * self.period), last)
         sample = None if points is None else law.predicted_step(

@@ -156,7 +156,10 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         """Answer a predicted state where none has come."""
         due, now = self._loop.due(), time.monotonic_ns()
         if due is not None and now >= due:
-            self._loop.predict(now)
+            try:
+                self._loop.predict(now)
+            except RejectedMessage as rejected:
+                self.inputs[0].reject(rejected, now)
 
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
