@@ -118,7 +118,7 @@ def run(law: str, stamped: bool = True, loss: float = 0.0, jitter: float = 0.0,
     tau, lost = [0.0, 0.0], 0
     for k, t in enumerate(instants[:-1]):
         q, dq = plant.measured()
-        lost = lost + 1 if 0 < k and lost < 3 and rng.random() < loss else 0
+        lost = lost + 1 if k > 0 and lost < 3 and rng.random() < loss else 0
         if not lost:
             points = [reference(1e-9 * (t + j * H)) for j in range(DELAY + 1)]
             tau = made.step(q, dq, *points[0], points[1:], t=t if stamped else None).tau
