@@ -19,7 +19,7 @@ The samples of a law are a period h apart, whatever the stamps say. For each per
 state the law goes on with the state that it predicts, under the torque that acted. A state that
 was measured a time δ after a sample is taken back to it along the predicted motion::
 
-    q - δ (dq + ½ δ a),     dq - δ a,     a = (dq - dq of the sample before) / h         (ST1)
+    q - δ (dq + ½ δ a),     dq - δ a,     a = (dq - dq of the sample before) / h         (LS1)
 
 Where clocks differ the samples follow the stamps, so that |δ| stays below 0.45 h.
 
@@ -165,7 +165,7 @@ def periods(h: int, offset: int, elapsed: int) -> tuple[int, int]:
 def step_at(context: Context, law: Any, memory: ControlMemory, law_memory: Any, last: LastSample,
             arrival: Arrival, q: Array, dq: Array, points: Array) -> tuple[Step, LastSample]:
     """
-    Return `step` for a state that was not measured at the sample, or has not come, by (ST1).
+    Return `step` for a state that was not measured at the sample, or has not come, by (LS1).
 
     Parameters
     ----------
