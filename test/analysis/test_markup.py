@@ -45,7 +45,7 @@ from ctc_chattering.runs.map_data import MapData
 from ctc_chattering.runs.map_figures import lines
 from ctc_chattering.runs.map_page import write_map_page
 from ctc_chattering.runs.score import Score
-from ctc_chattering.runs.tune import Evaluation, tune, Tuning
+from ctc_chattering.runs.tune import Evaluation, searched, Tuning
 from ctc_chattering.runs.tune_page import write_page as write_search_page
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
@@ -125,7 +125,7 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return tune(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
+    return searched(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:

@@ -28,9 +28,9 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.runs import study as cases
 from ctc_chattering.runs.score import Score
 from ctc_chattering.runs.study import Case, CaseOutcome, evaluate, to_csv
-from ctc_chattering.runs.study_page import EVERY_LAW as LAWS
-from ctc_chattering.runs.study_page import LAWS as LAW_KIND
-from ctc_chattering.runs.study_page import SWITCHINGS as SWITCHING_KIND
+from ctc_chattering.runs.study import EVERY_LAW as LAWS
+from ctc_chattering.runs.study_page import OF_LAWS as LAW_KIND
+from ctc_chattering.runs.study_page import OF_SWITCHINGS as SWITCHING_KIND
 from ctc_chattering.runs.study_page import to_markdown
 import pytest
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Tab
             directory.write(part, rows(made, part))
             computed.append(part)
         mine = pyarrow.concat_tables([directory.rows(x, print) for x in chunks])
-        refinement.take(lambda mine=mine: mine)
+        refinement.take(partial(lambda x: x, mine))
         parts.append(mine)
     return directory.merge(parts)
 
