@@ -21,10 +21,13 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loading import load_parameters, with_gains
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.node_parameters import LOOP, NODES
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.control.recommended_gains import GAINS
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.errors import CtcError
+from ctc_chattering.errors import CtcError, UsageError
 from ctc_chattering.parameters import LARGEST, LEAST
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -247,6 +250,42 @@ def test_overrides(file: Path) -> None:
     assert setup.plant.gravity == setup.controller.gravity == 1.0
     refused(lambda: parameter_file.load(file, {'controller': {'law': 'pid'}}),
             'law', 'pid', 'chattering')
+
+
+def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> None:
+    """With gains, or where the file is asked for, it takes what is there; the user is told."""
+    law, friction = {'law': 'observer_feedback'}, find_config('friction')
+    over, line = with_gains(friction, {'controller': law})
+    assert over['controller'] == {
+        **law, 'kp': (1e4, 1e4), 'kv': (200.0, 200.0), 'ka': (65.3, 13.7),
+        'estimator_bandwidth': 100.0}
+    assert over['reference'] == {'start_duration': 2.0}
+    assert line == (
+        'law observer_feedback takes recommended gains: kp 10000, kv 200, ka 65.3/13.7, '
+        'estimator_bandwidth 100, and start_duration 2.0 s for a smooth start; --gains file '
+        'takes those of the file')
+    for values, gains in ((law, 'file'), ({**law, 'ka': 60.0}, None), ({}, None),
+                          ({'law': 'compensation'}, None)):
+        assert with_gains(friction, {'controller': values}, gains) == ({'controller': values}, '')
+    mine = {'controller': {**law, 'ka': 60.0}, 'reference': {'start_duration': 0.5}}
+    over, _ = with_gains(friction, mine, 'recommended')
+    assert (over['controller']['ka'], over['controller']['kp']) == (60.0, (1e4, 1e4))
+    assert over['reference'] == {'start_duration': 0.5}
+    with pytest.raises(UsageError, match='law chattering has no recommended gains'):
+        with_gains(friction, {}, 'recommended')
+    assert load_parameters('friction', {'controller': law}).controller.kv == (200.0, 200.0)
+    refused(lambda: load_parameters('friction', gains='mine'), 'gains', 'mine', 'recommended')
+
+
+def test_events_take_gains_as_a_running_node_does() -> None:
+    """What a node adds to the law, the simulation must have; gains that events have stay."""
+    (_, _, there), (_, _, back) = events(
+        '1 controller law observer_feedback', '2 controller law chattering')
+    assert there.keys() - {'law'} == set(GAINS)
+    assert (there['kp'], there['ka']) == ((1e4, 1e4), (65.3, 13.7))
+    assert (back['kp'], back['ka']) == ((100.0, 100.0), (10.0, 10.0))
+    *_, (_, _, given) = events('1 controller kp 400', '1 controller law observer_feedback')
+    assert (given['kp'], given['kv'], given['ka']) == ((400.0, 400.0), (50.0, 50.0), (10.0, 10.0))
 
 
 def events(*lines: str) -> list[tuple[float, str, dict[str, Any]]]:
