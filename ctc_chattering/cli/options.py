@@ -27,7 +27,7 @@ from ctc_chattering.cli.command_line import say
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loading import FROM_FILE, RECOMMENDED, with_gains
 from ctc_chattering.configuration.loop_setup import Setup
-from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.package_share import config_directory, find_config
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import given_by_user, UsageError
@@ -68,6 +68,16 @@ def add_params_file(parser: argparse.ArgumentParser) -> None:
                         help='the same')
 
 
+def add_urdf_options(parser: argparse.ArgumentParser, required: bool = False) -> None:
+    """Add the options of a robot that a URDF describes."""
+    parser.add_argument('--urdf', metavar='FILE', required=required,
+                        help='URDF: a path or package://NAME/PATH')
+    parser.add_argument('--joints', metavar='A,B,C',
+                        help='joints in the order of the model; default: all that move')
+    parser.add_argument('--gravity', type=float, default=9.81, metavar='G',
+                        help='acceleration of gravity [m/s²], default: 9.81')
+
+
 def add_bag(parser: argparse.ArgumentParser) -> None:
     """Add the argument that names a bag."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
@@ -98,6 +108,12 @@ def add_jobs(parser: argparse.ArgumentParser, more: str = '') -> None:
 def find_file(text: str) -> Path:
     """Return the parameter file that `text` names: a path, or ``panda`` for the package's own."""
     return find_config(text)
+
+
+def is_parameter_file(text: str) -> bool:
+    """Return whether `text` names a parameter file, and no bag: one of the package, or YAML."""
+    return Path(text).suffix == '.yaml' or (
+        not Path(text).exists() and (config_directory() / f'{text}.yaml').exists())
 
 
 def overrides(options: argparse.Namespace) -> dict[str, dict[str, Any]]:

@@ -309,7 +309,7 @@ def test_events() -> None:
     ('-1 controller b 2', '>= 0'), ('nan controller b 2', '>= 0'),
     ('inf controller b 2', '>= 0'),
     ('5 controller law pid', 'compensation'), ('5 controller mass 1', 'mass'),
-    ('5 controller b 0', '>= 0.001'), ('5 controller kp [1]', 'n = 2'),
+    ('5 controller b 0', '>= 0.001'), ('5 controller kp [1, 2, 3]', 'n = 2'),
     ('5 plant gravity 1', 'change'),
     ('5 controller control_period 0.1', 'change'), ('5 controller kp [1, 2', 'kp'),
     ('5 controller b null', 'b'), ('5 controller b # 2', 'b'), ('5 controller b 2024-99-99', 'b'),
@@ -374,12 +374,12 @@ reference:
     assert parameter_file.load(file).reference.model == 'urdf'
     for node, values, message in (
             ('reference', {'center': [2.7, 0.0]}, 'reference: the motion is beyond the limits of '
-             'the description: a: position 3.2 rad, 0.2 beyond its limit of 3'),
+             'the description: a: position 3.2 rad, 0.2 above its upper limit of 3'),
             ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 beyond'),
             ('reference', {'center': [1.0, 3.0]}, r'reference: start_duration 2 s: .*; b: |'
              r'b: velocity .* would do'),
             ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
-             'limits of the description: a: position -2.1 rad, 0.1 beyond its limit of -2'),
+             'limits of the description: a: position -2.1 rad, 0.1 below its lower limit of -2'),
             ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 beyond')):
         with pytest.raises(CtcError, match=message):
             parameter_file.load(file, {node: values})
