@@ -66,7 +66,7 @@ def bringup(arguments: Sequence[str]) -> int:
     with given_by_user(ros.assigned):
         file, over, setup = load_setup(options, ros_arguments.bringup_values(ros))
     plant = setup.plant
-    with Progress(plant.experiment, plant.duration) as progress:
+    with Progress(f'experiment {plant.experiment}:', plant.duration) as progress:
         try:
             run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,
                       progress.write, options.live)

@@ -264,8 +264,9 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
         'law observer_feedback takes recommended gains: kp 10000, kv 200, ka 65.3/13.7, '
         'estimator_bandwidth 100, and start_duration 2.0 s for a smooth start; --gains file '
         'takes those of the file')
-    for values, gains in ((law, 'file'), ({**law, 'ka': 60.0}, None), ({}, None),
-                          ({'law': 'compensation'}, None)):
+    cases: list[tuple[dict[str, Any], str | None]] = [
+        (law, 'file'), ({**law, 'ka': 60.0}, None), ({}, None), ({'law': 'compensation'}, None)]
+    for values, gains in cases:
         assert with_gains(friction, {'controller': values}, gains) == ({'controller': values}, '')
     mine = {'controller': {**law, 'ka': 60.0}, 'reference': {'start_duration': 0.5}}
     over, _ = with_gains(friction, mine, 'recommended')

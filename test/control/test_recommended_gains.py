@@ -21,9 +21,9 @@ from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     GainChoice,
     GAINS,
-    LAW,
     largest_pole,
     lateness,
+    LAW,
     model_torque,
     POLE,
     recommended_gains,
@@ -83,7 +83,7 @@ def test_the_observer_is_faster_where_positions_are_fine() -> None:
 
 def test_ka_has_room_for_a_fifth_of_the_torque_that_the_model_takes_within_the_limits() -> None:
     """Compare with M and G of the two-link arm, written out at its worst positions."""
-    config = ControllerConfig(gravity=9.81, ka=[10.0, 5.0], effort_limit=[1e9, 10.0])
+    config = ControllerConfig(ka=(10.0, 5.0), effort_limit=(1e9, 10.0))
     arm, straight = TwoLink(9.81), [0.0, 0.0]
     most = (np.abs(arm.gravity_torque([0.5 * np.pi, 0.0]))
             + 20.0 * np.diagonal(arm.mass_matrix(straight)))
@@ -97,7 +97,7 @@ def test_ka_has_room_for_a_fifth_of_the_torque_that_the_model_takes_within_the_l
 
 def test_a_law_takes_gains_of_its_own_kind_and_gets_those_it_had_again() -> None:
     """Go from law to law; those of one kind keep the gains, and what a user sets is not lost."""
-    choice, config = GainChoice(), ControllerConfig(kp=300.0, kv=40.0, ka=7.0)
+    choice, config = GainChoice(), ControllerConfig().changed({'kp': 300.0, 'kv': 40.0, 'ka': 7.0})
     others = [law for law in LAWS if law != LAW]
     assert {law for law in others if choice.of_law(law, config)} == set()
     own = choice.of_law(LAW, config)
