@@ -29,8 +29,9 @@ from ctc_chattering.configuration.parameter_file import (
     known_model_torque,
     load,
     node_values,
+    read,
 )
-from ctc_chattering.control.recommended_gains import GainChoice, GAINS, LAW, recommended_gains
+from ctc_chattering.control.recommended_gains import GAINS, LAW, suitable_gains
 from ctc_chattering.errors import ParameterError, UsageError
 
 #: Whose gains a law takes: those of the file, or the recommended ones.
@@ -71,27 +72,18 @@ def with_gains(path: Path | None, overrides: Overrides, gains: str | None = None
     """
     found = {node: dict(values) for node, values in overrides.items()}
     given = node_values(found, 'controller', 'overrides')
-    law = given.get('law')
-    chosen = law is not None and given.keys().isdisjoint(GAINS)
+    of_file = node_values(read(path) if path else {}, 'controller', str(path)).get('law')
+    law = given.get('law', of_file)
+    chosen = (law == LAW) != (of_file == LAW) and given.keys().isdisjoint(GAINS)
     if gains == FROM_FILE or (gains is None and not chosen):
         return found, ''
-    setup = load(path, {node: {name: x for name, x in values.items() if name != 'law'}
-                        for node, values in found.items()})
-    config = setup.controller
-    law = config.law if law is None else law
-    choice = GainChoice()
-    if law == LAW:
-        choice.torque = known_model_torque(config, setup.descriptions)
-    if gains is None:
-        taken = choice.of_law(law, config)
-    elif law == LAW:
-        taken = {name: x for name, x in recommended_gains(config, choice.torque).items()
-                 if name not in given}
-    else:
-        raise UsageError(f'--gains {gains}: law {law} has no recommended gains; allowed with '
-                         f'--law {LAW}')
-    if not taken:
-        return found, ''
+    if gains is not None and law != LAW:
+        raise UsageError(f'--gains {gains}: {law} has no recommended '
+                         f'gains; allowed with --law {LAW}')
+    setup = load(path, found)
+    torque = known_model_torque(setup.controller, setup.descriptions) if law == LAW else None
+    taken = {name: x for name, x in suitable_gains(str(law), setup.controller, torque).items()
+             if name not in given}
     found.setdefault('controller', {}).update(taken)
     text = ', '.join(f'{name} {_shown(x)}' for name, x in taken.items())
     if law == LAW:
@@ -108,7 +100,7 @@ def _shown(value: float | tuple[float, ...]) -> str:
     return f'{values[0]:g}' if len(set(values)) == 1 else '/'.join(f'{x:g}' for x in values)
 
 
-@checked(path=(str, Path), overrides=(Mapping, type(None)))
+@checked(path=(str, Path), overrides=(Mapping, type(None)), gains=(str, type(None)))
 def load_parameters(path: str | Path = 'friction', overrides: Overrides | None = None,
                     gains: str | None = None) -> Setup:
     """

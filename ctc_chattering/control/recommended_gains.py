@@ -106,6 +106,15 @@ def recommended_gains(config: ControllerConfig, torque: Array | None = None) -> 
             'estimator_bandwidth': estimator_bandwidth(pole, np.inf)}
 
 
+def suitable_gains(law: str, config: ControllerConfig, torque: Array | None = None
+                   ) -> dict[str, Any]:
+    """Return the gains of a law of the other kind than that of `config`, by parameter."""
+    if law == LAW:
+        return recommended_gains(config, torque)
+    known, n = config.parameters(), len(config.joint_names)
+    return {name: known[name].default_for(n) for name in ('kp', 'kv')}
+
+
 class GainChoice:
     """
     Decides which gains a law takes where it is chosen without any.
@@ -132,10 +141,6 @@ class GainChoice:
         own, before = law == LAW, config.law == LAW
         if own == before:
             return {}
-        values, known = config.as_mapping(), config.parameters()
+        values = config.as_mapping()
         self._left[before] = {name: values[name] for name in GAINS}
-        if own in self._left:
-            return self._left[own]
-        n = len(config.joint_names)
-        return recommended_gains(config, self.torque) if own else {
-            name: known[name].default_for(n) for name in ('kp', 'kv')}
+        return self._left.get(own) or suitable_gains(law, config, self.torque)

@@ -142,7 +142,7 @@ def test_directory(tmp_path: Path) -> None:
     ('controller', 'lambda: "x"', "'x'", 'number'), ('controller', 'lambda: true', 'True', 'numb'),
     ('controller', 'lambda: [1.0]', '[1.0]', 'number'), ('controller', 'lambda:', 'None', 'numb'),
     ('controller', f'lambda: 1{"0" * 400}', '1000', 'number'),
-    ('controller', 'kp: x', 'x', 'list'), ('controller', 'kp: [1.0]', '[1.0]', 'n = 2'),
+    ('controller', 'kp: x', 'x', 'list'),
     ('controller', 'kp: [1, 2, 3]', '3.0]', 'n = 2'), ('controller', 'kp: [1, a]', "'a'", 'list'),
     ('controller', 'kp: [1, null]', 'None', 'list'), ('controller', 'kp: [[1], [0]]', '', 'list'),
     ('controller', 'kv: [1, 0.5, 0.4, 1]', '0.4', 'symmetric'),
@@ -154,7 +154,7 @@ def test_directory(tmp_path: Path) -> None:
     ('controller', 'effort_limit: [.nan, 1]', 'nan', 'number'),
     ('plant', 'pacing: fast', 'fast', 'lockstep'), ('plant', 'duration: -1', '-1', '>= 0'),
     ('plant', 'duration: 2024-01-01', '2024', 'number'),
-    ('plant', 'disturbance: {amplitude: [1]}', '1.0', 'n = 2'),
+    ('plant', 'disturbance: {amplitude: [1, 2, 3]}', '1.0', 'n = 2'),
     ('plant', 'disturbance.amplitude: x', 'x', 'list'), ('plant', 'experiment: 5', '5', 'string'),
     ('plant', 'initial_position: [0, 0, 0]', '[0.0, 0.0, 0.0]', 'n = 2'),
     ('/**', 'control_period: 0.0', '0.0', '>= 1e-09'),
@@ -254,7 +254,8 @@ def test_overrides(file: Path) -> None:
 
 def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> None:
     """With gains, or where the file is asked for, it takes what is there; the user is told."""
-    law, friction = {'law': 'observer_feedback'}, find_config('friction')
+    law: dict[str, Any] = {'law': 'observer_feedback'}
+    friction = find_config('friction')
     over, line = with_gains(friction, {'controller': law})
     assert over['controller'] == {
         **law, 'kp': (1e4, 1e4), 'kv': (200.0, 200.0), 'ka': (65.3, 13.7),
@@ -272,7 +273,7 @@ def test_a_law_without_gains_takes_those_that_suit_it_and_starts_smoothly() -> N
     over, _ = with_gains(friction, mine, 'recommended')
     assert (over['controller']['ka'], over['controller']['kp']) == (60.0, (1e4, 1e4))
     assert over['reference'] == {'start_duration': 0.5}
-    with pytest.raises(UsageError, match='law chattering has no recommended gains'):
+    with pytest.raises(UsageError, match='chattering has no recommended gains'):
         with_gains(friction, {}, 'recommended')
     assert load_parameters('friction', {'controller': law}).controller.kv == (200.0, 200.0)
     refused(lambda: load_parameters('friction', gains='mine'), 'gains', 'mine', 'recommended')
@@ -376,12 +377,12 @@ reference:
     for node, values, message in (
             ('reference', {'center': [2.7, 0.0]}, 'reference: the motion is beyond the limits of '
              'the description: a: position 3.2 rad, 0.2 above its upper limit of 3'),
-            ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 beyond'),
+            ('reference', {'frequency': [0.4, 0.5]}, 'b: velocity 1.571 rad/s, 0.0708 above'),
             ('reference', {'center': [1.0, 3.0]}, r'reference: start_duration 2 s: .*; b: |'
              r'b: velocity .* would do'),
             ('plant', {'initial_position': [-2.1, 0.0]}, 'the start of the plant is beyond the '
              'limits of the description: a: position -2.1 rad, 0.1 below its lower limit of -2'),
-            ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 beyond')):
+            ('plant', {'initial_velocity': [0.0, 2.0]}, 'b: velocity 2 rad/s, 0.5 above')):
         with pytest.raises(CtcError, match=message):
             parameter_file.load(file, {node: values})
 

@@ -257,7 +257,7 @@ def test_refusals_name_the_joint_and_by_how_much() -> None:
              'a: position 1.5 rad, 0.1 above its upper limit of 1.4'),
             ({'velocity': 3.0}, state,
              'the motion .* a: velocity 3.142 rad/s, 0.142 above its upper limit of 3$'),
-            ({'acceleration': 19.0}, state, 'a: acceleration 19.74 rad/s², 0.739 beyond'),
+            ({'acceleration': 19.0}, state, 'a: acceleration 19.74 rad/s², 0.739 above'),
             ({'lower': -0.5}, {'a': (-0.6, 0.0)}, 'the start is beyond the limits of the '
              'description: a: position -0.6 rad, 0.1 below its lower limit of -0.5'),
             ({'velocity': 3.5}, {'a': (0.0, -4.0)}, 'the start .* a: velocity -4 rad/s, 0.5 b'),
@@ -271,7 +271,7 @@ def test_refusals_name_the_joint_and_by_how_much() -> None:
         if fits:
             make_motion(config.changed(rest), None, state, 0, _limits(upper=upper, velocity=9.0))
             continue
-        with pytest.raises(CtcError, match=r'position 1\.5 rad, 0\.1 beyond'):
+        with pytest.raises(CtcError, match=r'position 1\.5 rad, 0\.1 above'):
             make_motion(config.changed(rest), None, state, 0, _limits(upper=upper))
     route = Route(('a',), (S, 2 * S), (((0.0,), (0.0,), ()), ((2.0,), (0.0,), ())))
     with pytest.raises(CtcError, match=r'the motion .* a: velocity 3 rad/s, 1 above its upper'):
