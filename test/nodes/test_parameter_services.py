@@ -161,7 +161,7 @@ class Loop:
 
 
 def assert_a_law_brings_its_gains(setter: Setter) -> None:
-    """A law that is set without gains takes its own; with them, in any order, those."""
+    """Check that a law that is set without gains takes its own; with them, in any order, those."""
     before = setter.values()
     assert setter.all_or_nothing([('law', 'observer_feedback')]).successful
     assert setter.values()['kp'] == [1e4, 1e4]
