@@ -91,6 +91,8 @@ class ControlLoop:
         Whether time is simulated, as of the last state.
     reference_outages, predicted : int
         How often the reference was late, and a predicted state was answered.
+    tripped : str
+        Why the last trip was; empty before the first.
 
     """
 
@@ -119,7 +121,7 @@ class ControlLoop:
         self._pending: JointSample | None = None
         #: The torque sent last; None where nothing has been sent, or a last one of 0.
         self._held: Vector | None = None
-        self._tripped = ''
+        self.tripped = ''
         #: Whether a torque was ever sent: before that, gaps of the states are those of the start.
         self._begun = False
 
@@ -294,7 +296,7 @@ class ControlLoop:
 
     def _trip(self, trip: Trip) -> None:
         """Send no torque until a reset."""
-        self._tripped = trip.reason
+        self.tripped = trip.reason
         self.handle(trip.event)
         self.end_torque()
         self._log.error(f'{trip.detail}; no torque until ~/reset')
@@ -319,12 +321,13 @@ class ControlLoop:
             self._pending = None
             self.handle(Input.SILENCE)
 
-    def enable(self, on: bool) -> None:
-        """Allow torques, or end them."""
-        if self.handle(Input.ENABLE if on else Input.DISABLE):
+    def enable(self, on: bool) -> bool:
+        """Allow torques, or end them; return whether that was a change."""
+        if changed := self.handle(Input.ENABLE if on else Input.DISABLE):
             self._log.info(f'{"enabled again" if on else "disabled"} by ~/enable')
             if on:
                 self._restart_law()
+        return changed
 
     def reset(self) -> bool:
         """Go on after a trip; return whether there was one."""
@@ -368,7 +371,7 @@ class ControlLoop:
         if self.law is not None:
             problems += self._trips.warnings()
             problems += [(1, text) for text in unsafe_settings(self.law.config)]
-        tripped = f'tripped: {self._tripped}; call ~/reset'
+        tripped = f'tripped: {self.tripped}; call ~/reset'
         wrong = {
             Mode.TRIPPED: tripped, Mode.TRIPPED_AND_DISABLED: tripped,
             Mode.NO_STATE: f'no state for {seconds(self.watchdog.silence(now)):.1f} s',

@@ -116,7 +116,8 @@ def run(law: str, stamped: bool = True, loss: float = 0.0, jitter: float = 0.0,
     made, plant, rng = controller(law), Plant(), np.random.default_rng((seed, 32))
     instants = np.rint(H * ((1.0 + drift) * np.arange(COUNT + 1) + rng.uniform(
         -jitter, jitter, COUNT + 1) * (np.arange(COUNT + 1) > 0))).astype(int).tolist()
-    tau, lost = [0.0, 0.0], 0
+    tau: Any = [0.0, 0.0]
+    lost = 0
     for k, t in enumerate(instants[:-1]):
         q, dq = plant.measured()
         lost = lost + 1 if k > 0 and lost < 3 and rng.random() < loss else 0

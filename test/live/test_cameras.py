@@ -1,0 +1,72 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The camera shows all of the arms, as large as the view allows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import tan
+from types import SimpleNamespace
+
+from ctc_chattering.control.controller import ControllerConfig
+from ctc_chattering.live.arm_view import drawn
+from ctc_chattering.live.cameras import Camera, camera_of, FIELD, is_at, outermost, roots
+from ctc_chattering.live.skeleton import skeleton_of, urdf_skeleton
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+import pytest
+from urdfs import PANDA, panda, UR5, ur5
+
+
+def seen(camera: Camera, points: Array, aspect: float) -> Array:
+    """Return where a camera with z up sees points, ±1 at the edges of a view."""
+    ahead = np.subtract(camera.look_at, camera.position)
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    x = points - camera.position
+    across: Array = np.stack((x @ right, x @ np.cross(right, ahead)), axis=1)
+    across /= ((x @ ahead) * tan(0.5 * FIELD))[:, None]
+    return across / (aspect, 1.0)
+
+
+@pytest.mark.parametrize(('count', 'aspect'), [(1, 0.5), (2, 0.5), (1, 1.6), (2, 1.0)])
+@pytest.mark.parametrize(('name', 'q'), [
+    ('two_link', [3.1, 1.6]), ('panda', [0, -0.6, 0, -2.0, 0, 1.5, 0.8]),
+    ('ur5', [0, -1.2, 1.5, -1.5, -1.5, 0])])
+def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: float) -> None:
+    skeleton = (skeleton_of(ControllerConfig()) if name == 'two_link' else
+                urdf_skeleton(*((panda(), PANDA) if name == 'panda' else (ur5(), UR5))))
+    assert skeleton is not None
+    bodies = drawn(skeleton)
+    motion = [np.add(q, shift) for shift in np.linspace(-0.3, 0.3, 7)]
+
+    def placed(shapes: Sequence[Sequence[Array]]) -> Array:
+        arm = np.concatenate([
+            vertices @ pose[:3, :3].T + pose[:3, 3] for x in motion
+            for pose, body in zip(skeleton.poses(x), shapes) for vertices in body])
+        return np.concatenate([arm + place for place in roots(count, skeleton.reach)])
+    vertices = [[vertices for vertices, _ in body] for body in bodies]
+    camera = camera_of(placed([[outermost(body)] for body in vertices]), count, aspect)
+    across = seen(camera, placed(vertices), aspect)
+    assert np.abs(across).max() < 0.9
+    assert np.ptp(across, axis=0).max() > 1.6  # 80 % of the width or of the height.
+
+
+def test_a_camera_that_was_moved_is_known() -> None:
+    camera = camera_of(np.eye(3))
+    for shift, same in ((1e-4, True), (0.1, False)):
+        other = SimpleNamespace(position=np.add(camera.position, shift), look_at=camera.look_at)
+        assert is_at(camera, other) == same
