@@ -164,7 +164,7 @@ class ObserverFeedback(NamedTuple):
             feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
             friction_level(config.friction_learning, bandwidth, period, ka),
             standstill(bandwidth, ka, rate, period),
-            oscillation_guard(ka, period), 1.0,
+            oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period), 1.0,
             float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
 
     def bandwidth_in_use(self, memory: Memory) -> float:
@@ -190,7 +190,7 @@ class ObserverFeedback(NamedTuple):
         zero = 0.0 * self.given
         return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
                       untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero),
-                      Oscillation(zero, 0.0, -GRACE))
+                      Oscillation(zero, zero, zero, 0.0, -GRACE))
 
     def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
         """Observe the state from the measured one, with the estimate of the other law."""
