@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ctc_chattering.analysis.markup import fragment
-from ctc_chattering.analysis.number_format import in_field
+from ctc_chattering.analysis.tables import in_field
 
 #: Parameters with a field of their own: title, node, name.
 FIELDS = (

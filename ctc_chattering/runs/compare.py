@@ -163,7 +163,7 @@ class Outcome:
 
 
 def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
-            ) -> Iterator[Outcome]:
+             ) -> Iterator[Outcome]:
     """
     Yield the outcome of every task, in their order.
 
@@ -301,8 +301,7 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(
         'jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
-    todo = tasks(paths, backends or [None], conditions or [None], laws, gains,
-                            held_out, seed)
+    todo = tasks(paths, backends or [None], conditions or [None], laws, gains, held_out, seed)
     runs = compared(todo, jobs, runner)
     if runner is over_simulation:
         compile_setups(setups(todo), show)

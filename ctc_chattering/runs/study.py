@@ -13,8 +13,7 @@
 # limitations under the License.
 
 """
-The study: switchings, or laws with their recommended settings, over sample period, gain and the
-imperfections of a real loop.
+The study: switchings, or laws with recommended settings, over period, gain and imperfections.
 
 A run is a pure function of the case and the variant, so that the numbers depend neither on the
 number of processes nor on their order.
