@@ -17,10 +17,10 @@ A URDF with other inertial parameters, rotor inertias and direction of gravity.
 
 All else stays, comments too; only spaces within tags may change. Links that are fixed to each
 other are one body: the heaviest takes the difference. Where no link can have what is left for it,
-each takes the part of the whole body that it has of the mass. A tilt is in a fixed joint between a new root `world`,
-which is level, and the old one, or in the joints of a root of that name. A rotor inertia,
-reflected to the joint, is `rotor_inertia` in <dynamics>: RaiSim and `urdf_model` read it, others
-pass over it.
+each takes the part of the whole body that it has of the mass. A tilt is in a fixed joint between
+a new root `world`, which is level, and the old one, or in the joints of a root of that name. A
+rotor inertia, reflected to the joint, is `rotor_inertia` in <dynamics>: RaiSim and `urdf_model`
+read it, others pass over it.
 """
 
 from __future__ import annotations
