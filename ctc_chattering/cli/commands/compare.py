@@ -30,9 +30,9 @@ from ctc_chattering.cli.options import (
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user, near, UsageError
+from ctc_chattering.runs.compare import FILE, GAINS
+from ctc_chattering.runs.conditions import ALL, check_conditions, CONDITIONS
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.studies.comparison import FILE, GAINS
-from ctc_chattering.studies.conditions import ALL, check_conditions, CONDITIONS
 
 DETAILS = ('Run every parameter file with every law and, under law chattering, every switching; '
            'print the RMS error of each joint. Write compare.md, compare.csv, figures, '
@@ -67,14 +67,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
     from ctc_chattering.cli.progress import counting_bar
-    from ctc_chattering.studies.compare_laws import compare
-    from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
-    from ctc_chattering.studies.comparison_tables import to_markdown
-    from ctc_chattering.studies.score import over_simulation, Runner
+    from ctc_chattering.runs.compare import compare
+    from ctc_chattering.runs.compare_page import NAMES, PAGE, to_markdown, write_comparison
+    from ctc_chattering.runs.score import over_simulation, Runner
 
     runner: Runner = over_simulation
     if options.ros:
-        from ctc_chattering.studies.over_ros import over_ros as runner
+        from ctc_chattering.runs.reproduction import over_ros as runner
     files, backends, laws = list(map(find_file, options.files)), _backends(options), _laws(options)
     others, conditions = _others(options), options.condition or []
     check_conditions(conditions)
