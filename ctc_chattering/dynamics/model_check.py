@@ -13,8 +13,9 @@
 # limitations under the License.
 
 """
-Whether a model is one: what its URDF says of masses and inertias, which no body can break, and
-the properties that the laws and the proof rest on, tested by numbers.
+Whether a model is one: properties that the laws and the proof rest on, tested by numbers.
+
+Of a URDF masses and inertias are checked first, link by link: no rigid body can break these.
 
 Every error is relative. Entries of matrices and torques are measured against √(M_ii M_jj), so that
 a light wrist counts as much as a heavy shoulder. Derivatives are central differences.
