@@ -38,17 +38,17 @@ from ctc_chattering.identification.regression.identify import identify
 from ctc_chattering.identification.report import results as identification
 from ctc_chattering.identification.report.perturbation import perturbation
 from ctc_chattering.identification.report.recommendation import recommend
-from ctc_chattering.robustness.report.data import MapData
-from ctc_chattering.robustness.report.lines import lines
-from ctc_chattering.robustness.report.page import write_map_page
-from ctc_chattering.robustness.tuning.files import write_page as write_search_page
-from ctc_chattering.robustness.tuning.runs import Evaluation, tune, Tuning
+from ctc_chattering.runs.compare import BASE, Outcome, Task, Variant
+from ctc_chattering.runs.compare_page import to_markdown
+from ctc_chattering.runs.compare_page import write_page as write_comparison_page
+from ctc_chattering.runs.map_data import MapData
+from ctc_chattering.runs.map_figures import lines
+from ctc_chattering.runs.map_page import write_map_page
+from ctc_chattering.runs.score import Score
+from ctc_chattering.runs.tune import Evaluation, searched, Tuning
+from ctc_chattering.runs.tune_page import write_page as write_search_page
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.studies.comparison import BASE, Outcome, Task, Variant
-from ctc_chattering.studies.comparison_files import write_page as write_comparison_page
-from ctc_chattering.studies.comparison_tables import to_markdown
-from ctc_chattering.studies.score import Score
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from identified_bags import short
 from jinja2 import UndefinedError
@@ -125,7 +125,7 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return tune(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
+    return searched(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:

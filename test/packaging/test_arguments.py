@@ -46,8 +46,8 @@ from ctc_chattering import (
 )
 from ctc_chattering.arguments import checked
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.studies import cases
-from ctc_chattering.studies.score import over_simulation
+from ctc_chattering.runs import study as cases
+from ctc_chattering.runs.score import over_simulation
 import numpy as np
 import pytest
 

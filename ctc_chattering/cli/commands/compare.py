@@ -30,8 +30,8 @@ from ctc_chattering.cli.options import (
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user
-from ctc_chattering.studies.comparison import FILE, GAINS
-from ctc_chattering.studies.conditions import ALL, CONDITIONS
+from ctc_chattering.runs.compare import FILE, GAINS
+from ctc_chattering.runs.conditions import ALL, CONDITIONS
 
 DETAILS = ('Run every parameter file with every law and, under law chattering, every switching; '
            'print the RMS error of each joint. Write compare.md, compare.csv, figures, '
@@ -66,14 +66,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
     from ctc_chattering.cli.progress import counting_bar
-    from ctc_chattering.studies.compare_laws import compare
-    from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
-    from ctc_chattering.studies.comparison_tables import to_markdown
-    from ctc_chattering.studies.score import over_simulation, Runner
+    from ctc_chattering.runs.compare import compare
+    from ctc_chattering.runs.compare_page import NAMES, PAGE, to_markdown, write_comparison
+    from ctc_chattering.runs.score import over_simulation, Runner
 
     runner: Runner = over_simulation
     if options.ros:
-        from ctc_chattering.studies.over_ros import over_ros as runner
+        from ctc_chattering.runs.reproduction import over_ros as runner
     if options.out is not None and not options.overwrite:
         prepare(options.out, NAMES)  # Refused before the runs rather than after them.
     jobs = 1 if options.ros else number_of_jobs(options.jobs)

@@ -37,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc reproduce`."""
     from ctc_chattering.cli.progress import Progress
-    from ctc_chattering.studies.reproduction import BAGS, reproduce
+    from ctc_chattering.runs.reproduction import BAGS, reproduce
 
     out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
     width = max(len(experiment.name) for experiment in EXPERIMENTS)

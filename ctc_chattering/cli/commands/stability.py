@@ -49,8 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run `ctc stability`."""
-    from ctc_chattering.robustness.stability.margins import loops_of
-    from ctc_chattering.robustness.stability.report import as_json, margins, region, rows
+    from ctc_chattering.runs.stability import as_json, loops_of, margins, region, rows
 
     _, _, setup = load_setup(options)
     config, drives = setup.controller, {

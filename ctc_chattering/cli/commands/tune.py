@@ -37,7 +37,7 @@ from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError, given_by_user, UsageError
 
 if TYPE_CHECKING:
-    from ctc_chattering.robustness.tuning.spec import TuneSpec
+    from ctc_chattering.runs.tune_spec import TuneSpec
 
 DETAILS = ('The search runs on random draws of what is uncertain, within limits of torque and '
            'torque rate; results are validated on fresh draws. Write tuned.yaml, a parameter '
@@ -87,10 +87,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
     from ctc_chattering.cli.progress import counting_bar
-    from ctc_chattering.robustness.tuning import report
-    from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
-    from ctc_chattering.robustness.tuning.tune import tune
-    from ctc_chattering.studies.search import require_optuna
+    from ctc_chattering.runs import tune_page
+    from ctc_chattering.runs.search import require_optuna
+    from ctc_chattering.runs.tune import tune
+    from ctc_chattering.runs.tune_page import NAMES, PAGE, TUNED, write_tuning
 
     require_optuna('ctc tune')
     check('--trials', options.trials, 1)
@@ -106,9 +106,9 @@ def run(options: argparse.Namespace) -> int:
         tuning = tune(spec, options.trials, options.percentile, jobs=jobs,
                       show=partial(print, flush=True), progress=progress)
     write_tuning(tuning, out, options.format, options.said)
-    print(report.text(tuning))
+    print(tune_page.text(tuning))
     if tuning.best is None:
-        raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '
+        raise CtcError(f'no trial keeps the limits; {tune_page.closest(tuning.trials)}; '
                        f'see {out / PAGE}')
     print()
     print_page(out / PAGE, f'ctc simulate {out / TUNED}')
@@ -118,9 +118,9 @@ def run(options: argparse.Namespace) -> int:
 def _spec(options: argparse.Namespace) -> TuneSpec:
     """Return what is tuned, from a spec, a parameter file, or what was identified."""
     from ctc_chattering.configuration.yaml_file import read_yaml
-    from ctc_chattering.robustness.spec import errors_of
-    from ctc_chattering.robustness.tuning.spec import parse_tune
-    from ctc_chattering.robustness.tuning.tune import tune_spec
+    from ctc_chattering.runs.spec import errors_of
+    from ctc_chattering.runs.tune import tune_spec
+    from ctc_chattering.runs.tune_spec import parse_tune
 
     params_file = options.params_file
     if options.file:

@@ -22,7 +22,7 @@ from typing import Any
 
 from ctc_chattering.cli.ctc import main
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.robustness.tuning.files import NAMES
+from ctc_chattering.runs.tune_page import NAMES
 import pytest
 
 SPEC = """
