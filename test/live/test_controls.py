@@ -281,7 +281,8 @@ def test_sliders_ask_once_on_release_and_follow_the_values_in_force() -> None:
 AROUND = """<iframe id="v"></iframe><script>{script}
 const store = {{ read: () => JSON.parse(localStorage.c || '{{}}'),
                  write: x => localStorage.c = JSON.stringify(x) }};
-window.scene = ctcView(document.getElementById('v'), store);</script>"""
+window.said = [];
+window.scene = ctcView(document.getElementById('v'), store, x => said.push(x));</script>"""
 CAMERA = '&initialCameraPosition=1.0,-2.500,3&initialCameraFov=0.8'
 
 
@@ -310,6 +311,7 @@ def test_the_browser_keeps_a_camera_that_was_moved_for_this_arm() -> None:
         frame.locator('canvas').click()
         frame.evaluate('x => console.log(x)', CAMERA)
         page.wait_for_function('() => localStorage.c')
+        assert page.evaluate('said').count({'moved': None}) == 1
         assert opened().url == plain + CAMERA
         opened('panda')  # Another arm.
         page.wait_for_function('() => !document.getElementById("v").src.includes("Position")')
