@@ -161,7 +161,7 @@ def _declared(options: argparse.Namespace) -> str:
 
 
 def _factors(options: argparse.Namespace, recordings: Sequence[Recording]
-            ) -> dict[str, tuple[float, ...]]:
+             ) -> dict[str, tuple[float, ...]]:
     """Return the arguments of `identify` that the options give; raise `UsageError`."""
     check_effort(_declared(options), bool(options.gear_ratio), bool(options.torque_constant),
                  recordings, _EFFORT)
