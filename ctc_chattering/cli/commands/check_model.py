@@ -18,12 +18,10 @@ from __future__ import annotations
 
 import argparse
 
-from ctc_chattering.analysis.number_format import measured
-from ctc_chattering.analysis.tables import print_columns
+from ctc_chattering.analysis.tables import measured, print_columns
 from ctc_chattering.cli.options import add_urdf_options, check
 from ctc_chattering.configuration.robot_description import read_description
-from ctc_chattering.dynamics.inertia_check import inertia_faults
-from ctc_chattering.dynamics.model_check import check_dynamics
+from ctc_chattering.dynamics.model_check import check_dynamics, inertia_faults
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, given_by_user, UsageError

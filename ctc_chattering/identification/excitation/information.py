@@ -29,8 +29,7 @@ from collections.abc import Callable, Sequence
 from math import inf, isfinite
 from typing import NamedTuple
 
-from ctc_chattering.dynamics.linear_model import LinearModel
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import LinearModel, Model
 from ctc_chattering.identification.excitation.motion import Bounds
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np

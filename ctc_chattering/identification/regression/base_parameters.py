@@ -26,7 +26,7 @@ from collections.abc import Sequence
 import dataclasses
 from typing import Any
 
-from ctc_chattering.dynamics.linear_model import LinearModel
+from ctc_chattering.dynamics.model import LinearModel
 from ctc_chattering.identification.regression.body_estimate import PARAMETERS
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.physical_consistency import ConsistentBodies

@@ -32,8 +32,7 @@ from collections.abc import Sequence
 import dataclasses
 
 from ctc_chattering.analysis.time_stamps import Indices
-from ctc_chattering.dynamics.linear_model import LinearModel, rotors
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import LinearModel, Model, rotors
 from ctc_chattering.identification.regression.weak_form import TestFunction
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
