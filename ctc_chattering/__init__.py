@@ -80,7 +80,7 @@ if TYPE_CHECKING:
     from ctc_chattering.analysis.recording import Recording as Recording
     from ctc_chattering.analysis.result import Result as Result
     from ctc_chattering.analysis.result import simulate as simulate
-    from ctc_chattering.analysis.run_files import write_runs as write_runs
+    from ctc_chattering.analysis.run_page import write_runs as write_runs
     from ctc_chattering.bags.motion import read_motion as read_motion
     from ctc_chattering.bags.reader import read_bag as read_bag
     from ctc_chattering.bags.repair import repair as repair
@@ -135,7 +135,7 @@ _MODULES = {
     'analysis.figures': ('save_figures',),
     'analysis.recording': ('RecordedMotion', 'Recording'),
     'analysis.result': ('Result', 'simulate'),
-    'analysis.run_files': ('write_runs',),
+    'analysis.run_page': ('write_runs',),
     'bags.motion': ('read_motion',),
     'bags.reader': ('read_bag',),
     'bags.repair': ('repair',),

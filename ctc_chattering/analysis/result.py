@@ -25,9 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.metrics import metrics, rms, WINDOW, within
-from ctc_chattering.analysis.number_format import measured
 from ctc_chattering.analysis.output import write_json
-from ctc_chattering.analysis.run_attributes import RunAttributes
+from ctc_chattering.analysis.tables import measured
 from ctc_chattering.analysis.terms import RunTerms, terms
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
@@ -40,11 +39,68 @@ from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.monitoring.term_saturation import Saturation, TermSaturation, WORTH_A_WORD
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation import closed_loop
-from ctc_chattering.simulation.closed_loop import Run
+from ctc_chattering.simulation.closed_loop import Array, Run
 from ctc_chattering.simulation.registry import make_plant
 from ctc_chattering.simulation.simulated_robot import Robot
 import numpy as np
 import numpy.typing as npt
+
+
+class RunAttributes:
+    """Base of what has a `Run`: its arrays, without `run` in front."""
+
+    run: Run
+
+    @property
+    def t(self) -> Array:
+        """Return the time, shape (N,) [s]."""
+        return self.run.t
+
+    @property
+    def q(self) -> Array:
+        """Return the position, shape (N, n) [rad]."""
+        return self.run.q
+
+    @property
+    def dq(self) -> Array:
+        """Return the velocity, shape (N, n) [rad/s]."""
+        return self.run.dq
+
+    @property
+    def q_d(self) -> Array:
+        """Return the desired position, shape (N, n) [rad]."""
+        return self.run.q_d
+
+    @property
+    def dq_d(self) -> Array:
+        """Return the desired velocity, shape (N, n) [rad/s]."""
+        return self.run.dq_d
+
+    @property
+    def ddq_d(self) -> Array:
+        """Return the desired acceleration, shape (N, n) [rad/s²]."""
+        return self.run.ddq_d
+
+    @property
+    def e(self) -> Array:
+        """Return the position error q_d - q [rad], shape: (N, n)."""
+        return self.run.e
+
+    @property
+    def de(self) -> Array:
+        """Return the velocity error dq_d - dq [rad/s], shape: (N, n)."""
+        return self.run.de
+
+    @property
+    def tau(self) -> Array:
+        """Return the torque sent at the sample, shape (N, n) [N·m]; nan where it is unknown."""
+        return self.run.tau
+
+    @property
+    def v(self) -> Array:
+        """Return the filtered error of equation (3), shape (N, n) [rad/s]."""
+        return self.run.v
+
 
 #: Time after a change in which v reaches 0 and the term may be at its bound [s].
 _REACHING = 0.5

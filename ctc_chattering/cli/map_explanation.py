@@ -24,7 +24,7 @@ from typing import Any
 from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare, writing
 from ctc_chattering.analysis.result import Result, simulate
-from ctc_chattering.analysis.run_files import NAMES
+from ctc_chattering.analysis.run_page import NAMES
 from ctc_chattering.cli.presentation import present
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.configuration import parameter_file

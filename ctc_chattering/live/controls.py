@@ -24,7 +24,7 @@ from math import inf
 import time
 from typing import Annotated, Any, Literal
 
-from ctc_chattering.analysis.number_format import in_field
+from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError

@@ -27,8 +27,7 @@ from statistics import median
 from typing import Any
 
 from ctc_chattering.analysis import drawing, page
-from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.legends import legend
+from ctc_chattering.analysis.drawing import FigureFile, legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.output import (
     check_format,

@@ -23,7 +23,7 @@ import itertools
 from itertools import groupby
 from typing import Any
 
-from ctc_chattering.analysis.number_format import short, span
+from ctc_chattering.analysis.tables import short, span
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.parameters import unit_text

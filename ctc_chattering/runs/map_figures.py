@@ -24,10 +24,9 @@ import textwrap
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.legends import legend, legend_of
-from ctc_chattering.analysis.number_format import short
+from ctc_chattering.analysis.drawing import legend, legend_of
 from ctc_chattering.analysis.run_names import LAW_COLOURS, MIXED, shaded
-from ctc_chattering.analysis.tables import Table, two_lines
+from ctc_chattering.analysis.tables import short, Table, two_lines
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.runs.map_data import (
     GridAxis,

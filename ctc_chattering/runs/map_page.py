@@ -22,9 +22,16 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.number_format import counted, percent, scientific, short, span
 from ctc_chattering.analysis.page import Folded, Note, Section, write_page
-from ctc_chattering.analysis.tables import Table, two_lines
+from ctc_chattering.analysis.tables import (
+    counted,
+    percent,
+    scientific,
+    short,
+    span,
+    Table,
+    two_lines,
+)
 from ctc_chattering.runs.map_data import (
     Contrast,
     contrast,

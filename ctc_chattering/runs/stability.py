@@ -33,7 +33,7 @@ import math
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.control_step import step

@@ -24,8 +24,7 @@ from textwrap import fill
 from typing import Any
 
 from ctc_chattering.analysis import drawing
-from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.legends import legend
+from ctc_chattering.analysis.drawing import FigureFile, legend
 from ctc_chattering.analysis.markup import Markup
 from ctc_chattering.analysis.metrics import within
 from ctc_chattering.analysis.output import check_format, prepare, write_text

@@ -23,11 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import drawing, page
-from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.legends import legend_of
-from ctc_chattering.analysis.number_format import number_text, rounded
+from ctc_chattering.analysis.drawing import FigureFile, legend_of
 from ctc_chattering.analysis.output import check_format, finite, prepare, write_text, writing
-from ctc_chattering.analysis.tables import columns, csv_text, Table
+from ctc_chattering.analysis.tables import columns, csv_text, number_text, rounded, Table
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.runs.search import (

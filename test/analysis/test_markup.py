@@ -29,8 +29,8 @@ from ctc_chattering.analysis.drawing import FigureFile, save
 from ctc_chattering.analysis.figures import tracking
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.output import file_stem
-from ctc_chattering.analysis.report import write_page
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.run_page import write_page
 from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_table
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.two_link import TwoLink

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 import argparse
 
-from ctc_chattering.analysis.number_format import measured
-from ctc_chattering.analysis.tables import print_columns
+from ctc_chattering.analysis.tables import measured, print_columns
 from ctc_chattering.cli.options import add_urdf_options, check
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.dynamics.model_check import check_dynamics, inertia_faults

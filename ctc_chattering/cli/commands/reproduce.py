@@ -20,7 +20,7 @@ import argparse
 from contextlib import ExitStack
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.run_files import NAMES
+from ctc_chattering.analysis.run_page import NAMES
 from ctc_chattering.cli.options import add_format, add_output
 from ctc_chattering.cli.presentation import present
 from ctc_chattering.configuration.paper import EXPERIMENTS

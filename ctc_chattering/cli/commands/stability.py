@@ -19,9 +19,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 
-from ctc_chattering.analysis.number_format import number_text
 from ctc_chattering.analysis.output import prepare, write_json
-from ctc_chattering.analysis.tables import print_columns, Table
+from ctc_chattering.analysis.tables import number_text, print_columns, Table
 from ctc_chattering.cli.options import add_format, add_loop_options, add_output, load_setup
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.errors import given_by_user

@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from ctc_chattering.analysis.number_format import with_interval
+from ctc_chattering.analysis.tables import with_interval
 from ctc_chattering.errors import CtcError
 
 #: The reason where the data would show a quantity, and do not; and where they would, beyond a

@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from math import floor, log10
 from typing import NamedTuple
 
-from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.estimate import NONE
 from ctc_chattering.identification.regression.finding import Finding, Severity

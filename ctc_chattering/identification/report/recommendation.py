@@ -27,7 +27,7 @@ import dataclasses
 from math import floor, isfinite, log10
 from typing import Any
 
-from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ctc_chattering.analysis.number_format import with_interval
+from ctc_chattering.analysis.tables import with_interval
 from ctc_chattering.identification.regression.estimate import Estimate, NONE, NONE_ABOVE
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.timing_findings import lag_in_words

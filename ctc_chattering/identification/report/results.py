@@ -26,8 +26,7 @@ from typing import Any
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import fragment
-from ctc_chattering.analysis.number_format import shown
-from ctc_chattering.analysis.tables import fitted, paragraph, Table
+from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table
 from ctc_chattering.identification.regression.base_parameters import base_parameters, BaseParameter
 from ctc_chattering.identification.regression.estimate import Estimate
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Severity

@@ -12,24 +12,128 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page of runs: the result, figures that compare them, signals to look into, numbers."""
+"""What is written of runs: figures, numbers, samples and the page with interactive plots."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
+import json
+import os
 from pathlib import Path
 from typing import Any
 
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.interactive_plots import coded, PARTS, signals_of
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.metrics import BAND
-from ctc_chattering.analysis.output import finite
-from ctc_chattering.analysis.page import Card, Cards, Folded, Note, Section, SignalPlots
-from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.output import check_format, file_stem, finite, prepare, write_text
+from ctc_chattering.analysis.page import (
+    Card,
+    Cards,
+    Folded,
+    Note,
+    PlottedRun,
+    Section,
+    SignalPlots,
+)
+from ctc_chattering.analysis.result import Result, write_metrics
 from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 from ctc_chattering.analysis.tables import Table
+from ctc_chattering.arguments import check_each, checked
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Numbers of a run that a page reads in full; of more, extremes of stretches are left.
+MOST = 5_000_000
+#: Signals that are shown at first.
+_CHOSEN = ('e', 'torque', 'V')
+
+
+def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlots]:
+    """
+    Write the samples of each run as a script, and return plots: one for each experiment.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Runs.
+    directory : Path
+        Created if necessary.
+
+    Raises
+    ------
+    CtcError
+        If a file cannot be written.
+
+    """
+    groups: dict[tuple[str, ...], list[tuple[Result, str, str]]] = {}
+    for result, name, colour in zip(results, names(results), colours(results)):
+        groups.setdefault((result.experiment, *result.joint_names, *result.position_units),
+                          []).append((result, name, colour))
+    used: set[str] = set()
+    return [_written(group, directory, used) for group in groups.values()]
+
+
+def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: set[str]
+             ) -> SignalPlots:
+    """Write the samples of runs that are plotted together."""
+    first, runs, long = group[0][0], [], []
+    for result, name, colour in group:
+        # The page has q_d from q and e; beside each other, runs have no parts of the torque.
+        left_out = ('q_d', *(PARTS if len(group) > 1 else ()))
+        t, signals = decimated(result.run.t, {
+            x: rows for x, rows in signals_of(result).items() if x not in left_out}, MOST)
+        path = directory / f'{file_stem(name, used)}.js'
+        write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{coded(t, signals)}";\n')
+        runs.append(PlottedRun(name.removeprefix(f'{result.experiment}: '), path, colour))
+        long += [name] if len(t) < len(result.run.t) else []
+    # Not the start, with its large errors.
+    settled = min(first.window[0], 0.4 * float(first.run.t[-1]))
+    marks = {time for result, _, _ in group for time, _ in result.marks}
+    text = ('Error e = q_d − q, torque sent, V and further signals of every sample. While times '
+            f'after {2.0 * settled:.3g} s are shown, axes are scaled without the first '
+            f'{settled:.3g} s.')
+    if long:
+        text += (f' Too long to show every sample of: {", ".join(long)}. The least and greatest '
+                 'value of each stretch are there, so rates and spectra are wrong; ctc export '
+                 'writes all samples.')
+    if len(marks) == 1:
+        text += ' The line marks the change of law or switching.'
+    return SignalPlots(
+        f'Signals of {first.experiment}', text, first.joint_names, first.position_units, runs,
+        _CHOSEN, settled, marks.pop() if len(marks) == 1 else None)
+
+
+def decimated(t: Array, signals: dict[str, Array], most: int) -> tuple[Array, dict[str, Array]]:
+    """
+    Return `most` numbers at most: of stretches the least and greatest value, in their order.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times.
+    signals : dict of ndarray, shape (N, n)
+        Their samples.
+    most : int
+        Of all columns together.
+
+    """
+    rows = max(2, most // (1 + sum(x.shape[1] for x in signals.values())))
+    if len(t) <= rows:
+        return t, signals
+    every = -(-2 * len(t) // rows)
+    starts = np.arange(0, len(t), every)
+    found = {}
+    for name, values in {**signals, 'q_d': signals['q'] + signals['e']}.items():
+        ends = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
+        falls = values[starts] > 0.5 * (ends[0] + ends[1])
+        found[name] = np.where(falls, ends[::-1], ends).swapaxes(0, 1).reshape(-1, values.shape[1])
+    middle = np.minimum(starts + every // 2, len(t) - 1)
+    return np.stack([t[starts], t[middle]], axis=1).ravel(), found
+
 
 #: Columns of the table, per run and per joint: key, heading, unit.
 RUN_COLUMNS = (('max_error_norm1_rad', 'Largest Σ |eᵢ|', 'rad'),
@@ -183,3 +287,47 @@ def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Ite
                 '{{ time }}&nbsp;s the filtered error v of every joint is within {{ band }}&nbsp;'
                 'rad/s, and stays there.', law=law, time=f'{time:g}',
                 band=f'{BAND:g}', colour=LAW_COLOURS.get(law, ''))])
+
+
+#: Names in the directory of `write_runs`.
+FIGURES, METRICS, PAGE, SAMPLES = NAMES = ('figures', 'metrics.json', 'index.html', 'samples')
+
+
+@checked(results=Sequence, out=(str, Path), bags=Sequence, command=str)
+def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | Path] = (),
+               extra: str = 'svg', command: str = '') -> None:
+    """
+    Write figures, numbers and a page with interactive plots, on which runs are compared.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        As `simulate` and `read_bag` return them.
+    out : str or Path
+        Directory for ``index.html``, ``metrics.json``, ``figures``, ``samples``.
+    bags : sequence of str or Path
+        The bag of each result, to which the page links; empty for no links.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If there is no result, a run has no samples, a file exists already, or cannot be written.
+
+    """
+    from ctc_chattering.analysis.figures import save_figures
+    from ctc_chattering.analysis.run_page import write_page, write_samples
+
+    check_each('results', results, Result, 1)
+    check_each('bags', bags, (str, Path))
+    if len(bags) not in (0, len(results)):
+        raise ParameterError('bags', bags, f'none, or {len(results)}, one of each result')
+    check_format(extra)
+    out = prepare(Path(out), NAMES)
+    figures = save_figures(results, out / FIGURES, extra)
+    write_metrics(results, out / METRICS)
+    write_page(results, figures, out / PAGE, [os.path.relpath(bag, out) for bag in bags],
+               write_samples(results, out / SAMPLES), command)
