@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
+from math import isfinite
 import os
 from pathlib import Path
 from typing import Any
@@ -152,18 +153,22 @@ def check(option: str, value: float, minimum: float, exclusive: bool = False) ->
                   exclusive=exclusive).check(value, 0)
 
 
-def numbers(option: str, text: str, n: int, allowed: str, is_allowed: Callable[[float], bool]
-            ) -> tuple[float, ...]:
-    """Return n numbers of an option, one for each or one for all; else raise `UsageError`."""
+def numbers(option: str, text: str, n: int = 0, allowed: str = '',
+            is_allowed: Callable[[float], bool] = isfinite) -> tuple[float, ...]:
+    """
+    Return the numbers of an option; raise `UsageError` for others.
+
+    These are n, one for each joint or one for all; where n is 0, as many as there are.
+    """
     try:
         values = [float(x) for x in text.split(',')]
     except ValueError:
         values = []
-    if len(values) not in (1, n) or not all(is_allowed(x) for x in values):
+    if len(values) not in (1, n or len(values) or 1) or not all(map(is_allowed, values)):
         shown = text if len(text) < 100 else f'{text[:100]}…'
-        raise UsageError(f'{option}: {shown} is not allowed; allowed: one number {allowed}, or '
-                         f'{n} with commas')
-    return tuple(values * n if len(values) == 1 else values)
+        raise UsageError(f'{option}: {shown} is not allowed; allowed: a number{allowed}, or '
+                         f'{n or "one for each joint,"} with commas')
+    return tuple(values * n if n and len(values) == 1 else values)
 
 
 def number_of_jobs(number: int | None) -> int:

@@ -57,7 +57,7 @@ VALID: dict[str, dict[str, Any]] = {
 #: What is not, each for another reason; None is for a value that is not set.
 WRONG: dict[str, list[tuple[str, Any]]] = {
     'plant': [('viscous_friction', [NAN, 0.0]), ('hold_at', -1.0), ('gravity', 1.0),
-              ('command_timeout', 0.0), ('stribeck_velocity', [0.1]), ('', 1.0),
+              ('command_timeout', 0.0), ('stribeck_velocity', [0.1] * 3), ('', 1.0),
               ('fault_damping', 'much'), ('coulomb_friction', None)],
     'controller': [('kv', [1.0, 2.0, 3.0, 1.0]), ('switching', 'magic'), ('b', INF),
                    ('state_decimation', 0), ('model', 'two_link'), ('ka', [-1.0, 1.0]),

@@ -29,11 +29,12 @@ from ctc_chattering.cli.options import (
     check,
     find_file,
     number_of_jobs,
+    numbers,
 )
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError, given_by_user, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, given_by_user, UsageError
 
 if TYPE_CHECKING:
     from ctc_chattering.runs.tune_spec import TuneSpec
@@ -142,15 +143,7 @@ def _given(tree: Any, options: argparse.Namespace) -> Any:
                if (x := getattr(options, name)) is not None}
     for key in ('torque_limit', 'torque_rate_limit'):
         if key in section:
-            section[key] = _numbers(key, section[key])
+            limits = numbers(f'tune.{key}', section[key])
+            section[key] = list(limits) if len(limits) > 1 else limits[0]
     return {**tree, **values, **({'tune': {**(tree.get('tune') or {}), **section}}
                                  if section else {})}
-
-
-def _numbers(key: str, text: str) -> object:
-    """Return the numbers of an option."""
-    try:
-        values = [float(word) for word in text.split(',')]
-    except ValueError:
-        raise ParameterError(f'tune.{key}', text, 'a number, or numbers A,B,C') from None
-    return values if len(values) > 1 else values[0]

@@ -48,7 +48,13 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
 from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.evaluation import Context, ControlMemory, Evaluates, State
+from ctc_chattering.control.evaluation import (
+    Context,
+    ControlMemory,
+    Evaluates,
+    LastSample,
+    State,
+)
 from ctc_chattering.control.feasible_reference import (
     Desired,
     Deviation,
@@ -199,6 +205,11 @@ class ObserverFeedback(NamedTuple):
         return memory._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, deviating=0.0,
             followed=0.0, rest=moving(now.zero))
+
+    def predicted_state(self, memory: Memory, last: LastSample, context: Context,
+                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted."""
+        return memory.observed.q, memory.observed.dq
 
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:
