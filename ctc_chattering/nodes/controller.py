@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 import time
 from typing import Any
 
@@ -51,6 +52,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
+
+#: Least time for which a message is waited for: without one EventsExecutor hangs [s].
+_SHORTEST = 1e-5
 
 
 class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
@@ -149,13 +153,27 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             self._loop.check_silence(now, lambda: self.count_publishers(JOINT_STATES))
         self._answer(now)
 
+    def patience(self) -> float:
+        """Return the time until a predicted state is to be answered [s]."""
+        due = self._loop.due()
+        return inf if due is None else max(seconds(due - time.monotonic_ns()), _SHORTEST)
+
+    def overdue(self) -> None:
+        """Answer a predicted state where none has come."""
+        due, now = self._loop.due(), time.monotonic_ns()
+        if due is not None and now >= due:
+            try:
+                self._loop.predict(now)
+            except RejectedMessage as rejected:
+                self.inputs[0].reject(rejected, now)
+
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
-            answer = self._loop.answer(self._matched)
+            answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
             self.inputs[0].reject(rejected, now)
             return
@@ -215,6 +233,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     def on_change(self) -> None:
         """Have the law take what has been set."""
         self._loop.restart_duration = self.settings.restart_duration
+        self._loop.predicted_periods = self.settings.predicted_periods
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
             self._tell_if_plain(self._loop.law)
@@ -246,6 +265,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             'restarts per second': loop.health.rates.events_per_second,
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
+            'periods without a state, answered': loop.predicted,
             'time': 'simulated' if loop.simulated else 'real'})
 
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import inf
 import signal
 import time
 from typing import Any, NamedTuple
@@ -128,6 +129,13 @@ class BaseNode(Node):
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `tick`."""
 
+    def patience(self) -> float:
+        """Return how long it can wait for a message before it is `overdue` [s]."""
+        return inf
+
+    def overdue(self) -> None:
+        """Do what must be done where a message has not come in time."""
+
     @property
     def in_real_time(self) -> bool:
         """Whether the robot waits for none of its messages."""
@@ -227,7 +235,8 @@ class BaseNode(Node):
         """
         end = time.monotonic() + lasts
         while (left := end - time.monotonic()) > 0.0 and not self.done.done():
-            executor.spin_once(left)
+            executor.spin_once(min(left, self.patience()))
+            self.overdue()
             if 0 <= samples < self.statistics.samples:
                 return
 

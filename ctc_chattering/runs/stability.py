@@ -171,8 +171,9 @@ class _SteadyMotion:
         rest = values[:m].tolist()
         memory, law_memory = _record(self._memories, iter(rest))
         transit = values[m - ROWS * self._delay * n:m].reshape(-1, n).copy()
-        made = step(Context(self._settings, self._models, transit), self._law, memory,
-                    law_memory, values[m:m + n], values[m + n:], self._points)
+        context = Context(self._settings, self._models, transit, self._points)
+        made = step(context, self._law, memory, law_memory, values[m:m + n], values[m + n:],
+                    self._points)
         turn = int(made.memory.turn)
         after = np.roll(transit, -ROWS * turn, axis=0).ravel()
         return np.concatenate([

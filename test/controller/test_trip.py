@@ -37,9 +37,9 @@ def at(part: float, strained: float = 0.0, law: str = 'observer_feedback') -> Co
     made = Controller(ControllerConfig(law=law, compiled=False))
     memory = made.law_memory
     if isinstance(memory, Memory):
-        made._law_memory = memory._replace(  # type: ignore[assignment]
-            oscillation=memory.oscillation._replace(
-                retreat=math.log(part), strained=strained))
+        oscillation = memory.oscillation._replace(retreat=math.log(part), strained=strained)
+        control, _, last = made.memories
+        made.memories = control, memory._replace(oscillation=oscillation), last
     return made
 
 

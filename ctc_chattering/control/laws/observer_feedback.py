@@ -48,7 +48,13 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
 from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.evaluation import Context, ControlMemory, Evaluates, State
+from ctc_chattering.control.evaluation import (
+    Context,
+    ControlMemory,
+    Evaluates,
+    LastSample,
+    State,
+)
 from ctc_chattering.control.feasible_reference import (
     Desired,
     Deviation,
@@ -190,7 +196,7 @@ class ObserverFeedback(NamedTuple):
         zero = 0.0 * self.given
         return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
                       untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero),
-                      Oscillation(zero, zero, zero, 0.0, -GRACE))
+                      Oscillation(zero, zero, zero, zero, 0.0, -GRACE))
 
     def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
         """Observe the state from the measured one, with the estimate of the other law."""
@@ -199,6 +205,11 @@ class ObserverFeedback(NamedTuple):
         return memory._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, deviating=0.0,
             followed=0.0, rest=moving(now.zero))
+
+    def predicted_state(self, memory: Memory, last: LastSample, context: Context,
+                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted."""
+        return memory.observed.q, memory.observed.dq
 
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:
@@ -245,7 +256,7 @@ class ObserverFeedback(NamedTuple):
         return Terms(sent + z, now.zero, z, now.zero), Memory(
             memory.observed, memory.mass, memory.known, memory.learned, by, 1.0, point.ddq, 1.0,
             self.standstill.judged(memory.rest, point, diagonal(place.M), memory.learned.level),
-            self.guard.noticed(memory.oscillation, now_wanted.feedback))
+            self.guard.noticed(memory.oscillation, now_wanted.feedback, tau - sent))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
