@@ -205,8 +205,8 @@ class ControlLoop:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        late = 0 if self.simulated or self.too_slow else min(self._periods_since(state.t, now),
-                                            self.predicted_periods)
+        late = 0 if self.simulated or self.too_slow else min(
+            self._periods_since(state.t, now), self.predicted_periods)
         sample = self._step(law, state, points, at, late)
         if (trip := self._trips.check(law, sample)) is not None:
             self._trip(trip)
