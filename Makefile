@@ -69,16 +69,16 @@ compare: $(READY)
 
 # Other numbers of the rules, on other draws; LAWS='pid_kalman' for some, minutes each.
 rules: $(READY)
-	$(BIN)/python test/studies/rule_study.py $(LAWS)
+	$(BIN)/python test/runs/rule_study.py $(LAWS)
 
 # Held-out conditions for `observer_feedback` on independent plants, in some ten minutes; ARGS as
 # '--first 7000 --count 44 --label mine --rows FILE', rows that are there are not made again.
 held-out: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/studies/held_out_study.py $(ARGS)
+	PYTHONPATH=test/support $(BIN)/python test/runs/held_out_study.py $(ARGS)
 
 # The two-link table of docs/comparison.md by an independent program, in a minute.
 reproduced-table: $(READY)
-	PYTHONPATH=test/support $(BIN)/python test/studies/reproduced_table.py
+	PYTHONPATH=test/support $(BIN)/python test/runs/reproduced_table.py
 
 # Lockstep over ROS beside a bare ping-pong; a control step; a simulation.
 benchmark: $(READY)

@@ -80,7 +80,7 @@ if TYPE_CHECKING:
     from ctc_chattering.analysis.recording import Recording as Recording
     from ctc_chattering.analysis.result import Result as Result
     from ctc_chattering.analysis.result import simulate as simulate
-    from ctc_chattering.analysis.run_files import write_runs as write_runs
+    from ctc_chattering.analysis.run_page import write_runs as write_runs
     from ctc_chattering.bags.motion import read_motion as read_motion
     from ctc_chattering.bags.reader import read_bag as read_bag
     from ctc_chattering.bags.repair import repair as repair
@@ -108,19 +108,19 @@ if TYPE_CHECKING:
     from ctc_chattering.identification.identified_robot import write_identified as write_identified
     from ctc_chattering.numerics.compilable import dot as dot
     from ctc_chattering.numerics.compilable import record as record
-    from ctc_chattering.robustness.computation import compute_map as compute_map
-    from ctc_chattering.robustness.stability.report import stability as stability
-    from ctc_chattering.robustness.tuning.files import write_tuning as write_tuning
-    from ctc_chattering.robustness.tuning.tune import tune as tune
+    from ctc_chattering.runs.compare import compare as compare
+    from ctc_chattering.runs.compare_page import write_comparison as write_comparison
+    from ctc_chattering.runs.map import compute_map as compute_map
+    from ctc_chattering.runs.reproduction import reproduce as reproduce
+    from ctc_chattering.runs.stability import stability as stability
+    from ctc_chattering.runs.study import study as study
+    from ctc_chattering.runs.study_page import write_study as write_study
+    from ctc_chattering.runs.tune import tune as tune
+    from ctc_chattering.runs.tune_page import write_tuning as write_tuning
     from ctc_chattering.simulation.closed_loop import Event as Event
     from ctc_chattering.simulation.closed_loop import Run as Run
     from ctc_chattering.simulation.plant import Plant as Plant
     from ctc_chattering.simulation.plant_config import PlantConfig as PlantConfig
-    from ctc_chattering.studies.compare_laws import compare as compare
-    from ctc_chattering.studies.comparison_files import write_comparison as write_comparison
-    from ctc_chattering.studies.reproduction import reproduce as reproduce
-    from ctc_chattering.studies.run_study import study as study
-    from ctc_chattering.studies.study_files import write_study as write_study
     from ctc_chattering.trajectory.reference import ReferenceConfig as ReferenceConfig
     from ctc_chattering.trajectory.reference import Sinusoid as Sinusoid
     from ctc_chattering.trajectory.waypoints import Waypoints as Waypoints
@@ -135,7 +135,7 @@ _MODULES = {
     'analysis.figures': ('save_figures',),
     'analysis.recording': ('RecordedMotion', 'Recording'),
     'analysis.result': ('Result', 'simulate'),
-    'analysis.run_files': ('write_runs',),
+    'analysis.run_page': ('write_runs',),
     'bags.motion': ('read_motion',),
     'bags.reader': ('read_bag',),
     'bags.repair': ('repair',),
@@ -155,18 +155,18 @@ _MODULES = {
     'identification.excite': ('excite', 'write_excitation'),
     'identification.identified_robot': ('IdentifiedRobot', 'identify', 'write_identified'),
     'numerics.compilable': ('dot', 'record'),
-    'robustness.computation': ('compute_map',),
-    'robustness.stability.report': ('stability',),
-    'robustness.tuning.files': ('write_tuning',),
-    'robustness.tuning.tune': ('tune',),
+    'runs.compare': ('compare',),
+    'runs.compare_page': ('write_comparison',),
+    'runs.map': ('compute_map',),
+    'runs.reproduction': ('reproduce',),
+    'runs.stability': ('stability',),
+    'runs.study': ('study',),
+    'runs.study_page': ('write_study',),
+    'runs.tune': ('tune',),
+    'runs.tune_page': ('write_tuning',),
     'simulation.closed_loop': ('Event', 'Run'),
     'simulation.plant': ('Plant',),
     'simulation.plant_config': ('PlantConfig',),
-    'studies.compare_laws': ('compare',),
-    'studies.comparison_files': ('write_comparison',),
-    'studies.reproduction': ('reproduce',),
-    'studies.run_study': ('study',),
-    'studies.study_files': ('write_study',),
     'trajectory.reference': ('ReferenceConfig', 'Sinusoid'),
     'trajectory.waypoints': ('Waypoints',),
 }

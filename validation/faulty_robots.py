@@ -26,7 +26,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from ctc_chattering.analysis.recording import Recording
-from ctc_chattering.dynamics.two_link_urdf import two_link_urdf
+from ctc_chattering.live.skeleton import two_link_urdf
 from ctc_chattering.trajectory.waypoints import Route
 from faulty_dynamics import advance, Physics, play, State
 from identified_robots import arm, motion

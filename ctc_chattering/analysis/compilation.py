@@ -25,7 +25,7 @@ import os
 import signal
 from typing import Any
 
-from ctc_chattering.analysis.number_format import counted
+from ctc_chattering.analysis.tables import counted
 from ctc_chattering.arguments import checked
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.control.controller import Controller, LAWS

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Style of all figures: sheets of panels, lines with gaps, axes, notes, files."""
+"""Style of all figures: sheets of panels, lines with gaps, axes, legends, notes, files."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ import dataclasses
 import io
 from pathlib import Path
 import re
+from textwrap import fill
 from typing import Any
 
-from ctc_chattering.analysis.legends import TITLE, title_of
 from ctc_chattering.analysis.output import file_stem, writing
-from ctc_chattering.analysis.text_fit import fit
+from ctc_chattering.analysis.tables import cut
 from ctc_chattering.numerics.gaps import missing
 from ctc_chattering.simulation.closed_loop import Array
 from matplotlib.axes import Axes
@@ -36,6 +36,12 @@ from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, NullFormatter
 import numpy as np
 
+#: Label of a figure's title: Matplotlib 3.6, of Ubuntu 24.04, has no `Figure.get_suptitle`.
+TITLE = 'title'
+#: Of letters of 9 points [inch], for a legend's samples and gaps, and of a line of it.
+_LETTER, _SAMPLE, _ROW = 0.078, 0.55, 0.19
+#: Characters of a line of a legend, and of a title.
+_LINE, _TITLE_LINE = 90, 85
 #: Colour of the reference and of marks.
 REFERENCE = '#222222'
 #: Samples missing at a stretch from which on a line is broken and the gap is shaded.
@@ -78,6 +84,61 @@ class FigureFile:
     group: str = ''
 
 
+def title_of(figure: Figure) -> str:
+    """Return the title of a figure that `sheet` made."""
+    return next((x.get_text() for x in figure.texts if x.get_label() == TITLE), '')
+
+
+def legend(figure: Figure, handles: Sequence[Any]) -> None:
+    """
+    Draw a legend between title and panels; the figure grows by its height. Call it last.
+
+    Parameters
+    ----------
+    figure : Figure
+        As `sheet` returns it, with its panels.
+    handles : sequence of Artist or Container
+        Those with labels; none for no legend.
+
+    """
+    if not handles:
+        return
+    width, height = figure.get_size_inches()
+    names = [fill(str(x.get_label()), _LINE) for x in handles]
+    longest = max(len(line) for name in names for line in name.splitlines())
+    columns = max(1, min(len(names), int(width / (_LETTER * longest + _SAMPLE))))
+    rows = [names[k::-(-len(names) // columns)] for k in range(-(-len(names) // columns))]
+    room = _ROW * sum(max(x.count('\n') for x in row) + 1 for row in rows) + 0.06
+    part = height / (height + room)
+    figure.set_size_inches(width, height + room)
+    for ax in figure.axes:
+        place = ax.get_position()
+        ax.set_position((place.x0, place.y0 * part, place.width, place.height * part))
+    title = next(x for x in figure.texts if x.get_label() == TITLE)
+    above = 0.23 + 0.22 * len(title.get_text().splitlines())
+    for text in figure.texts:
+        text.set_y(1.0 - 0.16 / (height + room) if text is title else
+                   text.get_position()[1] * part)
+    found = figure.legend(
+        list(handles), names, loc='upper left', ncol=columns, frameon=False, fontsize=9,
+        bbox_to_anchor=(0.15 / width, 1.0 - above / (height + room)), borderaxespad=0.0,
+        borderpad=0.0, handlelength=1.8, columnspacing=1.6)
+    for text in found.get_texts():
+        text.set_parse_math(False)
+
+
+def legend_of(*panels: Axes) -> None:
+    """Draw the legend of what is named in panels of one figure, each name and colour once."""
+    handles: list[Any] = []
+    names: set[str] = set()
+    for ax in panels:
+        for handle, name in zip(*ax.get_legend_handles_labels()):
+            if name not in names:
+                names.add(name)
+                handles.append(handle)
+    legend(panels[0].figure, handles)  # type: ignore[arg-type]
+
+
 def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Sequence[str]
          ) -> list[FigureFile]:
     """
@@ -104,8 +165,7 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
         directory.mkdir(parents=True, exist_ok=True)
         for name, figure, caption in figures:
             stem = file_stem(name, used)
-            _plain(figure)
-            fit(figure)
+            _plain(fit(figure))
             for kind in dict.fromkeys(kinds):
                 data = io.BytesIO()
                 figure.savefig(data, format=kind, dpi=130, metadata=_METADATA[kind])
@@ -116,6 +176,18 @@ def save(figures: Iterable[tuple[str, Figure, str]], directory: Path, kinds: Seq
             files.append(FigureFile(first, title_of(figure), caption, tuple(others),
                                     (round(width), round(height))))
     return files
+
+
+def fit(figure: Figure) -> Figure:
+    """Cut titles of panels and labels of axes that are longer than these; return `figure`."""
+    for ax in figure.axes:
+        wide, high = figure.get_size_inches() * ax.get_position().size / _LETTER
+        left, right = ax._left_title, ax._right_title  # type: ignore[attr-defined]
+        note = min(len(right.get_text()), int(0.5 * wide))
+        for text, room in ((ax.xaxis.label, wide), (ax.yaxis.label, high), (right, note),
+                           (left, wide - note - 2)):
+            text.set_text(cut(text.get_text(), max(int(room), 8)))
+    return figure
 
 
 def _plain(figure: Figure) -> None:
@@ -131,7 +203,9 @@ def _plain(figure: Figure) -> None:
 def sheet(title: str, rows: int, widths: Sequence[float], height: float,
           left: float = _LEFT) -> tuple[Figure, GridSpec]:
     """Return a figure with room for rows of panels of a height [inch]."""
-    whole = _TOP + _BOTTOM + rows * height + (rows - 1) * _GAP
+    title = fill(title, _TITLE_LINE)
+    above = _TOP + 0.22 * title.count('\n')
+    whole = above + _BOTTOM + rows * height + (rows - 1) * _GAP
     figure = Figure(figsize=(_WIDTH, whole), facecolor='white')
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.15 / _WIDTH, y=1.0 - 0.16 / whole, ha='left', va='top',
@@ -139,7 +213,7 @@ def sheet(title: str, rows: int, widths: Sequence[float], height: float,
     width = (_WIDTH - left - _RIGHT) / len(widths)
     return figure, figure.add_gridspec(
         rows, len(widths), width_ratios=list(widths), left=left / _WIDTH,
-        right=1.0 - _RIGHT / _WIDTH, bottom=_BOTTOM / whole, top=1.0 - _TOP / whole,
+        right=1.0 - _RIGHT / _WIDTH, bottom=_BOTTOM / whole, top=1.0 - above / whole,
         hspace=_GAP / height, wspace=_SIDE / (width - _SIDE))
 
 

@@ -20,8 +20,8 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import cycle, groupby
 
-from ctc_chattering.analysis.number_format import number_text
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.tables import number_text
 from ctc_chattering.control.controller import LAWS
 
 #: Colour of each law, the same in all figures and pages, and of a run under several (after

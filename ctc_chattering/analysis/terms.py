@@ -23,6 +23,7 @@ from typing import Any
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.numerics.gaps import missing
+from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.simulation.closed_loop import Array, Run
 import numpy as np
 
@@ -91,7 +92,7 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
     doubtful = False
     for k, t in enumerate(run.t.tolist()):
         if gaps[k] and not unsent:
-            _bridge(law, rows[k - 1], rows[k], gaps[k])
+            _bridge(law, rows[k - 1], rows[k], gaps[k], run.t[k - 1:k + 1])
             doubtful = True
         while due and t >= due[0][0]:
             law.configure(due.pop(0)[1])
@@ -100,19 +101,21 @@ def terms(run: Run, configs: Sequence[tuple[float, ControllerConfig]],
             law.memory = law.memory._replace(
                 xi=np.array(known[t]) + law.config.b * (dq_d - dq))
             doubtful = False
-        sample = law.step(q, dq, q_d, dq_d, ddq_d, points[k + 1:k + 1 + delay])
+        sample = law.step(q, dq, q_d, dq_d, ddq_d, points[k + 1:k + 1 + delay],
+                          round(NANOSECONDS * t))
         for name, column in columns.items():
             column[k] = getattr(sample, name)
         lyapunov[k] = law.lyapunov(q.tolist(), sample.v)
     return RunTerms(**columns, lyapunov=lyapunov)
 
 
-def _bridge(law: Controller, before: Array, after: Array, count: int) -> None:
-    """Take `law` over `count` missing samples between two rows (q, dq, q_d, dq_d, ddq_d)."""
+def _bridge(law: Controller, before: Array, after: Array, count: int, t: Array) -> None:
+    """Take `law` over `count` missing samples between two rows (q, dq, q_d, dq_d, ddq_d) at t."""
     if count > BRIDGED:
         law.reset(bumpless=True)
         return
     ahead: Any = [after[2:]] * law.config.input_delay
     for share in np.arange(1, count + 1) / (count + 1):
         q, dq, q_d, dq_d, ddq_d = before + share * (after - before)
-        law.step(q, dq, q_d, dq_d, ddq_d, ahead)
+        law.step(q, dq, q_d, dq_d, ddq_d, ahead,
+                 round(NANOSECONDS * float(t[0] + share * (t[1] - t[0]))))

@@ -28,9 +28,12 @@ from ctc_chattering.errors import CtcError
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.typesys import get_typestore, Stores
+from tqdm import tqdm
 import yaml
 
 _LATEST_VERSION = 9
+#: Messages between two moves of the bar, which a terminal shows after so long [s].
+_SHOWN, _LONG = 10_000, 2.0
 _FILES = ('.mcap', '.db3')
 _IN_URI = frozenset('%?#')
 #: Name and type.
@@ -130,12 +133,18 @@ class Bag:
         """
         found, topics = 0, {(x.topic, x.msgtype) for x in connections}
         counted = sum(self._counts[x] for x in topics) if topics else self.message_count
+        bar = tqdm(total=counted, desc=f'reading {self._path.name}', unit=' messages',
+                   disable=None, delay=_LONG, leave=False)
         try:
             for connection, t, data in self._reader.messages(connections):
                 found += 1
+                if found % _SHOWN == 0:
+                    bar.update(_SHOWN)
                 yield connection, t, unpacked(data, 'zstd') if self._is_packed else data
         except Exception as error:  # Damaged files may raise any exception.
             raise damaged(self._path, error) from None
+        finally:
+            bar.close()
         if found != counted:
             names = ', '.join(sorted(x for x, _ in topics)) or 'all topics'
             raise damaged(self._path, ValueError(

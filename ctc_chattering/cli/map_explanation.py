@@ -24,16 +24,14 @@ from typing import Any
 from ctc_chattering.analysis.export import write_npz
 from ctc_chattering.analysis.output import prepare, writing
 from ctc_chattering.analysis.result import Result, simulate
-from ctc_chattering.analysis.run_files import NAMES
+from ctc_chattering.analysis.run_page import NAMES
 from ctc_chattering.cli.presentation import present
 from ctc_chattering.cli.progress import Progress
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.errors import CtcError
-from ctc_chattering.robustness import chunks
-from ctc_chattering.robustness.point import find_run
-from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.shards import checked, read_about, SHARDS, TABLE
+from ctc_chattering.runs.points import find_run, Runs
+from ctc_chattering.runs.store import about, read_about, TABLE
 from pyarrow import parquet
 
 #: Names in the directory of a run, which is below that of all of them.
@@ -68,19 +66,11 @@ def explain(runs: Runs, options: argparse.Namespace) -> int:
 
 def _row(runs: Runs, run: int, directory: Path) -> dict[str, Any] | None:
     """Return the row of a run, if the map of a directory has it."""
-    key = chunks.map_key(runs)
-    if runs.spec.refined:
-        if not (directory / TABLE).exists() or read_about(directory).get('key') != key:
-            return None
-        found = parquet.read_table(directory / TABLE, filters=[('run', '=', run)]).to_pylist()
-        return found[0] if found else None
-    part = next(part for part in chunks.chunks(runs) if run in part)
-    paths = list((directory / SHARDS).glob(f'{chunks.chunk_key(key, part)}.*.parquet'))
-    if not paths:
+    if not (directory / TABLE).exists() or (
+            read_about(directory).get('key') != about(runs)['key']):
         return None
-    table = checked(paths[0], part, chunks.schema(runs.spec))
-    row: dict[str, Any] = table.slice(part.index(run), 1).to_pylist()[0]
-    return row
+    found = parquet.read_table(directory / TABLE, filters=[('run', '=', run)]).to_pylist()
+    return found[0] if found else None
 
 
 def _written(setup: Setup, title: str, path: Path) -> Setup:

@@ -19,11 +19,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ctc_chattering.analysis.number_format import measured
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.run_files import PAGE, write_runs
 from ctc_chattering.analysis.run_names import names
-from ctc_chattering.analysis.tables import print_columns
+from ctc_chattering.analysis.run_page import PAGE, write_runs
+from ctc_chattering.analysis.tables import measured, print_columns
 
 
 def present(results: Sequence[Result], bags: Sequence[Path], out: Path,

@@ -90,6 +90,10 @@ class ControllerSettings(Config):
         'Real time: after this time without a state (at least three control periods), or such a '
         'gap of its stamps, the law restarts.', unit='s', minimum=0.0,
         exclusive=True, maximum=3600.0, read_only=True)
+    predicted_periods: int = parameter(
+        'predicted_periods', 'int', 5,
+        'Real time: so many periods without a state are answered by the torque for the predicted '
+        'one, none from state_timeout on; 0 for none.', minimum=0, maximum=100)
     reference_timeout: float = parameter(
         'reference_timeout', 'float', 0.1,
         'A late reference continues at its last velocity for this time, then stands.',

@@ -26,6 +26,8 @@ from ctc_chattering.errors import CtcError
 _SCHEME = 'package://'
 #: The robots of the package's own files, and how they come with what their model needs.
 _ROBOTS, _INSTALL = f'{_SCHEME}example-robot-data/', 'pip install example-robot-data pin'
+#: What meshes are read from, and how large these files may be [bytes].
+_MESHES, _MESH_SIZE = ('.stl', '.dae', '.obj'), 50_000_000
 
 
 def read_description(location: str) -> str:
@@ -77,6 +79,20 @@ def find_file(location: str) -> Path:
     hint = f'; {_INSTALL}' if location.startswith(_ROBOTS) else ''
     raise CtcError(f'description: {location}: not installed; looked for {below} below '
                    f'{", ".join(map(str, looked))}{hint}')
+
+
+def find_mesh(location: str) -> Path | None:
+    """
+    Return the file of a mesh that a URDF names; None where it is not to be read.
+
+    Read are STL, COLLADA and OBJ, up to 50 MB: a URDF of others may name any file.
+    """
+    try:
+        path = find_file(location.removeprefix('file://'))
+    except CtcError:
+        return None
+    return path if path.suffix.lower() in _MESHES and path.is_file() and (
+        path.stat().st_size <= _MESH_SIZE) else None
 
 
 def _prefixes() -> Iterator[Path]:

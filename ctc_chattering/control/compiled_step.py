@@ -18,8 +18,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ctc_chattering.control import control_step
-from ctc_chattering.control.evaluation import Context, ControlSettings, Models
+from ctc_chattering.control.control_step import Memories, step_at
+from ctc_chattering.control.evaluation import (
+    Arrival,
+    Context,
+    ControlSettings,
+    Models,
+    REGULAR,
+)
 from ctc_chattering.dynamics.arm import Arm
 from ctc_chattering.dynamics.compiled_model import CompiledArm, CompiledModel, EvaluatedModel
 from ctc_chattering.numerics.compilable import function
@@ -39,6 +45,7 @@ class ControlRecords(NamedTuple):
     law: Any
     memory: Any
     law_memory: Any
+    last: Any
     #: Of the model: as of `CompiledModel`.
     call: Any
     body: Any
@@ -46,8 +53,11 @@ class ControlRecords(NamedTuple):
     now: Any
     arriving: Any
     after: Any
-    #: Torques in transit, shape (4 d, n).
+    #: Torques in transit, shape (4 d, n), and room for a reference, (3 (1 + d), n).
     transit: Array
+    reference: Array
+    #: `Arrival` of the state, shape (4,).
+    arrival: Array
     #: Position [rad] and velocity [rad/s], shape (2, n), and what is computed of it, (8, n).
     measured: Array
     made: Array
@@ -55,12 +65,12 @@ class ControlRecords(NamedTuple):
 
 class CompiledStep:
     """
-    The control step of a controller between two changes of its settings.
+    The control step of a controller between two changes of its settings, as `PlainStep`.
 
     Parameters
     ----------
-    settings, law, memory, law_memory, transit
-        As of `control_step.step`; the torques in transit are not copied.
+    settings, law, memories, transit
+        As of `PlainStep`.
     arm : Arm
         Model.
 
@@ -69,40 +79,60 @@ class CompiledStep:
     codes : tuple of Code
         What must be compiled, for all controllers with this law and number of joints.
     measured, points : array, shape (2, n) and (3 (1 + d), n)
-        Of `control_step.step`, to be set before a call of `step`.
+        Of `control_step.step_at`.
+    arrival : array, shape (4,)
+        As `Arrival` is; that of a regular state until it is set.
     made : array, shape (8, n)
         What it computes.
-    step : Call
+    call : Call
         Goes on by a sample; only if there is machine code.
 
     """
 
-    step: Call
+    call: Call
 
-    def __init__(self, settings: ControlSettings, law: Any, memory: Any, law_memory: Any,
-                 transit: Array, arm: Arm) -> None:
+    def __init__(self, settings: ControlSettings, law: Any, memories: Memories, transit: Array,
+                 arm: Arm) -> None:
         n = len(settings.zero)
         self.measured, self.made = np.zeros((2, n)), np.zeros((8, n))
         self.points = np.zeros((3 + 3 * int(settings.delay), n))
+        self.arrival, self._arrival = np.array(REGULAR), REGULAR
         self._arm = CompiledArm(arm, n)
         self._records = ControlRecords(
-            packed(settings), packed(law), packed(memory), packed(law_memory), *self._arm.model,
-            self._arm.place(), self._arm.place(), self._arm.place(), transit, self.measured,
-            self.made)
+            packed(settings), packed(law), *map(packed, memories),  # type: ignore[call-arg]
+            *self._arm.model, *(self._arm.place() for _ in range(3)), transit,
+            np.zeros_like(self.points), self.arrival, self.measured, self.made)
         arguments = (self._records, self.points)
         code = Code(stepped, arguments, f'control-{type(law).__name__}-{n}'.lower())
         self.codes = *self._arm.codes, code
         if self.compiled:
-            self.step = Call(code, arguments)
+            self.call = Call(code, arguments)
 
     @property
     def compiled(self) -> bool:
         """Whether there is machine code."""
         return all(code.compiled for code in self.codes)
 
-    def memories(self) -> tuple[Any, Any]:
-        """Return the memory of the step and that of the law."""
-        return load(self._records.memory), load(self._records.law_memory)
+    @property
+    def memories(self) -> Memories:
+        """Return what is remembered; it may be set."""
+        p = self._records
+        return load(p.memory), load(p.law_memory), load(p.last)
+
+    @memories.setter
+    def memories(self, memories: Memories) -> None:
+        p = self._records
+        for fields, record in zip((p.memory, p.law_memory, p.last), memories):
+            store(fields, record)
+
+    def step(self, rows: Array, arrival: Arrival) -> list[list[float]]:
+        """Go on by a sample, and return the rows of `Sample`, shape (8, n)."""
+        self.measured[:], self.points[:] = rows[:2], rows[2:]
+        if arrival is not self._arrival:
+            self.arrival[:] = self._arrival = arrival
+        self.call()
+        made: list[list[float]] = self.made.tolist()
+        return made
 
 
 @function
@@ -124,9 +154,13 @@ def stepped(p: ControlRecords, points: Array) -> int:
     model = CompiledModel(p.call, p.body)
     models = Models(EvaluatedModel(model, p.now), EvaluatedModel(model, p.arriving),
                     EvaluatedModel(model, p.after))
-    step = control_step.step(
-        Context(load(p.settings), models, rows(p.transit, like)), load(p.law), memory,
-        load(p.law_memory), measured[0], measured[1], rows(points, like))
+    came = p.arrival
+    step, last = step_at(
+        Context(load(p.settings), models, rows(p.transit, like), rows(p.reference, like)),
+        load(p.law), memory, load(p.law_memory), load(p.last),
+        Arrival(came[0], came[1], came[2], came[3]), measured[0], measured[1],
+        rows(points, like))
+    store(p.last, last)
     store(p.memory, step.memory)
     store(p.law_memory, step.law_memory)
     made, terms = rows(p.made, like), step.parts

@@ -16,16 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain, islice
 from math import isfinite
 from typing import Any, NamedTuple, NoReturn
 
 from ctc_chattering.arguments import checked, vector
 from ctc_chattering.control.compiled_step import CompiledStep
-from ctc_chattering.control.control_step import control_memory, in_transit, step
+from ctc_chattering.control.control_step import (
+    control_memory,
+    first_sample,
+    in_transit,
+    Memories,
+    periods,
+    PlainStep,
+)
 from ctc_chattering.control.controller_config import ControllerConfig, LAWS
-from ctc_chattering.control.evaluation import Context, control_settings, ControlMemory, Models
+from ctc_chattering.control.evaluation import Arrival, control_settings, ControlMemory, REGULAR
 from ctc_chattering.control.handover import taken_over
 from ctc_chattering.control.laws.base import Law
 from ctc_chattering.control.laws.registry import law_class
@@ -79,12 +86,26 @@ class Sample(NamedTuple):
     saturation_error: Vector | None
 
 
+class _Unmeasured(NamedTuple):
+    """What was before periods that were answered without a state, and those periods."""
+
+    #: Stamp of the last state, and how long after its sample it was measured [ns].
+    t: int
+    offset: int
+    memories: Memories
+    transit: Array
+    #: For each period the rows that the step took, how long after their instant the sample was
+    #: [ns], and the torque in force, shape (n,).
+    answered: list[tuple[Array, int, Array]]
+
+
 class Controller:
     """
     The sampled controller: one call of `step` per state.
 
     Contract: `step` takes the state and the reference at sample k and returns the torque to hold
-    until sample k + 1. It reads no clock; the filter advances by exactly one period per call.
+    until sample k + 1. It reads no clock. By the stamps of the states it goes on by as many
+    periods as have passed (`control_step`); without stamps that is one a call.
 
     Parameters
     ----------
@@ -101,10 +122,12 @@ class Controller:
         With `inertia_scale` and `gravity_scale`.
     settings, law : ControlSettings, Law
         What is common to all laws, and the law in force.
-    memory : ControlMemory
-        What the control step remembers.
+    memories : Memories
+        What is remembered: by the control step, by the law, and of the last sample.
     transit : array, shape (4 input_delay, n)
         Torques in transit.
+    compiled : bool
+        Whether steps are machine code, as of the last change of law, gains or memories.
 
     """
 
@@ -121,15 +144,16 @@ class Controller:
         if config.compiled:
             self._arm = arm_of(known, config.inertia_scale, config.gravity_scale)
         self.transit = in_transit(n, config.input_delay)
+        self._period = period_ns(config.control_period)
         #: Laws that are not in force, with what they remember.
         self._others: dict[str, tuple[Law, Any]] = {}
-        self.config, self.law, self._law_memory = config, self._made(config), None
+        self._use(config)
         self.reset()
-        self.configure(config)
 
-    @staticmethod
-    def _made(config: ControllerConfig) -> Law:
-        return law_class(config.law).made(config, seconds(period_ns(config.control_period)))
+    def _use(self, config: ControllerConfig) -> None:
+        self.config = config
+        self.law: Law = law_class(config.law).made(config, seconds(self._period))
+        self.settings = control_settings(config, self.model.effort_limits)
 
     @checked(config=ControllerConfig)
     def configure(self, config: ControllerConfig) -> None:
@@ -139,15 +163,11 @@ class Controller:
         The filter state ξ is preserved, so that v has no step (unless b itself changes), and
         so are integrals and estimates. `handover` says how another law takes over.
         """
-        self._take_back()
-        law = self._made(config)
-        self._others[self.config.law] = self.law, self._law_memory
-        before, known = self._others.pop(config.law, (law, law.initial()))
-        self.law, self._law_memory = law, law.reconfigured(known, before)
-        self.config = config
-        self.settings = control_settings(config, self.model.effort_limits)
-        self._context = Context(
-            self.settings, Models(self.model, self.model, self.model), self.transit)
+        memory, of_law, last = self.memories
+        self._others[self.config.law] = self.law, of_law
+        self._use(config)
+        before, known = self._others.pop(config.law, (self.law, self.law.initial()))
+        self.memories = memory, self.law.reconfigured(known, before), last
 
     def reset(self, bumpless: bool = False, held: Vector | None = None) -> None:
         """
@@ -162,52 +182,65 @@ class Controller:
 
         """
         n = self.model.n
-        #: The machine code of the steps until the next change; None for plain Python.
-        self._compiled: CompiledStep | None = None
-        self._prepared = False
-        self._memory = control_memory(
-            np.zeros(n) if held is None else vector('held', held, n), self.config.input_delay)
         self.transit[:] = 0.0
-        self._law_memory = self.law.initial()
         self._others.clear()
         #: Law of the last step; empty before the first.
         self._before = ''
         self._bumpless = bumpless
+        #: Stamp of the last state, and how long after its sample it was measured [ns].
+        self._t: int | None = None
+        self._offset = 0
+        self.memories = (
+            control_memory(np.zeros(n) if held is None else vector('held', held, n),
+                           self.config.input_delay), self.law.initial(), first_sample(n))
 
     @property
-    def compiled(self) -> bool:
-        """Whether the next step is machine code."""
-        if self._prepared:
-            return self._compiled is not None
-        step = self.compiled_step()
-        return step is not None and step.compiled
+    def memories(self) -> Memories:
+        """Return what is remembered; that which is set is used from the next step on."""
+        return self._stepper.memories
 
-    @property
-    def computed_by(self) -> str:
-        """Return what computes the next step, machine code or plain Python."""
-        return MACHINE_CODE if self.compiled else PLAIN_PYTHON
+    @memories.setter
+    def memories(self, memories: Memories) -> None:
+        self._unmeasured: _Unmeasured | None = None
+        #: What computes the steps until the next change.
+        self._stepper: PlainStep | CompiledStep = PlainStep(
+            self.settings, self.law, memories, self.transit, self.model)
+        compiled = self._compiled(memories)
+        if compiled is not None and compiled.compiled:
+            self._stepper = compiled
+
+    def _compiled(self, memories: Memories) -> CompiledStep | None:
+        if self._arm is None:
+            return None
+        return CompiledStep(self.settings, self.law, memories, self.transit, self._arm)
 
     def compiled_step(self) -> CompiledStep | None:
         """Return the step from now on as machine code takes it; None where it cannot."""
-        if self._arm is None:
-            return None
-        return CompiledStep(self.settings, self.law, self._memory, self._law_memory, self.transit,
-                            self._arm)
+        return self._compiled(self.memories)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether steps are machine code."""
+        return self._stepper.compiled
+
+    @property
+    def computed_by(self) -> str:
+        """Return what computes the steps, machine code or plain Python."""
+        return MACHINE_CODE if self.compiled else PLAIN_PYTHON
 
     @property
     def memory(self) -> ControlMemory:
         """Return what the control step remembers."""
-        return self._memory if self._compiled is None else self._compiled.memories()[0]
+        return self.memories[0]
 
     @memory.setter
     def memory(self, memory: ControlMemory) -> None:
-        self._take_back()
-        self._memory = memory
+        self.memories = memory, *self.memories[1:]
 
     @property
     def law_memory(self) -> Any:
         """Return what the law in force remembers."""
-        return self._law_memory if self._compiled is None else self._compiled.memories()[1]
+        return self.memories[1]
 
     @property
     def stability(self) -> tuple[float, float]:
@@ -215,38 +248,27 @@ class Controller:
         memory = self.law_memory
         return self.law.bandwidth_in_use(memory), self.law.out_of_control(memory)
 
-    def _take_back(self) -> None:
-        """Go on with what machine code remembers, as plain Python."""
-        if self._compiled is not None:
-            self._memory, self._law_memory = self._compiled.memories()
-        self._compiled, self._prepared = None, False
-
-    def prepare(self, rows: Array) -> None:
-        """
-        Begin with v = 0, or take over from another law, if the step to come is to do so.
-
-        Parameters
-        ----------
-        rows : array, shape (5, n)
-            Its q, dq, q_d, dq_d, ddq_d.
-
-        """
+    def _begin(self, rows: Array) -> None:
+        """Begin with v = 0, or take over from another law, for `rows` as of `step`."""
+        memory, of_law, last = self.memories
         if self._bumpless:
-            self._memory = self._memory._replace(xi=self.settings.filter.b * (rows[3] - rows[1]))
-            self._bumpless = False
+            memory = memory._replace(xi=self.settings.filter.b * (rows[3] - rows[1]))
         if self._before in self._others:
-            self._memory, self._law_memory = taken_over(
-                self.settings, self._others[self._before], self.law, self._law_memory,
-                self._memory, self.model, rows)
-        self._before = self.config.law
-        compiled = self.compiled_step()
-        self._compiled = compiled if compiled is not None and compiled.compiled else None
-        self._prepared = True
+            memory, of_law = taken_over(
+                self.settings, self._others[self._before], self.law, of_law, memory, self.model,
+                rows)
+        self._before, self._bumpless = self.config.law, False
+        self.memories = memory, of_law, last
 
     def step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
-             ahead: Sequence[Point] = ()) -> Sample:
+             ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
+             late: int = 0) -> Sample:
         """
         Return the torque for this sample, and what it is made of.
+
+        Where the period of a state is over, or has been answered by `predicted_step`, the law
+        takes the state as of its stamp, and the torque in force for that period; what is returned
+        is for the present period.
 
         Parameters
         ----------
@@ -256,10 +278,113 @@ class Controller:
             Desired position [rad], velocity [rad/s] and acceleration [rad/s²].
         ahead : sequence of (q_d, dq_d, ddq_d)
             The same for the next samples, as many as `input_delay` says.
+        t, at : int, optional
+            Stamp of the state, and instant of the reference, best `instant`; by default t [ns].
+        late : int
+            Periods that have passed since t; without an answer, the torque sent last is in force.
 
         """
+        rows = self._rows(q, dq, q_d, dq_d, ddq_d, ahead)
+        if self._bumpless or self._before != self.config.law:
+            self._begin(rows)
+        before = self._t
+        if t is None or (not late and (before is None or (
+                t - before == self._period and not self._offset))):
+            self._t, self._unmeasured = t, None
+            return self._step(rows, REGULAR)
+        missed, offset = self._follows(t)
+        after = t - offset - (t if at is None else at)
+        if self._is_late(t):
+            sample = self._merged(missed, rows, offset, after, t)
+        else:
+            self._t, self._offset, self._unmeasured = t, offset, None
+            for k in range(missed, 0, -1):
+                self._step(rows, Arrival(0.0, (after - k * self._period) / 1e9, 0.0, 1.0))
+            sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, float(late > 0)))
+        for k in range(self.predicted_periods + 1, late + 1):
+            sample = self._predict(rows, after + k * self._period, k < late)
+        return sample
+
+    def instant(self, t: int) -> int:
+        """Return at which instant the law takes a state of stamp `t` in `step` [ns]."""
+        return t - self._follows(t)[1]
+
+    def _is_late(self, t: int) -> bool:
+        """Return whether `predicted_step` has answered for the period of a state."""
+        return (self._unmeasured is not None and self._t is not None
+                and t < self._t + self._period // 2)
+
+    def _follows(self, t: int) -> tuple[int, int]:
+        """Return the `periods` of a state of stamp `t` [ns]."""
+        before, offset = self._t, self._offset
+        if self._unmeasured is not None and self._is_late(t):
+            before, offset = self._unmeasured.t, self._unmeasured.offset
+        return (0, 0) if before is None else periods(self._period, offset, t - before)
+
+    @property
+    def predicted_periods(self) -> int:
+        """Return how many periods after the last state `predicted_step` has answered."""
+        return len(self._unmeasured.answered) if self._unmeasured is not None else 0
+
+    def predicted_step(self, q_d: Vector, dq_d: Vector, ddq_d: Vector,
+                       ahead: Sequence[Point] = (), periods: int = 1) -> Sample | None:
+        """
+        Return what `step` does for the state that is predicted some periods after the last one.
+
+        None without a state with a stamp, where another law is to take over, or where it leaves
+        the range of numbers.
+
+        Parameters
+        ----------
+        q_d, dq_d, ddq_d, ahead
+            As of `step`, for the `instant` of a stamp so many periods after the last one.
+        periods : int
+            In all but the last of which the torque sent last is in force.
+
+        """
+        zero = (0.0,) * self.model.n
+        rows = self._rows(zero, zero, q_d, dq_d, ddq_d, ahead)
+        if self._t is None or self._before != self.config.law:
+            return None
+        for k in range(periods - 1, -1, -1):
+            sample = self._finite(self._predict, rows, -k * self._period, k > 0)
+        return sample
+
+    def _predict(self, rows: Array, after: int, kept: bool) -> Sample:
+        """Go on by a period without a state, at a sample `after` the instant of `rows` [ns]."""
+        assert self._t is not None
+        if self._unmeasured is None:
+            self._unmeasured = _Unmeasured(
+                self._t, self._offset, self.memories, self.transit.copy(), [])
+        self._t += self._period
+        sample = self._step(rows, Arrival(0.0, after / 1e9, 0.0, float(kept)))
+        self._unmeasured.answered.append((rows, after, np.array(sample.tau)))
+        return sample
+
+    def _merged(self, missed: int, rows: Array, offset: int, after: int, t: int) -> Sample:
+        """Take a state whose period has been answered; return the sample of the last period."""
+        assert self._unmeasured is not None
+        _, _, memories, self.transit[:], answered = self._unmeasured
+        for k, (predicted, later, tau) in enumerate(answered):
+            self._stepper.memories = memories[0]._replace(held=tau), *memories[1:]
+            if k == missed:
+                sample = self._step(rows, Arrival(offset / 1e9, after / 1e9, 1.0, 1.0))
+                self._unmeasured = _Unmeasured(
+                    t, offset, self.memories, self.transit.copy(), answered[k + 1:])
+            else:
+                sample = self._step(predicted, Arrival(0.0, later / 1e9, 0.0, 1.0))
+            memories = self.memories
+        return sample
+
+    def _step(self, rows: Array, arrival: Arrival) -> Sample:
+        made = self._stepper.step(rows, arrival)
+        return Sample(*made[:7], made[7] if any(made[7]) else None)  # type: ignore[call-arg]
+
+    def _rows(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
+              ahead: Sequence[Point]) -> Array:
+        """Return q, dq and all points as rows, shape (5 + 3 d, n); raise `CtcError` if wrong."""
+        delay = self.config.input_delay
         try:
-            delay = self.config.input_delay
             more = islice(chain.from_iterable(ahead), 3 * delay) if delay else ()
             rows = np.array((q, dq, q_d, dq_d, ddq_d, *more), float)
             wrong = rows.shape != (5 + 3 * delay, self.model.n)
@@ -267,21 +392,7 @@ class Controller:
             wrong = True
         if wrong:
             self._refuse((q, dq, q_d, dq_d, ddq_d), ahead)
-        if not self._prepared:
-            self.prepare(rows)
-        if self._compiled is not None:
-            self._compiled.measured[:], self._compiled.points[:] = rows[:2], rows[2:]
-            self._compiled.step()
-            made: list[list[float]] = self._compiled.made.tolist()
-            return Sample(*made[:7], made[7] if any(made[7]) else None)  # type: ignore[call-arg]
-        now, terms, sent, self._memory, self._law_memory = step(
-            self._context, self.law, self._memory, self._law_memory, rows[0], rows[1], rows[2:])
-        lost = sent.saturation_error
-        saturated = lost is not self.settings.zero and lost.any()
-        return Sample(
-            sent.tau.tolist(), now.e.tolist(), now.de.tolist(), now.v.tolist(),
-            terms.nominal.tolist(), terms.compensation.tolist(), terms.robust.tolist(),
-            lost.tolist() if saturated else None)
+        return rows
 
     def _refuse(self, rows: Sequence[Vector], ahead: Sequence[Point]) -> NoReturn:
         """Raise the error for what `step` cannot take."""
@@ -292,14 +403,20 @@ class Controller:
             'q, dq, q_d, dq_d, ddq_d', rows, f'{self.model.n} numbers each')))
 
     def try_step(self, q: Vector, dq: Vector, q_d: Vector, dq_d: Vector, ddq_d: Vector,
-                 ahead: Sequence[Point] = ()) -> Sample | None:
+                 ahead: Sequence[Point] = (), t: int | None = None, at: int | None = None,
+                 late: int = 0) -> Sample | None:
         """
         Return what `step` does; None where that leaves the range of numbers.
 
         The law must then be `reset`.
         """
+        return self._finite(self.step, q, dq, q_d, dq_d, ddq_d, ahead, t, at, late)
+
+    @staticmethod
+    def _finite(step: Callable[..., Sample], *arguments: Any) -> Sample | None:
+        """Return the sample of a step; None where that leaves the range of numbers."""
         try:
-            sample = self.step(q, dq, q_d, dq_d, ddq_d, ahead)
+            sample = step(*arguments)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # 1 / 0, sin(inf)
             return None
         return sample if isfinite(sum(sample.tau) + sum(sample.v)) else None

@@ -28,6 +28,7 @@ from ctc_chattering.control.evaluation import (
     ControlMemory,
     evaluated,
     Evaluates,
+    LastSample,
     losing,
     State,
 )
@@ -67,6 +68,27 @@ def arriving(law: Any, law_memory: Any, now: State, context: Context, memory: Co
         q, dq = predict(context.models.arriving, at, context.transit[row] - perturbation, h)
         at = evaluated(settings, context.models.arriving, q, dq, points, 3 * j + 3, xi)
     return at
+
+
+@function
+def next_state(law: Any, law_memory: Any, last: LastSample, context: Context,
+               memory: ControlMemory, points: Array) -> tuple[Array, Array]:
+    """
+    Return q and dq, shape (n,), a period after the last sample.
+
+    Parameters
+    ----------
+    law, law_memory
+        Law in force, and its memory: of what has acted since.
+    last : LastSample
+        State and torque.
+    context, memory, points
+        As of the control step.
+
+    """
+    at = evaluated(context.settings, context.models.now, last.q, last.dq, points, 0, memory.xi)
+    return predict(context.models.now, at, last.applied - law.acting(law_memory, at),
+                   context.settings.period)
 
 
 @function

@@ -124,6 +124,8 @@ class Context(NamedTuple):
     models: Models
     #: Torques in transit: `Applied` in four rows each, shape (4 d, n).
     transit: Array
+    #: Room for the reference at another instant, shape (3 (1 + d), n).
+    reference: Array
 
 
 @record
@@ -142,6 +144,35 @@ class ControlMemory(NamedTuple):
     fresh: float
     #: Which of the torques in transit is applied next.
     turn: float
+
+
+@record
+class LastSample(NamedTuple):
+    """The sample before, from which a state is predicted; arrays of shape (n,)."""
+
+    #: Position [rad] and velocity [rad/s] as the law took them.
+    q: Array
+    dq: Array
+    #: Torque that acts from then on [N·m].
+    applied: Array
+
+
+@record
+class Arrival(NamedTuple):
+    """What is irregular about the state of a sample; truth values are 1.0 and 0.0."""
+
+    #: How long after the sample it was measured, δ [s].
+    offset: float
+    #: How long after the instants of the reference that is given the sample is [s].
+    after_points: float
+    #: Whether it has come; else the state that is predicted takes its place.
+    measured: float
+    #: Whether the torque sent last has been kept.
+    kept: float
+
+
+#: A state that was measured at its sample.
+REGULAR = Arrival(0.0, 0.0, 1.0, 0.0)
 
 
 @function

@@ -13,31 +13,33 @@
 # limitations under the License.
 
 """
-Rest: a joint that stands where the reference stands gets a constant torque.
+Rest: at a joint that stands where the reference stands, the perturbation is kept.
 
 A joint that sticks shows nothing of the perturbation, so that an estimate, and its slope even
 more, drifts until the joint breaks loose, slips and sticks again: without end where friction at
-rest exceeds that of sliding. So a joint is held once::
+rest exceeds that of sliding. So P̂ is kept, with the slope 0, once::
 
     s t >= W²,     s >= 2 / ω,     W = 6 / ω + Ka / R                                      (SS1)
-    M_ii Kp_ii |q_d - q̂| <= 2 Ka                                                          (SS2)
+    K̂ s² >= 4 δ M_ii                                                                       (SS2)
 
 s is the time for which the measured position has been within δ = 1e-4 rad (or m), t that for
-which dq_d and ddq_d are 0; W is what observer and drives need to free a joint. While it is held,
-q̂, P̂ and the deviation of the reference stay as they are, dq̂ and Ṗ̂ are 0. It is released when
-the measured position leaves ±δ or the reference moves; t then begins again.
+which dq_d and ddq_d are 0; W is what observer and drives need to free a joint. A constant torque
+beyond 4 δ M_ii / s² moves a joint by 2 δ within s: by (SS2) the learned friction K̂ can hold the
+one that acts, and a joint without friction is never held. P̂ is estimated again when the measured
+position leaves ±δ or the reference moves; t then begins again. Position and velocity are observed
+all the time, so that nothing jumps, and a joint that does move under a kept P̂ is under the
+feedback of a stable loop.
 
-Its torque is constant, but for what the model says of other joints that move. A joint that
-sticks then goes on sticking until its load has changed by what static friction has in reserve.
-Where every stop takes s₁ >= 2 / ω, with errors within (SS2), slips end by t = W² / s₁, at most
-W² ω / 2. What is left is the error at that stop.
+A joint that sticks under a constant torque goes on sticking until its load has changed by what
+static friction has in reserve. Where every stop takes s₁ >= 2 / ω, slips end by t = W² / s₁, at
+most W² ω / 2. What is left is the error at that stop.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from ctc_chattering.control.feasible_reference import Desired, Deviation, stands
+from ctc_chattering.control.feasible_reference import Desired, stands
 from ctc_chattering.control.state_observer import Observed
 from ctc_chattering.numerics.compilable import function, record, some
 from ctc_chattering.numerics.linear_algebra import Array
@@ -70,8 +72,6 @@ class Standstill(NamedTuple):
     period: Array
     patience: Array
     shortest: Array
-    #: 2 Ka / Kp_ii [kg·m²·rad], shape (n,).
-    reach: Array
 
     def placed_at(self, rest: Rest, q: Array) -> Rest:
         """Return the rest after a measured position, shape (n,) [rad]."""
@@ -81,9 +81,9 @@ class Standstill(NamedTuple):
                     np.where(moved & (rest.held != 0.0), 0.0, rest.reference),
                     np.where(moved, 0.0, rest.held))
 
-    def judged(self, rest: Rest, at: Desired, q: Array, inertia: Array) -> Rest:
+    def judged(self, rest: Rest, at: Desired, inertia: Array, level: Array) -> Rest:
         """
-        Return the rest with the joints that (SS1) holds; arrays of shape (n,).
+        Return the rest with the joints that (SS1) and (SS2) hold; arrays of shape (n,).
 
         Parameters
         ----------
@@ -91,66 +91,31 @@ class Standstill(NamedTuple):
             After `placed_at`.
         at : Desired
             Point of the reference at the arrival of the torque.
-        q : array, shape (n,)
-            q̂ there [rad].
         inertia : array, shape (n,)
             M_ii [kg·m²].
+        level : array, shape (n,)
+            K̂ [N·m].
 
         """
-        still = stands(at)
+        still, s = stands(at), rest.joint
         t = np.where(still, rest.reference + self.period, 0.0)
-        near = inertia * np.abs(at.q - q) <= self.reach
-        long = (rest.joint >= self.shortest) & (rest.joint * t >= self.patience * self.patience)
-        held = still & ((rest.held != 0.0) | (near & long))
-        return Rest(rest.place, rest.joint, t, np.where(held, 1.0, 0.0))
-
-
-@function
-def corrected(before: Rest, after: Rest, at: Observed, to: Observed, q: Array) -> Observed:
-    """
-    Return what a measured position makes of an observed state.
-
-    Parameters
-    ----------
-    before, after : Rest
-        Without and with this position.
-    at, to : Observed
-        The state, and what the observer makes of it.
-    q : array, shape (n,)
-        The position [rad], from which a joint that is released is observed.
-
-    """
-    to = kept(after, at, to)
-    released = (before.held != 0.0) & (after.held == 0.0)
-    if not some(released):
-        return to
-    return Observed(np.where(released, q, to.q), np.where(released, 0.0, to.dq), to.torque,
-                    np.where(released, at.perturbation, to.perturbation),
-                    np.where(released, 0.0, to.slope))
+        long = (s >= self.shortest) & (s * t >= self.patience * self.patience)
+        sticks = level * s * s >= 4.0 * TOLERANCE * inertia
+        return Rest(rest.place, s, t, np.where(still & long & sticks, 1.0, 0.0))
 
 
 @function
 def kept(rest: Rest, before: Observed, after: Observed) -> Observed:
-    """Return `after` with joints that are held as they are in `before`, at rest."""
+    """Return `after` with the perturbation of joints that are held as it is in `before`."""
     if not some(rest.held):
         return after
     held = rest.held != 0.0
-    return Observed(np.where(held, before.q, after.q), np.where(held, 0.0, after.dq),
-                    after.torque, np.where(held, before.perturbation, after.perturbation),
+    return Observed(after.q, after.dq, after.torque,
+                    np.where(held, before.perturbation, after.perturbation),
                     np.where(held, 0.0, after.slope))
 
 
-@function
-def waiting(rest: Rest, before: Deviation, after: Deviation) -> Deviation:
-    """Return `after` with the deviation of joints that are held as it is in `before`."""
-    if not some(rest.held):
-        return after
-    held = rest.held != 0.0
-    return Deviation(np.where(held, before.x, after.x), np.where(held, before.dx, after.dx))
-
-
-def standstill(bandwidth: float, bound: Array, kp: Array, rate: Array, period: float
-               ) -> Standstill:
+def standstill(bandwidth: float, bound: Array, rate: Array, period: float) -> Standstill:
     """
     Return what holds joints.
 
@@ -158,15 +123,15 @@ def standstill(bandwidth: float, bound: Array, kp: Array, rate: Array, period: f
     ----------
     bandwidth : float
         ω [rad/s].
-    bound, kp, rate : array, shape (n,)
-        Ka [N·m], diagonal of Kp [1/s²], and R, inf for none [N·m/s].
+    bound, rate : array, shape (n,)
+        Ka [N·m], and R, inf for none [N·m/s].
     period : float
         h [s].
 
     """
     one = np.ones_like(bound)
     return Standstill(period * one, _PATIENCE / bandwidth + bound / rate,
-                      _SHORTEST / bandwidth * one, 2.0 * bound / kp)
+                      _SHORTEST / bandwidth * one)
 
 
 def moving(zero: Array) -> Rest:

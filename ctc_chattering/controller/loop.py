@@ -85,12 +85,17 @@ class ControlLoop:
         Once the model is known.
     period : int
         Control period [ns].
-    restart_duration : float
-        As the parameter of this name [s].
+    restart_duration, predicted_periods : float, int
+        As the parameters of these names [s].
     simulated : bool
         Whether time is simulated, as of the last state.
-    reference_outages : int
-        How often the reference was late.
+    too_slow : bool
+        Whether steps take too long for the periods without a state to be made good: the law then
+        goes on by one period a state.
+    reference_outages, predicted : int
+        How often the reference was late, and a predicted state was answered.
+    tripped : str
+        Why the last trip was; empty before the first.
 
     """
 
@@ -101,6 +106,10 @@ class ControlLoop:
         self._reference_timeout = reference_timeout
         self.law: Controller | None = None
         self.restart_duration = 0.0
+        self.predicted_periods = self.predicted = 0
+        self.too_slow = False
+        #: Whether the law has answered the last state, and all that were predicted after it.
+        self._goes_on = False
         self.simulated = False
         self.mode = Mode.WAITING_FOR_STATE if enabled else Mode.DISABLED
         self.motion = DesiredMotion(
@@ -116,7 +125,7 @@ class ControlLoop:
         self._pending: JointSample | None = None
         #: The torque sent last; None where nothing has been sent, or a last one of 0.
         self._held: Vector | None = None
-        self._tripped = ''
+        self.tripped = ''
         #: Whether a torque was ever sent: before that, gaps of the states are those of the start.
         self._begun = False
 
@@ -166,9 +175,10 @@ class ControlLoop:
         self.handle(Input.STATE)
         self.health.take(state.t, skipped)
         self.last = self._pending = state
+        self._goes_on = False
         return begins_again
 
-    def answer(self, matched: bool) -> Answer | None:
+    def answer(self, matched: bool, now: int = 0) -> Answer | None:
         """
         Send the torque that answers the pending state, if there is one to send, and return it.
 
@@ -176,6 +186,8 @@ class ControlLoop:
         ----------
         matched : bool
             Whether those who are to receive the torque do.
+        now : int
+            Real time: on the clock of `take_state` [ns].
 
         Raises
         ------
@@ -187,25 +199,81 @@ class ControlLoop:
         if state is None or law is None:
             return None
         allowed = self.mode.allows_torque
-        points = self._desired(state) if allowed and matched else None
+        at = law.instant(state.t)
+        points = self._desired(at, state) if allowed and matched else None
         if points is None:
             self.motion.pass_over(state.t, driven=allowed)
             self.handle(Input.NO_REFERENCE)
             return None
-        sample = self._step(law, state, points)
+        late = 0 if self.simulated or self.too_slow else min(
+            self._periods_since(state.t, now), self.predicted_periods)
+        sample = self._step(law, state, points, at, late)
         if (trip := self._trips.check(law, sample)) is not None:
             self._trip(trip)
             return None
         self._send(sample.tau)
-        self._held, self._pending, self._begun = sample.tau, None, True
+        self._held, self._pending = sample.tau, None
+        self._begun = self._goes_on = True
         self._note(state.t, sample, law.config)
         return Answer(state, points[0], sample)
 
-    def _desired(self, state: JointSample) -> list[Point] | None:
-        """Return what is desired at a state and for each sample of delay, if it is known yet."""
+    def due(self) -> int | None:
+        """
+        Return when the torque for a predicted state is to be sent, on the clock of `take_state`.
+
+        In real time, that is a quarter of a period after the next state should have come: for as
+        many periods as the parameter says, and before `state_timeout`; else None [ns].
+        """
+        if (self.law is None or self.last is None or not self._goes_on or self.simulated
+                or self.too_slow or not self.mode.sends_torque):
+            return None
+        periods = self.law.predicted_periods + 1
+        silence = periods * self.period + self.period // 4
+        if periods > self.predicted_periods or silence >= self.watchdog.timeout:
+            return None
+        return self._stamps.arrival(self.last.t) + silence
+
+    def _periods_since(self, t: int, now: int) -> int:
+        """
+        Return the periods that have passed at `now` since the sample of stamp `t` [ns].
+
+        A torque sent within half a period after the state should have come is in force from its
+        sample on.
+        """
+        return max((now - self._stamps.arrival(t) + self.period // 2) // self.period, 0)
+
+    def predict(self, now: int) -> None:
+        """
+        Send the torque that answers the predicted state of the period at `now`, as `due`.
+
+        Raises
+        ------
+        RejectedMessage
+            As `answer`.
+
+        """
+        law, last = self.law, self.last
+        assert law is not None and last is not None
+        before, self._goes_on = law.predicted_periods, False
+        periods = min(self._periods_since(last.t, now), self.predicted_periods)
+        points = self._desired(law.instant(last.t + periods * self.period), last)
+        sample = None if points is None else law.predicted_step(
+            *points[0], points[1:], periods - before)
+        trip = None if sample is None else self._trips.check(law, sample)
+        self._goes_on = sample is not None and trip is None
+        if trip is not None:
+            self._trip(trip)
+        elif sample is not None:
+            self._send(sample.tau)
+            self._held = sample.tau
+            self.predicted += 1
+
+    def _desired(self, at: int, state: JointSample) -> list[Point] | None:
+        """Return what is desired at an instant and for each sample of delay, if it is known."""
         before = self.motion.way_back_since
         try:
-            points = self.motion.desired(*state, self.simulated, self.restart_duration)
+            points = self.motion.desired(
+                at, state.q, state.dq, self.simulated, self.restart_duration)
         except ParameterError as error:
             raise RejectedMessage('overflow', str(error)) from None
         if self.motion.way_back_since not in (before, None):
@@ -214,14 +282,17 @@ class ControlLoop:
                 f'within {self.restart_duration:g} s')
         return points
 
-    def _step(self, law: Controller, state: JointSample, points: list[Point]) -> Sample:
+    def _step(self, law: Controller, state: JointSample, points: list[Point], at: int, late: int
+              ) -> Sample:
         """
         Return the law's answer; if it has none that is finite, the law restarts.
 
         Simulated time waits for the answer: there, the law that restarted is asked again.
         """
         for _ in range(2 if self.simulated else 1):
-            sample = law.try_step(state.q, state.dq, *points[0], points[1:])
+            sample = law.try_step(
+                state.q, state.dq, *points[0], points[1:], None if self.too_slow else state.t, at,
+                late)
             if sample is not None:
                 return sample
             law.reset(bumpless=True, held=self._held)
@@ -230,7 +301,7 @@ class ControlLoop:
 
     def _trip(self, trip: Trip) -> None:
         """Send no torque until a reset."""
-        self._tripped = trip.reason
+        self.tripped = trip.reason
         self.handle(trip.event)
         self.end_torque()
         self._log.error(f'{trip.detail}; no torque until ~/reset')
@@ -305,7 +376,7 @@ class ControlLoop:
         if self.law is not None:
             problems += self._trips.warnings()
             problems += [(1, text) for text in unsafe_settings(self.law.config)]
-        tripped = f'tripped: {self._tripped}; call ~/reset'
+        tripped = f'tripped: {self.tripped}; call ~/reset'
         wrong = {
             Mode.TRIPPED: tripped, Mode.TRIPPED_AND_DISABLED: tripped,
             Mode.NO_STATE: f'no state for {seconds(self.watchdog.silence(now)):.1f} s',

@@ -99,6 +99,10 @@ class Stamps:
             return self._take(t, now, RESTART if step < 0 else GAP)
         return BACKWARD if step < 0 else JUMP
 
+    def arrival(self, t: int) -> int:
+        """Return when a state of stamp `t` [ns] comes that is as quick as any, as of `now`."""
+        return t + (self._least or 0)
+
     def reason(self, verdict: str, t: int) -> str:
         """Return why the state of stamp `t` [ns] was refused just now."""
         if verdict == STALE:

@@ -21,25 +21,29 @@ from math import inf
 from typing import NamedTuple
 
 from ctc_chattering.control.controller import Controller, Sample
-from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.controller.error_limit import ErrorGrowth, joint_beyond, LARGEST_GROWTH
 from ctc_chattering.controller.state_machine import Input
-from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 
 #: How long a loop may seem out of control [s], and how often that is read [ns].
 _PATIENCE, _INTERVAL = 0.2, NANOSECONDS // 50
 #: Part of the bandwidth below which it is worth a word.
 _WORTH_A_WORD = 0.7
+#: Part of ka at which an estimate is at its bound.
+_AT_BOUND = 0.99
 #: The law whose errors must not grow, where `error_limit` is not set.
 _WATCHED = 'observer_feedback'
 
 
-def _causes(config: ControllerConfig) -> str:
+def _cause(law: Controller, sample: Sample, joint: int) -> str:
+    """Return what is wrong where the error of a joint grows, or the feedback oscillates."""
+    config, ka = law.config, law.config.ka[joint]
+    if law.stability[0] > _WORTH_A_WORD and abs(sample.robust[joint]) >= _AT_BOUND * ka:
+        return f'ka is too small for friction, load and error of the model: {ka:g} N*m'
     return ('the drives may be slower than the law is told (torque_rate_limit '
             f'{list(config.torque_rate_limit)} N*m/s), or later (actuator_lag '
-            f'{list(config.actuator_lag)} s, input_delay {config.input_delay} samples), or ka too '
-            'small: measure and set them')
+            f'{list(config.actuator_lag)} s, input_delay {config.input_delay} samples): measure '
+            'and set them')
 
 
 class Trip(NamedTuple):
@@ -71,7 +75,7 @@ class TripMonitor:
         self._lowest = 1.0
         #: Of (TR1), under which law, and the largest since the last warning, with its joint.
         self._growth, self._law = ErrorGrowth(len(names)), ''
-        self._grown = 0.0, 0
+        self._grown, self._why = (0.0, 0), ''
 
     def restart(self) -> None:
         """Begin again with the torques."""
@@ -87,7 +91,7 @@ class TripMonitor:
                 f'the position error of {self._names[joint]} exceeded error_limit',
                 f'the position errors {[float(f"{x:.4g}") for x in sample.e]} rad exceed '
                 'error_limit')
-        if (found := self._lost(law.config, sample.e)) is not None:
+        if (found := self._lost(law, sample)) is not None:
             return found
         self._samples += 1
         if self._samples % self._interval:
@@ -98,10 +102,11 @@ class TripMonitor:
             return None
         text = f'the feedback of {law.config.law} oscillated'
         return Trip(Input.OSCILLATION, text, f'{text} at {100.0 * part:.0f} % of its bandwidth; '
-                    f'{_causes(law.config)}')
+                    f'{_cause(law, sample, 0)}')
 
-    def _lost(self, config: ControllerConfig, e: Vector) -> Trip | None:
+    def _lost(self, law: Controller, sample: Sample) -> Trip | None:
         """Return a trip where an error has grown too much, by (TR1)."""
+        config, e = law.config, sample.e
         if config.law != self._law:
             self._law = config.law
             self.restart()
@@ -109,12 +114,14 @@ class TripMonitor:
             return None
         self._grown = max(self._grown, self._growth.largest(e))
         grown, joint = self._grown
+        if grown >= 0.5 * LARGEST_GROWTH:
+            self._why = _cause(law, sample, joint)
         if grown <= LARGEST_GROWTH:
             return None
         text = f'the position error of {self._names[joint]} has grown by {grown:.2f} rad'
         return Trip(Input.ERROR_LIMIT, text, (
-            f'{text}, to {abs(e[joint]):.2f} rad; {_WATCHED} is allowed {LARGEST_GROWTH:g} rad '
-            f'unless error_limit is set; {_causes(config)}'))
+            f'{text}, to {abs(e[joint]):.2f} rad, and exceeded the limit of '
+            f'{LARGEST_GROWTH:g} rad (set error_limit to change it); {self._why}'))
 
     def warnings(self) -> list[tuple[int, str]]:
         """Return level and text of what was seen since the last call."""
@@ -122,11 +129,10 @@ class TripMonitor:
         found = []
         if lowest <= _WORTH_A_WORD:
             found.append('the feedback oscillates; the law is down to '
-                         f'{100.0 * lowest:.0f} % of its bandwidth')
+                         f'{100.0 * lowest:.0f} % of its bandwidth. Are the drives slower than '
+                         'torque_rate_limit, or later than actuator_lag and input_delay say?')
         if grown[0] >= 0.5 * LARGEST_GROWTH:
             found.append(f'the position error of {self._names[grown[1]]} has grown by '
-                         f'{grown[0]:.2f} rad; beyond {LARGEST_GROWTH:g} rad no torque is sent')
-        if found:
-            found[-1] += ('. Are the drives slower than torque_rate_limit, or later than '
-                          'actuator_lag and input_delay say, or is ka too small?')
+                         f'{grown[0]:.2f} rad; beyond {LARGEST_GROWTH:g} rad no torque is sent; '
+                         f'{self._why}')
         return [(1, x) for x in found]

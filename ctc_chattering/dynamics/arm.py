@@ -25,37 +25,10 @@ from functools import lru_cache
 
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.two_link import TwoLink
-from ctc_chattering.dynamics.urdf_model import Bodies, UrdfModel
+from ctc_chattering.dynamics.urdf_model import Arm as Arm
+from ctc_chattering.dynamics.urdf_model import UrdfModel
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
-import numpy.typing as npt
-
-
-@dataclasses.dataclass
-class Arm:
-    """A model of n joints: a tree of bodies, or the two-link arm."""
-
-    #: Whether it is the two-link arm, in closed form, which has no bodies.
-    closed: bool
-    #: Acceleration of gravity, downwards [m/s²], and a factor of M, C and G. Those of a tree are
-    #: in its masses.
-    gravity: float
-    scale: float
-    #: Body that carries each body; -1 for the base. Shape (n,).
-    parent: npt.NDArray[np.int64]
-    #: Whether the joint is prismatic, shape (n,).
-    prismatic: npt.NDArray[np.bool_]
-    #: Index in q, M, C and G of the joint of each body, shape (n,).
-    joint: npt.NDArray[np.int64]
-    #: Frame of the body at position 0 in that of the parent, shapes (n, 3, 3) and (n, 3) [m].
-    rotation: Array
-    offset: Array
-    #: Mass [kg], its centre [m] and the inertia about that [kg·m²], in the frame of the body.
-    mass: Array
-    center: Array
-    inertia: Array
-    #: Of the rotor of each body's joint, shape (n,) [kg·m²]: on the diagonal of M alone.
-    rotor: Array
 
 
 @dataclasses.dataclass
@@ -105,10 +78,10 @@ def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0)
     """
     c, ratio = inertia_scale, gravity_scale / inertia_scale
     if type(model) is UrdfModel:
-        bodies = _bodies(model)
-        return Arm(False, ratio * model.gravity, 1.0, bodies.parent, bodies.prismatic,
-                   bodies.joint, bodies.rotation, bodies.offset, c * bodies.mass, bodies.center,
-                   c * bodies.inertia, c * bodies.rotor)
+        arm = _bodies(model)
+        return dataclasses.replace(
+            arm, gravity=ratio * model.gravity, mass=c * arm.mass, inertia=c * arm.inertia,
+            rotor=c * arm.rotor)
     if type(model) is not TwoLink:
         return None
     none, row, square = np.zeros(model.n), np.zeros((model.n, 3)), np.zeros((model.n, 3, 3))
@@ -117,7 +90,7 @@ def arm_of(model: Model, inertia_scale: float = 1.0, gravity_scale: float = 1.0)
 
 
 @lru_cache(64)
-def _bodies(model: UrdfModel) -> Bodies:
+def _bodies(model: UrdfModel) -> Arm:
     """Return the bodies of a model; those of many runs are one model."""
     return model.bodies()
 

@@ -15,12 +15,12 @@
 """
 A URDF with other inertial parameters, rotor inertias and direction of gravity.
 
-The text stays as it is but for these. Links that are fixed to each other are one body: the
-heaviest takes the difference. Where no link can have what is left for it, each takes the part of
-the whole body that it has of the mass. A tilt is in a fixed joint between a new root `world`,
-which is level, and the old one, or in the joints of a root of that name. A rotor inertia,
-reflected to the joint, is `rotor_inertia` in <dynamics>: RaiSim and `urdf_model` read it, others
-pass over it.
+All else stays, comments too; only spaces within tags may change. Links that are fixed to each
+other are one body: the heaviest takes the difference. Where no link can have what is left for it,
+each takes the part of the whole body that it has of the mass. A tilt is in a fixed joint between
+a new root `world`, which is level, and the old one, or in the joints of a root of that name. A
+rotor inertia, reflected to the joint, is `rotor_inertia` in <dynamics>: RaiSim and `urdf_model`
+read it, others pass over it.
 """
 
 from __future__ import annotations
@@ -29,13 +29,10 @@ from collections.abc import Mapping, Sequence
 from math import atan2, degrees, hypot
 import re
 import xml.etree.ElementTree as ET
-from xml.sax.saxutils import quoteattr
 
 from ctc_chattering.dynamics.pseudo_inertia import parameters_of, pseudo_inertia
-from ctc_chattering.dynamics.urdf_elements import Origin, origin
 from ctc_chattering.dynamics.urdf_model import UrdfModel
-from ctc_chattering.dynamics.urdf_parser import Tree
-from ctc_chattering.dynamics.urdf_text import ElementPlace, places
+from ctc_chattering.dynamics.urdf_parser import Origin, origin, Tree
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -46,6 +43,8 @@ _LEVEL = 'world'
 _SAME = 1e-12
 #: Error of the text, relative to a body.
 _EXACT = 1e-9
+#: What may stand before the outermost element.
+_PROLOG = re.compile(r'(\s|<\?.*?\?>|<!--.*?-->|<![^>]*>)*', re.DOTALL)
 _INERTIA = ('ixx', 'ixy', 'iyy', 'ixz', 'iyz', 'izz')
 
 
@@ -79,19 +78,21 @@ def corrected_urdf(description: str, joints: Sequence[str], parameters: Array,
     """
     _check(joints, parameters, rotor, gravity)
     model, tree = UrdfModel(description, joints, locked=locked), Tree(description)
-    data = description.encode()
-    robot, named = places(data)
-    edits: list[tuple[int, int, str]] = []
+    prolog = re.match(_PROLOG, description)
+    robot = ET.fromstring(
+        description.strip(), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    links, elements = ({x.get('name', ''): x for x in robot.findall(tag)}
+                       for tag in ('link', 'joint'))
     for i in range(model.n):
         for name, inertia in _changed(model, tree, i, pseudo_inertia(parameters[i])).items():
-            edits.append(_inertial(data, named['link', name], inertia))
+            _set_inertial(links[name], inertia)
     for name, value in zip(joints, rotor):
         if abs(value - tree.joints[name].rotor_inertia) > _SAME:
-            edits.append(_rotor(data, named['joint', name], value))
-    edits += _tilted(data, robot, named, tree, gravity)
-    for start, end, text in sorted(edits, reverse=True):
-        data = data[:start] + text.encode() + data[end:]
-    result = data.decode()
+            # Without damping or friction, urdfdom refuses the element.
+            dynamics = _child(elements[name], 'dynamics', damping='0')
+            dynamics.set('rotor_inertia', repr(float(value)))
+    _tilt(robot, elements, tree, gravity)
+    result = (prolog[0] if prolog else '') + ET.tostring(robot, encoding='unicode') + '\n'
     _verify(UrdfModel(result, joints, locked=locked), parameters, rotor)
     return result
 
@@ -166,80 +167,70 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Array:
                      [c * e, c * b * a + f * d, c * b * d - f * a], [-b, e * a, e * d]])
 
 
-def _inertial(data: bytes, link: ElementPlace, matrix: Array) -> tuple[int, int, str]:
-    """Return the change that gives a link its inertia."""
+def _child(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
+    """Return the first child of a kind; a new one with some attributes, if there is none."""
+    found = parent.find(tag)
+    return ET.SubElement(parent, tag, attributes) if found is None else found
+
+
+def _words(values: Sequence[float]) -> str:
+    return ' '.join(map(repr, values))
+
+
+def _set_inertial(link: ET.Element, matrix: Array) -> None:
+    """Give a link its inertia."""
     mass, *moments = parameters_of(matrix)[:4].tolist()
     center = np.array(moments) / mass
     about = parameters_of(matrix - mass * np.outer([*center, 1.0], [*center, 1.0]))[4:].tolist()
-    numbers = ' '.join(f'{key}="{x!r}"' for key, x in zip(_INERTIA, about))
-    text = (f'<inertial><!-- identified --><origin xyz="{" ".join(map(repr, center.tolist()))}" '
-            f'rpy="0 0 0"/><mass value="{mass!r}"/><inertia {numbers}/></inertial>')
-    old = link.children.get('inertial')
-    return (old.start, old.end, text) if old else _inserted(data, link, text)
+    inertial = _child(link, 'inertial')
+    for part in list(inertial):
+        inertial.remove(part)
+    inertial.text = None
+    inertial.append(ET.Comment(' identified '))
+    ET.SubElement(inertial, 'origin', xyz=_words(center.tolist()), rpy='0 0 0')
+    ET.SubElement(inertial, 'mass', value=repr(mass))
+    ET.SubElement(inertial, 'inertia', {key: repr(x) for key, x in zip(_INERTIA, about)})
 
 
-def _rotor(data: bytes, joint: ElementPlace, value: float) -> tuple[int, int, str]:
-    """Return the change that gives a joint the inertia of its rotor."""
-    old = joint.children.get('dynamics')
-    attribute = f'rotor_inertia="{float(value)!r}"'
-    if old is None:
-        # Without damping or friction, urdfdom refuses the element.
-        return _inserted(data, joint, f'<dynamics damping="0" {attribute}/>')
-    tag = re.sub(r'\s+rotor_inertia\s*=\s*("[^"]*"|\'[^\']*\')', '',
-                 data[old.start:old.inside].decode())
-    return old.start, old.inside, tag.replace('<dynamics', f'<dynamics {attribute}', 1)
-
-
-def _inserted(data: bytes, parent: ElementPlace, text: str) -> tuple[int, int, str]:
-    """Return the change that puts an element into another one."""
-    if not parent.empty:
-        return parent.inside, parent.inside, text
-    tag = data[parent.start:parent.inside].decode()
-    name = re.match(r'<([^\s/>]+)', tag)
-    assert name is not None
-    return parent.start, parent.inside, f'{tag[:-2].rstrip()}>{text}</{name[1]}>'
-
-
-def _tilted(data: bytes, robot: ElementPlace, named: Mapping[tuple[str, str], ElementPlace],
-            tree: Tree, gravity: Sequence[float] | None) -> list[tuple[int, int, str]]:
-    """Return the changes after which gravity is along -z of the root."""
+def _tilt(robot: ET.Element, elements: Mapping[str, ET.Element], tree: Tree,
+          gravity: Sequence[float] | None) -> None:
+    """Turn the arm so that gravity is along -z of the root."""
     x, y, z = (0.0, 0.0, -1.0) if gravity is None else gravity
     if hypot(x, y) <= _SAME * abs(z):
-        return []
+        return
     # Ry(pitch) Rx(roll) brings gravity in the root's frame to -z.
     roll, pitch = atan2(-y, -z), atan2(x, hypot(y, z))
-    note = f'identified: tilted by {degrees(atan2(hypot(x, y), -z)):.3g} degrees'
+    note = ET.Comment(f' identified: tilted by {degrees(atan2(hypot(x, y), -z)):.3g} degrees ')
     children = {child for _, child in tree.ends.values()}
     (root,) = (name for name in tree.links if name not in children)
     if root == _LEVEL:
-        return [_turned(data, named['joint', name], _rotation(roll, pitch, 0.0), note,
-                        tree.origins[name]) for name, (parent, _) in tree.ends.items()
-                if parent == root]
-    end, name = data.rindex(b'</', 0, robot.end), _LEVEL
+        for name, (parent, _) in tree.ends.items():
+            if parent == root:
+                elements[name].insert(0, note)
+                xyz, rpy = _turned(_rotation(roll, pitch, 0.0), tree.origins[name])
+                place = _child(elements[name], 'origin')
+                place.set('xyz', _words(xyz))
+                place.set('rpy', _words(rpy))
+        return
+    name = _LEVEL
     while name in tree.links or name in tree.ends:
         name += '_'
-    return [(end, end, f"""  <!-- {note} -->
-  <link name="{name}"/>
-  <joint name="{name}" type="fixed">
-    <origin xyz="0 0 0" rpy="{roll!r} {pitch!r} 0.0"/>
-    <parent link="{name}"/>
-    <child link={quoteattr(root)}/>
-  </joint>
-""")]
+    robot.append(note)
+    ET.SubElement(robot, 'link', name=name)
+    joint = ET.SubElement(robot, 'joint', name=name, type='fixed')
+    ET.SubElement(joint, 'origin', xyz='0 0 0', rpy=_words((roll, pitch, 0.0)))
+    ET.SubElement(joint, 'parent', link=name)
+    ET.SubElement(joint, 'child', link=root)
 
 
-def _turned(data: bytes, joint: ElementPlace, turn: Array, note: str, old: Origin
-            ) -> tuple[int, int, str]:
-    """Return the change that turns the place of a joint."""
+def _turned(turn: Array, old: Origin) -> Origin:
+    """Return where something is after a turn of what carries it."""
     R, xyz = turn @ _rotation(*old.rpy), (turn @ old.xyz).tolist()
     level = hypot(R[2, 1], R[2, 2])
     rpy = (atan2(R[2, 1], R[2, 2]), atan2(-R[2, 0], level), atan2(R[1, 0], R[0, 0]))
     if level < _SAME:  # Pitch is a right angle: roll and yaw are one.
         rpy = (0.0, rpy[1], atan2(-R[0, 1], R[1, 1]))
-    text = (f'<!-- {note} --><origin xyz="{" ".join(map(repr, xyz))}" '
-            f'rpy="{" ".join(map(repr, rpy))}"/>')
-    place = joint.children.get('origin')
-    return (place.start, place.end, text) if place else _inserted(data, joint, text)
+    return Origin(xyz, rpy)
 
 
 def _verify(model: UrdfModel, parameters: Array, rotor: Sequence[float]) -> None:

@@ -22,6 +22,7 @@ scalar. The control step takes M, C and G as arrays, from `Model.evaluate`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Protocol, runtime_checkable
 
 from ctc_chattering.numerics.linear_algebra import Array, Rows, Vector
 import numpy as np
@@ -103,3 +104,32 @@ class Model(ABC):
         """Return M(q) and C(q, dq) dq + G(q) as arrays, shapes (n, n) and (n,)."""
         return (np.array(self.mass_matrix(q), float),
                 np.array(self.inverse_dynamics(q, dq, (0.0,) * self.n), float))
+
+
+@runtime_checkable
+class LinearModel(Protocol):
+    """What a model offers besides `Model` if errors of its parameters are to be identified."""
+
+    n: int
+    gravity: float
+
+    def inertial_parameters(self) -> Array:
+        """Return the parameters, shape (p,)."""
+
+    def parameter_sizes(self) -> Array:
+        """Return by how much each may be off at most, roughly, shape (p,)."""
+
+    def torque_regressor(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
+        """
+        Return the derivative of the inverse dynamics by the parameters, shape (n, p).
+
+        `gravity` is the vector of its acceleration in the frame of the base, shape (3,) [m/s²].
+        """
+
+    def gravity_map(self, q: Array) -> Array:
+        """Return the derivative of G(q) by the vector of gravity, shape (n, 3)."""
+
+
+def rotors(model: LinearModel) -> Array:
+    """Return the inertias of rotors that a model has, shape (n,) [kg·m²]; only a URDF has any."""
+    return np.array(getattr(model, 'rotor_inertias', (0.0,) * model.n))

@@ -13,7 +13,9 @@
 # limitations under the License.
 
 """
-Whether a model is one: the properties that the laws and the proof rest on, tested by numbers.
+Whether a model is one: properties that the laws and the proof rest on, tested by numbers.
+
+Of a URDF masses and inertias are checked first, link by link: no rigid body can break these.
 
 Every error is relative. Entries of matrices and torques are measured against √(M_ii M_jj), so that
 a light wrist counts as much as a heavy shoulder. Derivatives are central differences.
@@ -23,9 +25,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
+import xml.etree.ElementTree as ET
 
 from ctc_chattering.arguments import checked, whole
 from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 import numpy as np
 
@@ -35,6 +39,10 @@ _STEP = 1e-5
 _EXACT, _SOLVED, _DIFFERENCES = 1e-10, 1e-8, 1e-6
 #: Largest ratio of eigenvalues of M, scaled to a diagonal of ones.
 _CONDITION = 1e10
+#: By how much a moment of inertia may exceed the sum of the others: digits of the file.
+_ROUNDING = 1e-3
+#: What counts as 0 [kg*m^2].
+_NOTHING = 1e-15
 
 
 class PropertyCheck(NamedTuple):
@@ -219,3 +227,48 @@ _CHECKS: tuple[tuple[str, float, Callable[[_SampledState], float]], ...] = (
     ('evaluate gives M, C and G', _EXACT, _evaluate),
     ('inverse_dynamics is M a + C dq + G', _EXACT, _inverse),
     ('forward dynamics undoes inverse dynamics', _SOLVED, _forward))
+
+
+def inertia_faults(urdf: str, joints: Sequence[str]) -> list[str]:
+    """
+    Return what is wrong with the links that move, a line for each; empty if nothing is.
+
+    A link moves if one of `joints` is between it and the root. It must have a mass if it has a
+    shape, and principal moments of inertia that are positive and of which none exceeds the sum
+    of the other two.
+
+    Parameters
+    ----------
+    urdf : str
+        Text that `urdf_parser.Tree` accepts.
+    joints : sequence of str
+        Those of the model.
+
+    """
+    tree = Tree(urdf)
+    moving: set[str] = set()
+    for name, (parent, child) in tree.ends.items():
+        if name in joints or parent in moving:
+            moving.add(child)
+    return [f'link {name} {fault}' for name, link in tree.links.items()
+            if name in moving and (fault := _fault(link))]
+
+
+def _fault(link: ET.Element) -> str:
+    """Return what is wrong with the inertia of a link; empty for nothing."""
+    shaped = link.find('visual') is not None or link.find('collision') is not None
+    mass, tensor = link.find('inertial/mass'), link.find('inertial/inertia')
+    if mass is None or tensor is None:
+        return 'moves and has a shape, but no inertia' if shaped else ''
+    m = float(mass.get('value', ''))
+    xx, xy, xz, yy, yz, zz = (
+        float(tensor.get(key, '')) for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'))
+    first, second, third = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
+    shown = f'principal moments {first:.4g}, {second:.4g}, {third:.4g} kg*m^2'
+    if m < 0.0 or first < -_ROUNDING * abs(third) - _NOTHING:
+        return f'has a mass of {m:g} kg and {shown}: none may be negative'
+    if m == 0.0 and shaped:
+        return 'moves and has a shape, but no mass'
+    if third > (1.0 + _ROUNDING) * (first + second) + _NOTHING:
+        return f'has {shown}: the largest exceeds the sum of the others'
+    return ''

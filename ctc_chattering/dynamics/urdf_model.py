@@ -22,9 +22,10 @@ and C(q, x) y = C(q, y) x. Only inertias and joints are read: meshes are not loo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import dataclasses
 import importlib
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import Any
 
 from ctc_chattering.arguments import check_each, check_type, checked
 from ctc_chattering.dynamics.model import Model
@@ -39,24 +40,34 @@ import numpy.typing as npt
 _SINGULAR = 1e-10
 
 
-class Bodies(NamedTuple):
+@dataclasses.dataclass
+class Arm:
     """
-    Joints and bodies of an arm, from the base outwards; frames as `UrdfModel.bodies` says.
+    A model of n joints: a tree of bodies, from the base outwards, or the two-link arm.
 
-    Arrays of n rows: rotations and inertias (n, 3, 3), offsets and centres of mass (n, 3). The
-    inertia of a rotor is about the axis of its joint and turns with it only.
+    Frames are as `UrdfModel.bodies` says.
     """
 
-    #: Row of the body that carries this one; -1 for the base.
+    #: Whether it is the two-link arm, in closed form, which has no bodies.
+    closed: bool
+    #: Acceleration of gravity, downwards [m/s²], and a factor of M, C and G. Those of a tree are
+    #: in its masses.
+    gravity: float
+    scale: float
+    #: Body that carries each body; -1 for the base. Shape (n,).
     parent: npt.NDArray[np.int64]
+    #: Whether the joint is prismatic, shape (n,).
     prismatic: npt.NDArray[np.bool_]
-    #: Index in the model's vectors of each body's joint.
+    #: Index in q, M, C and G of the joint of each body, shape (n,).
     joint: npt.NDArray[np.int64]
+    #: Frame of the body at position 0 in that of the parent, shapes (n, 3, 3) and (n, 3) [m].
     rotation: Array
     offset: Array
+    #: Mass [kg], its centre [m] and the inertia about that [kg·m²], in the frame of the body.
     mass: Array
     center: Array
     inertia: Array
+    #: Of the rotor of each body's joint, shape (n,) [kg·m²]: on the diagonal of M alone.
     rotor: Array
 
 
@@ -129,7 +140,7 @@ class UrdfModel(Model):
         self._model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self._check_inertia()
 
-    def bodies(self) -> Bodies:
+    def bodies(self) -> Arm:
         """
         Return what the dynamics are computed from, fixed and locked joints merged.
 
@@ -150,8 +161,8 @@ class UrdfModel(Model):
                          before[parent].T @ place.translation, body.mass,
                          turns[i].T @ body.lever, turns[i].T @ body.inertia @ turns[i]))
         parents, rotation, offset, mass, center, inertia = map(np.array, zip(*rows))
-        return Bodies(parents, prismatic, self._order, rotation, offset, mass, center, inertia,
-                      np.array(model.armature))
+        return Arm(False, self.gravity, 1.0, parents, prismatic, self._order, rotation, offset,
+                   mass, center, inertia, np.array(model.armature))
 
     def places(self) -> dict[str, tuple[int, Array]]:
         """Return the joint that moves each link, and the place (4, 4) in that joint's frame."""

@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from math import hypot
 from typing import NamedTuple
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.dynamics.urdf_elements import axis, numbers, origin
 from ctc_chattering.errors import CtcError, near, ParameterError
 
 #: Types of joint with one degree of freedom.
@@ -28,6 +28,43 @@ _MOVABLE = ('revolute', 'continuous', 'prismatic')
 _INF = float('inf')
 #: Largest description: urdfdom overflows the stack with a chain of 30,000 links.
 _CHARACTERS, _BODIES = 4_000_000, 500
+
+
+class Origin(NamedTuple):
+    """Where something is on what carries it: x, y, z [m] and roll, pitch, yaw [rad]."""
+
+    xyz: tuple[float, ...]
+    rpy: tuple[float, ...]
+
+
+def origin(where: str, element: ET.Element) -> Origin:
+    """Return what an element's origin says, zeros without one; raise `CtcError` for no numbers."""
+    found = element.find('origin')
+    if found is None:
+        return Origin((0.0,) * 3, (0.0,) * 3)
+    return Origin(*(tuple(numbers(where, f'origin {key}', found.get(key, '0 0 0'), 3))
+                    for key in ('xyz', 'rpy')))
+
+
+def axis(where: str, joint: ET.Element) -> tuple[float, float, float]:
+    """Return the axis of a joint with length 1, or 0 as the text has it; raise for no numbers."""
+    found = joint.find('axis')
+    x, y, z = numbers(
+        where, 'axis', '1 0 0' if found is None else found.get('xyz', '1 0 0'), 3)
+    size = hypot(x, y, z) or 1.0
+    return x / size, y / size, z / size
+
+
+def numbers(where: str, what: str, text: str, count: int, most: float = 1e300) -> list[float]:
+    """Return the numbers of an attribute, none of them larger than `most`."""
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(x) <= most for x in values):
+        raise CtcError(f'URDF: {where}: {what} is {text!r}, not '
+                       f'{"a number" if count == 1 else f"{count} numbers"}')
+    return values
 
 
 class Mimic(NamedTuple):

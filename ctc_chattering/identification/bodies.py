@@ -21,7 +21,7 @@ import dataclasses
 import importlib
 from typing import Any
 
-from ctc_chattering.dynamics.linear_model import LinearModel
+from ctc_chattering.dynamics.model import LinearModel
 from ctc_chattering.dynamics.pseudo_inertia import (
     parameters_of,
     pseudo_inertia,

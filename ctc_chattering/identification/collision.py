@@ -30,7 +30,7 @@ from math import inf
 from typing import Any, NamedTuple
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.configuration.robot_description import find_file
+from ctc_chattering.configuration.robot_description import find_mesh
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array
@@ -243,13 +243,11 @@ def shaped(tree: Tree) -> tuple[str, list[str]]:
 
 
 def _found(mesh: ET.Element) -> bool:
-    """Return whether the file of a mesh is there, and put its path in the place of its name."""
-    try:
-        path = find_file(mesh.get('filename', '').removeprefix('file://'))
-    except CtcError:
-        return False
-    mesh.set('filename', str(path.absolute()))
-    return path.is_file()
+    """Return whether the file of a mesh is read, and put its path in the place of its name."""
+    path = find_mesh(mesh.get('filename', ''))
+    if path is not None:
+        mesh.set('filename', str(path.absolute()))
+    return path is not None
 
 
 def link_of(links: Sequence[str], shape: str) -> str:

@@ -19,8 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ctc_chattering.analysis.drawing import FigureFile, panel, REFERENCE, save, sheet
-from ctc_chattering.analysis.legends import legend_of
+from ctc_chattering.analysis.drawing import FigureFile, legend_of, panel, REFERENCE, save, sheet
 from ctc_chattering.identification.identify import Identification
 from ctc_chattering.identification.least_squares import BENT, stribeck_velocity, TermKind
 from ctc_chattering.identification.perturbation import MeasuredPerturbation

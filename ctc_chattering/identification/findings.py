@@ -21,7 +21,7 @@ from enum import Enum, IntEnum
 from math import inf
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.number_format import with_interval
+from ctc_chattering.analysis.tables import with_interval
 from ctc_chattering.errors import CtcError
 
 #: The reason where the data would show a quantity, and do not; and where they would, beyond a

@@ -21,7 +21,7 @@ import dataclasses
 from math import floor, isfinite, log10
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.control.recommended_gains import (
     estimator_bandwidth,
     largest_pole,
@@ -152,7 +152,6 @@ def reversal_step(found: Identification, ka: Array, noise: Array) -> Array:
     most = 2.0 * ka
     loud = np.where(np.isfinite(noise), _DEVIATIONS * noise, most)
     return np.minimum(most, 2.0 * sliding_friction(found) + loud)
-
 
 
 #: Poses that are looked at.

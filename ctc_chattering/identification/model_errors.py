@@ -36,8 +36,7 @@ from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 from ctc_chattering.analysis.time_stamps import Indices
-from ctc_chattering.dynamics.linear_model import LinearModel, rotors
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import LinearModel, Model, rotors
 from ctc_chattering.dynamics.payload import with_payload
 from ctc_chattering.dynamics.two_link import TwoLink
 from ctc_chattering.dynamics.urdf_model import UrdfModel

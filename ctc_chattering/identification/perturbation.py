@@ -21,7 +21,7 @@ import dataclasses
 from math import floor, log10, pi
 from typing import NamedTuple
 
-from ctc_chattering.analysis.number_format import rounded
+from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.findings import Finding, Kind
 from ctc_chattering.identification.identify import Identification

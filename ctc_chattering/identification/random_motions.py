@@ -31,8 +31,7 @@ import dataclasses
 from math import ceil, inf, isfinite, pi, sqrt
 from typing import Any, ClassVar, NamedTuple
 
-from ctc_chattering.dynamics.linear_model import LinearModel
-from ctc_chattering.dynamics.model import Model
+from ctc_chattering.dynamics.model import LinearModel, Model
 from ctc_chattering.errors import ParameterError
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.polynomials import quintic

@@ -26,9 +26,8 @@ from typing import Any
 from ctc_chattering.analysis import page
 from ctc_chattering.analysis.drawing import FigureFile
 from ctc_chattering.analysis.markup import fragment
-from ctc_chattering.analysis.number_format import shown, with_interval
 from ctc_chattering.analysis.recording import Recording, stretches
-from ctc_chattering.analysis.tables import fitted, paragraph, Table
+from ctc_chattering.analysis.tables import fitted, paragraph, shown, Table, with_interval
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.bodies import base_parameters, BaseParameter
@@ -476,18 +475,19 @@ def write_page(report: IdentificationResults, figures: Sequence[FigureFile], pat
     numbers = [Table(title, head, [[_together(x) for x in row] for row in rows], 1)
                for title, (head, *rows) in report.tables()]
     base = report.base_table()
+    shared = [page.Note(f'All joints are {WORDS[x]}: {reason}')
+              for x in (Severity.REFUSED, Severity.CARE)
+              for reason in of_all_joints(report.verdicts, x)]
+    folded = [page.Folded(f'{base.title}: {len(base.rows)}', [base._replace(title='')])
+              ] if base else []
+    sections = [
+        page.Section('Verdicts', [*shared, page.Cards(list(map(_card, report.verdicts)))]),
+        page.Section('Numbers', [*numbers, *(page.Listing(*x) for x in report.sentences()),
+                                 *folded]),
+        page.Section('Figures', figures)]
     page.write_page(path, f'Friction and gains from {report.source}',
-                    f'{next_step(report.verdicts)} {_LEAD}', [
-        page.Section('Verdicts', [*(
-            page.Note(f'All joints are {WORDS[x]}: {reason}')
-            for x in (Severity.REFUSED, Severity.CARE)
-            for reason in of_all_joints(report.verdicts, x)),
-            page.Cards(list(map(_card, report.verdicts)))]),
-        page.Section('Numbers', [
-            *numbers, *(page.Listing(*x) for x in report.sentences()), *([page.Folded(
-                f'{base.title}: {len(base.rows)}', [base._replace(title='')])] if base else [])]),
-        page.Section('Figures', figures)],
-        [(name, f'{name} ({what})') for name, what in files.items()], command)
+                    f'{next_step(report.verdicts)} {_LEAD}', sections,
+                    [(name, f'{name} ({what})') for name, what in files.items()], command)
 
 
 def _card(verdict: Verdict) -> page.Card:

@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 from typing import Any, NamedTuple
 
-from ctc_chattering.analysis.number_format import rounded
 from ctc_chattering.analysis.result import simulate
+from ctc_chattering.analysis.tables import rounded
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.dynamics.model import Model

@@ -23,7 +23,7 @@ from math import inf
 import time
 from typing import Any
 
-from ctc_chattering.analysis.number_format import in_field
+from ctc_chattering.analysis.tables import in_field
 from ctc_chattering.errors import CtcError, refused_as
 from ctc_chattering.ros.node import BaseNode
 from rcl_interfaces.srv import GetParameters, SetParameters

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any, Literal, NamedTuple
 
-from ctc_chattering.configuration.robot_description import find_file
+from ctc_chattering.configuration.robot_description import find_mesh
 from ctc_chattering.live.cameras import outermost
 from ctc_chattering.live.skeleton import LONGEST, quaternion, Shape, Skeleton
 from ctc_chattering.numerics.linear_algebra import Array
@@ -34,9 +34,8 @@ _GHOST_SCALE, _GHOST_OPACITY = 1.03, 0.6
 #: joint then [rad or m].
 Magnified = Literal[1, 10, 100, 1000]
 _LARGEST = 1.0
-#: What meshes are read from, and how large these files may be [bytes]; of more triangles than
-#: `_MOST` a link is drawn by its other shapes.
-_FORMATS, _SIZE, _MOST = ('.stl', '.dae', '.obj'), 50_000_000, 200_000
+#: Of more triangles a link is drawn by its other shapes.
+_MOST = 200_000
 
 
 class ArmView:
@@ -158,9 +157,8 @@ def _mesh(shape: Shape) -> Any:
     import trimesh
     sizes = shape.sizes
     if shape.kind == 'mesh':
-        path = find_file(shape.file.removeprefix('file://'))
-        if path.suffix.lower() not in _FORMATS or not (
-                path.is_file() and path.stat().st_size <= _SIZE):
+        path = find_mesh(shape.file)
+        if path is None:
             return None
         mesh: Any = trimesh.load(path, force='mesh')
         mesh.apply_scale(sizes)

@@ -143,12 +143,12 @@ class BagPage:
         self._begin, self._end = min(run.begin for run in runs), max(run.end for run in runs)
         self._t = self._begin
         self._arms = page.show_arms([run.skeleton for run in runs])
-        self._look(False)
+        self._look()
         self._shown: Any = None
         page.socket.on('seek', float, self._seek)
-        page.socket.on('fit', None, lambda _: self._look(True))
+        page.socket.on('fit', None, lambda _: self._look())
 
-    def _look(self, everybody: bool) -> None:
+    def _look(self) -> None:
         """Have cameras show the motion."""
         points = []
         for arm, run in zip(self._arms, self._runs):
@@ -156,7 +156,7 @@ class BagPage:
                 rows = slice(None, None, len(run.result.run.t) // _SEEN + 1)
                 points.append(arm.points((*run.result.run.q[rows], *run.result.run.q_d[rows])))
         if points:
-            self._page.cameras.look(np.concatenate(points), len(points), everybody)
+            self._page.cameras.look(np.concatenate(points), len(points))
 
     def _seek(self, t: float) -> None:
         """Go to a time that a browser shows."""
@@ -165,7 +165,6 @@ class BagPage:
     def update(self) -> None:
         """Show what has changed."""
         self._page.socket.poll(self._greeting)
-        self._page.cameras.follow()
         shown = self._t, self._page.magnified
         if shown == self._shown:
             return

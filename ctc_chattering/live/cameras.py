@@ -16,15 +16,15 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import product
 from math import cos, radians, sin, tan
-import time
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
+from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.numerics.linear_algebra import Array
+from msgspec import Meta
 import numpy as np
 
 #: Vertical angle of view [rad]; width of a view as a part of its height where it is not known.
@@ -43,12 +43,8 @@ _APART = 0.65
 #: Where a body is furthest out, seen from its middle: corners, edges and faces of a cube.
 _WAYS = np.array([x for x in product((-1.0, 0.0, 1.0), repeat=3) if any(x)])
 _WAYS /= np.linalg.norm(_WAYS, axis=1)[:, None]
-#: Between two looks at the browsers [s].
-_PERIOD = 0.2
-#: Cameras of browsers that have just come.
-_KEPT = 8
-#: Width of a view as a part of its height that a camera is made for.
-_NARROW, _WIDE = 0.3, 3.0
+#: Width of a view as a part of its height, as a browser says it.
+Aspect = Annotated[float, Meta(ge=0.3, le=3.0)]
 
 
 class Camera(NamedTuple):
@@ -100,13 +96,6 @@ def _seen_from(azimuth: float, elevation: float, points: Array, aspect: float
     return area, Camera(_three(position), _three(target))
 
 
-def is_at(camera: Camera, other: Any, tolerance: float = 1e-2) -> bool:
-    """Return whether a browser's camera, a handle of viser, is almost where this one is."""
-    near = tolerance * float(np.linalg.norm(np.subtract(camera.position, camera.look_at)))
-    return all(np.linalg.norm(np.subtract(a, b)) < near for a, b in (
-        (camera.position, other.position), (camera.look_at, other.look_at)))
-
-
 def _three(x: Array) -> tuple[float, float, float]:
     a, b, c = map(float, x)
     return a, b, c
@@ -128,61 +117,36 @@ class Cameras:
     Parameters
     ----------
     server : ViserServer
+    socket : PageSocket
+        Where browsers say what shape their view has, and that their camera was moved.
 
     """
 
-    def __init__(self, server: Any) -> None:
+    def __init__(self, server: Any, socket: PageSocket) -> None:
         self._server = server
         #: Points that are shown, and the number of arms.
-        self._shown: tuple[Any, int] | None = None
-        #: The camera that each browser was given last, by its number.
-        self._given: dict[int, Camera] = {}
-        #: The last cameras that browsers were given when they came, of which they know one.
-        self._initial: deque[Camera] = deque(maxlen=_KEPT)
-        self._due = 0.0
+        self._shown: tuple[Array, int] | None = None
+        self._aspect, self._moved = ASPECT, False
+        socket.on('aspect', Aspect, self._resize)
+        socket.on('moved', None, lambda _: setattr(self, '_moved', True))
 
-    def look(self, points: Any, count: int, everybody: bool = False) -> None:
-        """
-        Show points, as `camera_of` takes them, to all who have not moved their camera.
+    def look(self, points: Array, count: int, again: bool = True) -> None:
+        """Show points, as `camera_of` takes them; not `again` where a camera was moved by hand."""
+        if len(points):
+            self._shown, self._moved = (points, count), self._moved and not again
+            self._show()
 
-        With `everybody` they are shown to those who have, too.
-        """
-        if not len(points):
-            return
-        self._shown = points, count
-        self._initial.append(camera_of(points, count))
-        initial = self._server.initial_camera
-        initial.fov = FIELD
-        initial.position, initial.look_at = self._initial[-1]
-        self._due = 0.0
-        self.follow(everybody)
+    def _resize(self, aspect: float) -> None:
+        self._aspect = aspect
+        self._show()
 
-    def follow(self, everybody: bool = False) -> None:
-        """Give those who have not moved their camera the one for the shape of their view."""
-        now = time.monotonic()
-        if now < self._due:
-            return
-        self._due = now + _PERIOD
-        clients = self._server.get_clients()
-        self._given = {number: x for number, x in self._given.items() if number in clients}
-        for number, client in clients.items():
-            known = [self._given[number]] if number in self._given else self._initial
-            if everybody or any(is_at(camera, client.camera) for camera in known):
-                self._fit(client)
-
-    def _fit(self, client: Any) -> None:
-        """Give a browser the camera that shows the arms in its view."""
+    def _show(self) -> None:
         if self._shown is None:
             return
-        camera = camera_of(*self._shown, aspect=_aspect(client.camera))
-        self._given[client.client_id] = camera
-        if not is_at(camera, client.camera, 1e-4):
+        camera = camera_of(*self._shown, self._aspect)
+        initial = self._server.initial_camera
+        initial.fov = FIELD
+        initial.position, initial.look_at = camera
+        for client in () if self._moved else self._server.get_clients().values():
             with suppress(Exception), client.atomic():  # Of what a browser says of its camera.
                 client.camera.position, client.camera.look_at = camera
-
-
-def _aspect(camera: Any) -> float:
-    try:
-        return float(min(max(camera.aspect, _NARROW), _WIDE))
-    except (AssertionError, ZeroDivisionError):  # It has not said so yet.
-        return ASPECT

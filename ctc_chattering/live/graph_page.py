@@ -93,7 +93,7 @@ class GraphPage:
                           if controls else None)
         self._plots = GraphPlots(page.socket, reader)
         self._arm = GraphArm(page, reader)
-        page.socket.on('fit', None, lambda _: self._arm.look(everybody=True))
+        page.socket.on('fit', None, lambda _: self._arm.look())
         self._made_of: Any = None
         self._due = {'numbers': 0.0, 'parameters': 0.0}
 
@@ -125,7 +125,6 @@ class GraphPage:
             return
         with self._page.server.atomic():
             self._arm.show(now)
-            self._page.cameras.follow()
         if self._is_due('numbers', now, _NUMBERS):
             self._show_numbers()
 
@@ -295,14 +294,14 @@ class GraphArm:
         self._view.show(q, q_d)
         if self._looks and q is not None and now >= self._looks[0]:
             del self._looks[0]
-            self.look()
+            self.look(again=False)
         self._follow()
 
-    def look(self, everybody: bool = False) -> None:
+    def look(self, again: bool = True) -> None:
         """Have cameras show the arm and its desired motion, as far as it is known."""
         poses = self._poses()
         if self._view is not None and poses:
-            self._look_at(self._view.points(poses + self._reader.desired(_POSES)), everybody)
+            self._look_at(self._view.points(poses + self._reader.desired(_POSES)), again)
 
     def _follow(self) -> None:
         """Have cameras show more if the arm leaves what they show."""
@@ -311,12 +310,12 @@ class GraphArm:
         now = self._view.points(self._poses())
         least, most = self._shown.min(axis=0), self._shown.max(axis=0)
         if max((now - most).max(), (least - now).max()) > _OUT * (most - least).max():
-            self._look_at(np.concatenate((self._shown, now)))
+            self._look_at(np.concatenate((self._shown, now)), again=False)
 
-    def _look_at(self, points: Array, everybody: bool = False) -> None:
+    def _look_at(self, points: Array, again: bool) -> None:
         if len(points):
             self._shown = points
-            self._page.cameras.look(points, 1, everybody)
+            self._page.cameras.look(points, 1, again)
 
     def _poses(self) -> list[Array]:
         """Return positions of the arm and of the ghost, where they are known."""

@@ -80,7 +80,7 @@ class Page:
             self.server.scene.set_background_image(np.full((2, 2, 3), 24, np.uint8))
         self._arms: list[ArmView] = []
         self._grid: Any = None
-        self.cameras = Cameras(self.server)
+        self.cameras = Cameras(self.server, self.socket)
         self.socket.on('magnify', Magnified, partial(setattr, self, 'magnified'))
 
     def show_arms(self, skeletons: Sequence[Skeleton | None]) -> list[ArmView | None]:

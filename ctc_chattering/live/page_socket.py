@@ -37,6 +37,7 @@ From the page:
 - ``seek``: time to show [s]
 - ``magnify``: what errors are multiplied by where the ghost is drawn
 - ``fit``: have the cameras show the arms
+- ``aspect``: width of the view as a part of its height; ``moved``: its camera was moved by hand
 """
 
 from __future__ import annotations

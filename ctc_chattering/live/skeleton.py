@@ -22,11 +22,16 @@ from math import hypot
 from typing import Any
 import xml.etree.ElementTree as ET
 
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.registry import locked_positions
 from ctc_chattering.dynamics.robot_config import RobotConfig
-from ctc_chattering.dynamics.two_link_urdf import two_link_urdf
-from ctc_chattering.dynamics.urdf_elements import numbers, Origin, origin
-from ctc_chattering.dynamics.urdf_parser import parse_description, Tree
+from ctc_chattering.dynamics.urdf_parser import (
+    numbers,
+    Origin,
+    origin,
+    parse_description,
+    Tree,
+)
 from ctc_chattering.errors import CtcError
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -160,6 +165,15 @@ def skeleton_of(config: RobotConfig, description: str = '') -> Skeleton | None:
     if root is None or root.tag != 'robot':
         return None
     return urdf_skeleton(root, config.joint_names, locked_positions(config.locked))
+
+
+def two_link_urdf(joint_names: Sequence[str] = ('joint1', 'joint2')) -> str:
+    """Return the URDF of the paper's arm, with its joints named."""
+    robot = parse_description(
+        (config_directory() / 'two_link.urdf').read_text(encoding='utf-8'))
+    for joint, name in zip(robot.findall('joint'), joint_names):
+        joint.set('name', name)
+    return ET.tostring(robot, encoding='unicode')
 
 
 def urdf_skeleton(urdf: str | ET.Element, joint_names: Sequence[str],

@@ -16,15 +16,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from math import inf
 import time
+from typing import Any
 
 from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerSettings
-from ctc_chattering.control.controller import Controller, ControllerConfig
+from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.recommended_gains import GainChoice, GAINS, model_torque
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
 from ctc_chattering.controller.settings_check import missing_limits
 from ctc_chattering.controller.state_machine import Mode
-from ctc_chattering.dynamics.registry import model_of
+from ctc_chattering.dynamics.registry import is_class, model_of
 from ctc_chattering.errors import RejectedMessage
 from ctc_chattering.nodes.control_terms import ControlTerms
 from ctc_chattering.nodes.controller_state import ControllerState
@@ -49,6 +53,9 @@ from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+#: Least time for which a message is waited for: without one EventsExecutor hangs [s].
+_SHORTEST = 1e-5
+
 
 class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     """
@@ -66,6 +73,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         self._names = config.joint_names
         self._terms = ControlTerms(self, self._names)
         self._controller_state = ControllerState(self, self._names)
+        self._gains = GainChoice()
         writer = EffortWriter(self._names)
         self._loop = ControlLoop(
             config, settings.state_timeout, settings.reference_timeout, settings.enabled,
@@ -83,7 +91,9 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
 
     def begin(self, description: str) -> None:
         """Make the law for a robot, and begin to listen."""
-        self._loop.law = Controller(self.config, model_of(self.config, description))
+        model = model_of(self.config, description)
+        self._loop.law = Controller(self.config, model)
+        self._gains.torque = model_torque(self.config, model)
         self._tell_if_plain(self._loop.law)
         if missing := missing_limits(self.config, self._loop.law.model.effort_limits):
             self.get_logger().warning(f'{missing}: set them to the limits of the drives')
@@ -143,20 +153,40 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             self._loop.check_silence(now, lambda: self.count_publishers(JOINT_STATES))
         self._answer(now)
 
+    def patience(self) -> float:
+        """Return the time until a predicted state is to be answered [s]."""
+        due = self._loop.due()
+        return inf if due is None else max(seconds(due - time.monotonic_ns()), _SHORTEST)
+
+    def overdue(self) -> None:
+        """Answer a predicted state where none has come."""
+        due, now = self._loop.due(), time.monotonic_ns()
+        if due is not None and now >= due:
+            try:
+                self._loop.predict(now)
+            except RejectedMessage as rejected:
+                self.inputs[0].reject(rejected, now)
+
     def _answer(self, now: int) -> None:
         """Have the pending state answered, and publish what the torque is made of."""
         begin = time.thread_time_ns()
         self._matched = self._matched or self.matched(
             self._commands, *self._terms.publishers, *self._controller_state.publishers)
         try:
-            answer = self._loop.answer(self._matched)
+            answer = self._loop.answer(self._matched, now)
         except RejectedMessage as rejected:
             self.inputs[0].reject(rejected, now)
             return
         if answer is None:
             if not self._loop.mode.sends_torque:
                 self.statistics.pause()
+            if (self._loop.mode is Mode.TRIPPED and self._loop.simulated
+                    and 'bringup' in self.settings.wait_for and not self.done.done()):
+                self.failure = f'tripped: {self._loop.tripped}'  # Time would wait for a reset.
+                self.done.set_result(None)
             return
+        if self.in_real_time and time.thread_time_ns() - begin > self._loop.period:
+            self._loop.too_slow = True  # At once; `status` decides again.
         self._publish_terms(answer)
         end = time.monotonic_ns()
         self.statistics.sample(now, end, time.thread_time_ns() - begin)
@@ -191,9 +221,21 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         response.message = 'reset' if self._loop.reset() else 'was not tripped'
         return response
 
+    def completed(self, _values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the gains that go with a law which is set without any; see `GainChoice`."""
+        law, named = _values.get('law'), {*_values, *self.parameter_service.names}
+        if (law not in LAWS and not is_class(str(law))) or not named.isdisjoint(GAINS):
+            return {}
+        gains = self._gains.of_law(str(law), self.config)
+        if gains:
+            self.get_logger().info(f'law {law} is set without gains, and takes its own, not those '
+                                   f'of {self.config.law}')
+        return gains
+
     def on_change(self) -> None:
         """Have the law take what has been set."""
         self._loop.restart_duration = self.settings.restart_duration
+        self._loop.predicted_periods = self.settings.predicted_periods
         if self._loop.law is not None:
             self._loop.law.configure(self.config)
             self._tell_if_plain(self._loop.law)
@@ -209,9 +251,10 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
     def status(self) -> Status:
         """Return what the controller does and why."""
         config, loop = self.config, self._loop
+        cause = self.statistics.too_slow(loop.period)
+        loop.too_slow = bool(cause) and not loop.simulated
         level, message = loop.status(
-            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {},
-            self.statistics.too_slow(loop.period))
+            time.monotonic_ns(), self.inputs[0].rejected if self.inputs else {}, cause)
         if self.problem:
             level, message = ERROR, self.problem
         return Status(level, message, {
@@ -225,6 +268,7 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
             'restarts per second': loop.health.rates.events_per_second,
             'timeouts, state': loop.watchdog.outages,
             'timeouts, reference': loop.reference_outages,
+            'periods without a state, answered': loop.predicted,
             'time': 'simulated' if loop.simulated else 'real'})
 
 

@@ -285,7 +285,7 @@ class PlantNode(LoopNode[PlantConfig, PlantSettings]):
     def _publish_state(self) -> None:
         robot = self._robot
         self._states.publish(self._writer.write(
-            self._start + robot.k * self._period, *robot.measured, robot.applied))
+            self._start + robot.stamp, *robot.measured, robot.applied))
 
     def _torques(self, efforts: Efforts) -> Vector:
         """Return the torques of a message in our order."""

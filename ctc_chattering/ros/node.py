@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import inf
 import signal
 import time
 from typing import Any, NamedTuple
@@ -97,6 +98,8 @@ class BaseNode(Node):
         The signals that have asked for the end.
     scheduling : RealTime or None
         Of its process, where it has parameters for that.
+    parameter_service : TolerantParameterService
+        Takes requests to set parameters.
 
     """
 
@@ -104,7 +107,7 @@ class BaseNode(Node):
         self.given = dict(values or {})
         super().__init__(name, start_parameter_services=False, parameter_overrides=[
             RosParameter(x, value=self.given[x]) for x in OF_ROS if x in self.given])
-        TolerantParameterService(self)
+        self.parameter_service = TolerantParameterService(self)
         self.done = Future()
         self.failure: str | None = None
         self.stop: Sequence[int] = ()
@@ -125,6 +128,13 @@ class BaseNode(Node):
 
     def idle(self) -> None:
         """Do what need not wait for a message; called at least every `tick`."""
+
+    def patience(self) -> float:
+        """Return how long it can wait for a message before it is `overdue` [s]."""
+        return inf
+
+    def overdue(self) -> None:
+        """Do what must be done where a message has not come in time."""
 
     @property
     def in_real_time(self) -> bool:
@@ -225,7 +235,8 @@ class BaseNode(Node):
         """
         end = time.monotonic() + lasts
         while (left := end - time.monotonic()) > 0.0 and not self.done.done():
-            executor.spin_once(left)
+            executor.spin_once(min(left, self.patience()))
+            self.overdue()
             if 0 <= samples < self.statistics.samples:
                 return
 

@@ -187,7 +187,7 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
             reference, route, start if reference.start_duration or route is not None else (),
             controller.joint_names, period_ns(plant.control_period),
             robot.last + 1 + controller.input_delay)
-        run = _run_of(loop, table, robot, law)
+        run = _run_of(loop, table, robot, law, truth)
         for at in (0.0, plant.duration) if progress is not None else ():
             progress(at)  # type: ignore[misc]
         return run
@@ -197,14 +197,13 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
     period = period_ns(plant.control_period)
     last = samples(plant.duration, period)
 
-    def desired(k: int) -> Point:
-        point = motion.at(k * period)
+    def desired(at: int) -> Point:
+        point = motion.at(at)
         if in_order:
             return point
         q_d, dq_d, ddq_d = ([row[i] for i in order] for row in point)
         return q_d, dq_d, ddq_d
 
-    points = deque(map(desired, range(controller.input_delay)))
     due = deque(sorted(events, key=lambda event: event.time))
     record = array('d')
     tau: Vector = ()
@@ -212,15 +211,19 @@ def simulate(plant: PlantConfig, controller: ControllerConfig, reference: Refere
         t = seconds(k * period)
         while due and t >= due[0].time:
             _apply(due.popleft(), robot, law)
-        points.append(desired(k + controller.input_delay))
-        point = points.popleft()
         if robot.lost:
             robot.step(tau)
             continue
-        sample = _step(law, t, *robot.measured, point, points)
-        tau = sample.tau
-        record.append(t)
-        state = (robot.q, robot.dq) if truth else robot.measured
+        stamp = robot.stamp
+        at = law.instant(stamp)
+        point, *ahead = (desired(at + j * period) for j in range(controller.input_delay + 1))
+        sample = _step(law, stamp, at, *robot.measured, point, ahead)
+        tau, state = sample.tau, robot.measured
+        if truth:
+            stamp, state = k * period, (robot.q, robot.dq)
+        if stamp != at:
+            point = desired(stamp)
+        record.append(seconds(stamp))
         record.extend(chain(*state, *point, tau, sample.v))
         if k < last:
             robot.step(tau)
@@ -245,7 +248,8 @@ def compiled_loop_of(robot: Robot, law: Controller, truth: bool = False) -> Comp
     return CompiledLoop(robot, plant_step, step, truth)
 
 
-def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller) -> Run:
+def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller, truth: bool
+            ) -> Run:
     """Run machine code under a reference; raise `CtcError` as `simulate` says."""
     period, config = period_ns(robot.config.control_period), law.config
     end, last, joint, rows = loop.run(table, np.array(config.error_limit))
@@ -257,9 +261,15 @@ def _run_of(loop: CompiledLoop, table: Array, robot: Robot, law: Controller) -> 
     if end != FINISHED:
         q, dq = loop.measured.tolist()
         raise CtcError(_no_torque(t, q, dq))
-    at = rows[:, 0, 0].astype(int)
+    at = np.rint(rows[:, 0, 0] / period).astype(int)
     q_d, dq_d, ddq_d = table[at].transpose(1, 0, 2)
-    return Run(at * period / 1e9, rows[:, 1], rows[:, 2], q_d, dq_d, ddq_d, rows[:, 3],
+    stamps = rows[:, 0, 0].astype(int)
+    if truth:
+        stamps = at * period
+    elif (stamps != at * period).any():
+        s = (stamps - at * period)[:, np.newaxis] / 1e9
+        q_d, dq_d = q_d + s * (dq_d + 0.5 * s * ddq_d), dq_d + s * ddq_d
+    return Run(stamps / 1e9, rows[:, 1], rows[:, 2], q_d, dq_d, ddq_d, rows[:, 3],
                rows[:, 4], compiled=True)
 
 
@@ -287,10 +297,10 @@ def _check_agreement(plant: PlantConfig, controller: ControllerConfig,
                              f'that of the plant, {plant.control_period}')
 
 
-def _step(law: Controller, t: float, q: Vector, dq: Vector, point: Point, ahead: Sequence[Point]
-          ) -> Sample:
-    """Return the law's sample at `t` [s]; raise `CtcError` if no torque may be sent for it."""
-    sample = law.try_step(q, dq, *point, ahead)
+def _step(law: Controller, stamp: int, at: int, q: Vector, dq: Vector, point: Point,
+          ahead: Sequence[Point]) -> Sample:
+    """Return the law's sample at a stamp; raise `CtcError` if no torque may be sent for it."""
+    sample, t = law.try_step(q, dq, *point, ahead, stamp, at), seconds(stamp)
     if sample is None:
         raise CtcError(_no_torque(t, q, dq))
     i = joint_beyond(sample.e, law.config.error_limit)

@@ -21,6 +21,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.compiled_step import CompiledStep, E, TAU, V
+from ctc_chattering.control.control_step import periods
 from ctc_chattering.numerics.compilable import function
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.machine_code import Call, Code, invoke
@@ -46,6 +47,7 @@ class Control(NamedTuple):
     plant_places: Array
     #: As of `CompiledStep`.
     measured: Array
+    arrival: Array
     made: Array
     #: Largest position error, shape (n,) [rad]; inf for any.
     error_limit: Array
@@ -95,8 +97,8 @@ class CompiledLoop:
 
     def _arguments(self, error_limit: Array, given: Any, rows: Array, places: Any,
                    plant_places: Any) -> tuple[Any, ...]:
-        step = Control(self._called, places, plant_places, self._step.measured, self._step.made,
-                       error_limit)
+        step = Control(self._called, places, plant_places, self._step.measured,
+                       self._step.arrival, self._step.made, error_limit)
         return self._plant_step.records, step, given, rows, self._result
 
     @property
@@ -120,10 +122,10 @@ class CompiledLoop:
         end, last, joint : int
             How the run ended, at which sample, with which joint.
         rows : array, shape (N, 5, n)
-            k, q, dq, tau, v of each sample that is not lost.
+            Stamp [ns], q, dq, tau, v of each sample that is not lost.
 
         """
-        call, plant, called = self._step.step, self._plant_step.call, self._called
+        call, plant, called = self._step.call, self._plant_step.call, self._called
         given = inputs(self._plant, self._plant.last + 1)
         out = np.empty((len(given), 5, self._plant.n))
         called.function, called.places = call.function, call.places.ctypes.data
@@ -141,7 +143,8 @@ def inputs(plant: Plant, count: int) -> Any:
     n, config = plant.n, plant.config
     made = no_inputs(n, count)
     for name, random, asked in (('late', plant.lateness, config.late_samples),
-                                ('loss', plant.loss, config.sample_loss)):
+                                ('loss', plant.loss, config.sample_loss),
+                                ('jitter', plant.jitter, config.sample_jitter)):
         draw = copy(random).random  # The plant stays at its start.
         made[name] = [draw() for _ in range(count)] if asked else 1.0
     noisy = np.array([*config.position_noise, *config.velocity_noise]) > 0.0
@@ -164,13 +167,14 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
     given : array of records, shape (N,)
         Of `PlantInput`, their torque to be filled.
     out : array, shape (N, 5, n)
-        Rows to be filled with k, q, dq, tau, v of each sample that is not lost.
+        Rows to be filled with stamp, q, dq, tau, v of each sample that is not lost.
     result : record
         To be filled: the number of rows, the last sample, the joint that is concerned.
 
     """
     s, n = p.state, out.shape[2]
-    last = p.parameters.last
+    last, period = p.parameters.last, p.parameters.mechanics__period_ns
+    before, offset = -period, 0
     for k in range(last + 1):
         result.last = k
         tau = given[k].tau
@@ -181,10 +185,17 @@ def run(p: CompiledPlant, c: Control, given: Any, out: Array, result: Any) -> in
             for i in range(n):
                 c.measured[0, i], c.measured[1, i] = s.shown__q[i], s.shown__dq[i]
             c.places[len(c.places) - 2] = c.step.points + k * c.step.stride
-            invoke(c.step.function, c.step.places)
+            stamp = k * period + round(1e9 * s.offset)
+            missed, offset = periods(period, offset, stamp - before)
+            for j in range(missed, -1, -1):
+                c.arrival[0] = offset / 1e9
+                c.arrival[1] = (stamp - offset - (k + j) * period) / 1e9
+                c.arrival[2], c.arrival[3] = 1 - min(j, 1), min(j, 1)
+                invoke(c.step.function, c.step.places)
+            before = stamp
             row, total = out[result.rows], 0.0
             for i in range(n):
-                row[0, i], tau[i] = k, c.made[TAU, i]
+                row[0, i], tau[i] = stamp, c.made[TAU, i]
                 row[1, i], row[2, i] = s.shown__q[i], s.shown__dq[i]
                 if result.truth:
                     row[1, i], row[2, i] = s.motion__q[i], s.motion__dq[i]

@@ -47,7 +47,7 @@ class CompiledPlant(NamedTuple):
 def no_inputs(n: int, count: int) -> Any:
     """Return `count` records of `PlantInput` with zeros."""
     zero = [0.0] * n
-    return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, zero, zero)).dtype)
+    return np.zeros(count, packed(PlantInput(zero, 0.0, 0.0, 0.0, zero, zero)).dtype)
 
 
 class CompiledPlantStep:
@@ -105,18 +105,21 @@ class CompiledPlantStep:
         """Whether there is machine code."""
         return all(code.compiled for code in self.codes)
 
-    def go_on(self, tau: Vector, late: float, loss: float, noise: Iterable[Vector]) -> None:
+    def go_on(self, tau: Vector, late: float, loss: float, jitter: float,
+              noise: Iterable[Vector]) -> None:
         """Go on by a sample with what `PlantInput` has; no `noise` for none."""
         self._tau[:] = tau
-        self.given['late'], self.given['loss'] = late, loss
+        given = self.given
+        given['late'], given['loss'], given['jitter'] = late, loss, jitter
         for row, values in zip(self._noise, noise):
             row[:] = values
         self.call()
 
-    def shown(self) -> tuple[Vector, Vector, tuple[Vector, Vector], int]:
-        """Return q, dq, both as measured, and how many measurements have been lost in a row."""
-        q, dq, *measured = (row.tolist() for row in self._shown)
-        return q, dq, (measured[0], measured[1]), int(self.records.state['lost_in_a_row'])
+    def shown(self) -> tuple[Vector, Vector, tuple[Vector, Vector], float, int]:
+        """Return q, dq, both as measured, how long after the sample, and `lost_in_a_row`."""
+        (q, dq, *measured), state = (row.tolist() for row in self._shown), self.records.state
+        return (q, dq, (measured[0], measured[1]), float(state['offset']),
+                int(state['lost_in_a_row']))
 
     def state(self) -> PlantState:
         """Return the present state."""

@@ -113,9 +113,9 @@ class Plant(Robot):
         return CompiledPlantStep(
             self._arm, self.own, PlantParameters(
                 self.mechanics, self.drives, self.sensor.encoders, self.config.sample_loss,
-                self.last),
+                self.config.sample_jitter, self.last),
             PlantState(self.k, self.driven, self._motion, Measured(*self.measured),
-                       self.lost_in_a_row), self.transit)
+                       self.offset, self.lost_in_a_row), self.transit)
 
     @property
     def compiled(self) -> bool:
@@ -161,9 +161,10 @@ class Plant(Robot):
         assert made is not None
         late = self.lateness.random() if config.late_samples else 1.0
         loss = self.loss.random() if config.sample_loss else 1.0
+        jitter = self.jitter.random() if config.sample_jitter else 0.5
         noise = sensor.encoders.position_noise, sensor.encoders.velocity_noise
-        made.go_on(tau, late, loss, () if sensor.perfect else map(sensor.noise, noise))
-        self.q, self.dq, self.measured, self.lost_in_a_row = made.shown()
+        made.go_on(tau, late, loss, jitter, () if sensor.perfect else map(sensor.noise, noise))
+        self.q, self.dq, self.measured, self.offset, self.lost_in_a_row = made.shown()
         if not isfinite(sum(self.q) + sum(self.dq)):
             self.driven = made.state().driven
 

@@ -128,13 +128,17 @@ class PlantConfig(RobotConfig):
         'sample_loss', 'float', 0.0,
         'Probability that a state is not sent: at most two in a row, never the first or the last.',
         minimum=0.0, maximum=0.5)
+    sample_jitter: float = parameter(
+        'sample_jitter', 'float', 0.0,
+        'A state is measured up to this long before or after its sample, and stamped so; less '
+        'than half a period.', unit='s', minimum=0.0)
     late_samples: float = parameter(
         'late_samples', 'float', 0.0,
         'Probability that a torque arrives one period late.',
         minimum=0.0, maximum=1.0)
     noise_seed: int = parameter(
         'noise_seed', 'int', 0,
-        'Seed of noise, lost and late samples.', minimum=0,
+        'Seed of noise, jitter, lost and late samples.', minimum=0,
         maximum=2 ** 62, read_only=True)
     input_delay: int = parameter(
         'input_delay', 'int', 0, 'Delay from receiving a torque to applying it, in samples.',
@@ -191,6 +195,9 @@ class PlantConfig(RobotConfig):
                 'package.module:Name, with plant_backend builtin and rigid joints')
         if self.payload and not self.described:
             raise ParameterError('payload', self.payload, '0 without a description of the robot')
+        if self.sample_jitter >= 0.5 * self.control_period:
+            raise ParameterError('sample_jitter', self.sample_jitter,
+                                 f'less than half a period, {0.5 * self.control_period:g}')
         self._check_elasticity()
         locked_positions(self.locked)
         samples(self.duration, period_ns(self.control_period))

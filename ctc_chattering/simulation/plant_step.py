@@ -22,7 +22,7 @@ from ctc_chattering.numerics.compilable import function, record
 from ctc_chattering.numerics.linear_algebra import Vector
 from ctc_chattering.simulation.drive import Driven, driven, Drives
 from ctc_chattering.simulation.motion import acting, advanced, Mechanics, Mechanism, Motion
-from ctc_chattering.simulation.sensor import Encoders, Measured, measured
+from ctc_chattering.simulation.sensor import Encoders, Measured, measured, off_the_grid
 
 #: Most samples in a row that are lost: the controller takes a gap of three periods for no outage.
 _MOST_LOST = 2
@@ -35,8 +35,10 @@ class PlantParameters(NamedTuple):
     mechanics: Mechanics
     drives: Drives
     encoders: Encoders
-    #: Probability that a measurement is lost, and the last sample of the run.
+    #: Probability that a measurement is lost, how far it is off the grid at the most [s], and the
+    #: last sample of the run.
     sample_loss: float
+    sample_jitter: float
     last: int
 
 
@@ -48,6 +50,8 @@ class PlantState(NamedTuple):
     driven: Driven
     motion: Motion
     shown: Measured
+    #: How long after the sample that was measured [s].
+    offset: float
     #: Measurements that are lost with this one; 0 if it is sent.
     lost_in_a_row: int
 
@@ -58,9 +62,11 @@ class PlantInput(NamedTuple):
 
     #: Torque [N·m].
     tau: Vector
-    #: Numbers in [0, 1) that decide whether it is late, and the next measurement lost.
+    #: Numbers in [0, 1) that decide whether it is late, the next measurement lost, and when that
+    #: is made.
     late: float
     loss: float
+    jitter: float
     #: Noise of the next measurement, of the deviation 1.
     position_noise: Vector
     velocity_noise: Vector
@@ -85,13 +91,23 @@ def lost_in_a_row(probability: float, chance: float, before: int, k: int, last: 
 
 
 @function
+def offset_of(jitter: float, chance: float) -> float:
+    """Return whole nanoseconds within ±`jitter` [s], for a number in [0, 1)."""
+    return round(1e9 * jitter * (2.0 * chance - 1.0)) / 1e9
+
+
+@function
 def stepped(mechanism: Mechanism, p: PlantParameters, state: PlantState, transit: Any,
             given: PlantInput) -> PlantState:
     """Return the state a sample later; `transit` as of `driven`."""
     k, drives = state.k, driven(
         p.drives, state.driven, transit, state.k, given.tau, given.late)
     motion = advanced(mechanism, acting(p.mechanics, drives, k), state.motion)
-    shown = measured(p.encoders, state.shown, motion.q, motion.dq, given.position_noise,
-                     given.velocity_noise)
-    return PlantState(k + 1, drives, motion, shown, lost_in_a_row(
+    q, dq, offset, h = motion.q, motion.dq, 0.0, p.encoders.period
+    if p.sample_jitter > 0.0:
+        offset = offset_of(p.sample_jitter, given.jitter)
+        q, dq = off_the_grid(q, dq, state.motion.dq, offset, h)
+    shown = measured(p.encoders, state.shown, q, dq, h + offset - state.offset,
+                     given.position_noise, given.velocity_noise)
+    return PlantState(k + 1, drives, motion, shown, offset, lost_in_a_row(
         p.sample_loss, given.loss, state.lost_in_a_row, k + 1, p.last))

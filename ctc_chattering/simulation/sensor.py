@@ -20,7 +20,7 @@ from math import expm1
 from random import Random
 from typing import NamedTuple
 
-from ctc_chattering.numerics.compilable import each, function, record, uniform
+from ctc_chattering.numerics.compilable import along, each, function, record, uniform
 from ctc_chattering.numerics.linear_algebra import Vector
 
 #: Values of the parameter ``velocity_sensor``.
@@ -82,8 +82,28 @@ def low_pass(y: float, x: float, gain: float) -> float:
 
 
 @function
-def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, position_noise: Vector,
-             velocity_noise: Vector) -> Measured:
+def off_the_grid(q: Vector, dq: Vector, before: Vector, offset: float, period: float
+                 ) -> tuple[Vector, Vector]:
+    """
+    Return q and dq, shape (n,), at `offset` [s] after a sample.
+
+    Parameters
+    ----------
+    q, dq, before : sequence of float, shape (n,)
+        Position [rad] and velocity [rad/s] at the sample, and the velocity a period before; the
+        mean acceleration in between goes on.
+    offset, period : float
+        [s].
+
+    """
+    change = along(dq, -1.0, before)
+    mean = along(dq, 0.5 * offset / period, change)
+    return along(q, offset, mean), along(dq, offset / period, change)
+
+
+@function
+def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, elapsed: float,
+             position_noise: Vector, velocity_noise: Vector) -> Measured:
     """
     Return what the sensors show.
 
@@ -93,6 +113,8 @@ def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, position
         Parameters, and what they showed a sample before.
     q, dq : sequence of float, shape (n,)
         Position [rad] and velocity [rad/s].
+    elapsed : float
+        Since the measurement before [s].
     position_noise, velocity_noise : sequence of float, shape (n,)
         Noise of the deviation 1.
 
@@ -101,7 +123,7 @@ def measured(sensor: Encoders, before: Measured, q: Vector, dq: Vector, position
         return Measured(q, dq)
     q = each(encoder, q, sensor.resolution, sensor.position_noise, position_noise)
     if not sensor.exact:
-        dq = each(difference, q, before.q, uniform(sensor.period))
+        dq = each(difference, q, before.q, uniform(elapsed))
     dq = each(noisy, dq, sensor.velocity_noise, velocity_noise)
     if sensor.gain < 1.0:
         dq = each(low_pass, before.dq, dq, uniform(sensor.gain))
@@ -149,8 +171,8 @@ class Sensor:
         self.random = Random(seed)
         self.shown: Measured | None = None
 
-    def measure(self, q: Vector, dq: Vector) -> tuple[Vector, Vector]:
-        """Return position [rad] and velocity [rad/s] as measured, each of shape (n,)."""
+    def measure(self, q: Vector, dq: Vector, elapsed: float = 0.0) -> tuple[Vector, Vector]:
+        """Return `measured` after `elapsed` [s], 0 for a period, with noise of its own."""
         if self.perfect:
             return q, dq
         sensor, before = self.encoders, self.shown
@@ -161,8 +183,9 @@ class Sensor:
                 before = Measured(each(encoder, last, sensor.resolution, sensor.position_noise,
                                        self.noise(sensor.position_noise)), dq)
             sensor = sensor._replace(gain=1.0)
-        self.shown = measured(sensor, before, q, dq, self.noise(sensor.position_noise),
-                              self.noise(sensor.velocity_noise))
+        self.shown = measured(
+            sensor, before, q, dq, elapsed or sensor.period, self.noise(sensor.position_noise),
+            self.noise(sensor.velocity_noise))
         return self.shown
 
     def noise(self, deviation: Vector) -> Vector:

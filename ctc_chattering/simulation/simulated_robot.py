@@ -32,8 +32,8 @@ from ctc_chattering.simulation.drive import Driven, driven, Drives
 from ctc_chattering.simulation.friction import Friction
 from ctc_chattering.simulation.motion import Acting, acting, Mechanics
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.simulation.plant_step import lost_in_a_row
-from ctc_chattering.simulation.sensor import Sensor
+from ctc_chattering.simulation.plant_step import lost_in_a_row, offset_of
+from ctc_chattering.simulation.sensor import off_the_grid, Sensor
 
 #: Values of the joints as those of the coordinates.
 ToCoordinates = Callable[..., Vector]
@@ -68,6 +68,8 @@ class Robot(ABC):
         have neither lag nor rate limit.
     measured : (sequence of float, sequence of float), each of shape (n,)
         Position and velocity as the sensors have them at sample `k`.
+    offset : float
+        How long after the sample that is [s].
     lost : bool
         Whether that measurement is not sent: `step` then takes the last torque again.
     config : PlantConfig
@@ -97,10 +99,11 @@ class Robot(ABC):
             config.encoder_resolution, config.position_noise, config.velocity_noise,
             config.noise_seed, config.velocity_sensor, config.velocity_cutoff, self._period)
         self.measured = self.sensor.measure(*self._seen())
+        self.offset = 0.0
         #: As of `plant_step.lost_in_a_row`.
         self.lost_in_a_row = 0
-        self.loss, self.lateness = (
-            Random(f'{config.noise_seed} {of}') for of in ('loss', 'lateness'))
+        self.loss, self.lateness, self.jitter = (
+            Random(f'{config.noise_seed} {of}') for of in ('loss', 'lateness', 'jitter'))
         self._substeps = max(1, math.ceil(
             self._period / min(longest_step, config.integration_step) - 1e-9))
         self._h = self._period / self._substeps
@@ -123,6 +126,11 @@ class Robot(ABC):
     def lost(self) -> bool:
         """Whether the measurement is not sent: `step` then takes the last torque again."""
         return self.lost_in_a_row > 0
+
+    @property
+    def stamp(self) -> int:
+        """Return the time of the measurement since the start [ns]."""
+        return self.k * self.period_ns + round(1e9 * self.offset)
 
     @property
     def steps(self) -> int:
@@ -221,9 +229,14 @@ class Robot(ABC):
         drives = self.driven
         if self._on_motors is not _joints:
             drives = Driven(*map(self._on_motors, drives))
+        _, before = self._seen()
         self._move(acting(self.mechanics, drives, self.k))
-        seen = self._seen()
-        self.measured = seen if self.sensor.perfect else self.sensor.measure(*seen)
+        q, dq = self._seen()
+        last, self.offset = self.offset, 0.0
+        if self.config.sample_jitter:
+            self.offset = offset_of(self.config.sample_jitter, self.jitter.random())
+            q, dq = off_the_grid(q, dq, before, self.offset, self._period)
+        self.measured = self.sensor.measure(q, dq, self._period + self.offset - last)
         if self.lost_in_a_row or self.config.sample_loss:
             loss = self.loss.random() if self.config.sample_loss else 1.0
             self.lost_in_a_row = lost_in_a_row(

@@ -32,9 +32,9 @@ from ctc_chattering.analysis.page import (
     SignalPlots,
     write_page,
 )
-from ctc_chattering.analysis.report import write_page as write_page_of_runs
 from ctc_chattering.analysis.run_names import LAW_COLOURS
-from ctc_chattering.analysis.run_samples import write_samples
+from ctc_chattering.analysis.run_page import write_page as write_page_of_runs
+from ctc_chattering.analysis.run_page import write_samples
 from ctc_chattering.analysis.tables import bold, Table
 from made_up_runs import made_up
 import pytest

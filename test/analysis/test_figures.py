@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from ctc_chattering.analysis import comparison_figures, figures
+from ctc_chattering.analysis import figures
+from ctc_chattering.analysis.drawing import fit
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.terms import RunTerms
-from ctc_chattering.analysis.text_fit import fit
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate
@@ -215,7 +215,7 @@ def test_an_empty_run_is_refused_before_anything_is_written(
 
 def test_comparison_puts_the_laws_of_an_experiment_together(
         compensation: Result, chattering: Result, switch: Result) -> None:
-    figure = comparison_figures.error_comparison([compensation, chattering, switch])
+    figure = figures.error_comparison([compensation, chattering, switch])
     friction, changed = figure.axes
     assert [friction.get_title('left'), changed.get_title('left')] == ['friction', 'switch']
     for line, result in enumerate((compensation, chattering)):
@@ -230,7 +230,7 @@ def test_comparison_puts_the_laws_of_an_experiment_together(
 
 def test_scores_are_the_metrics(compensation: Result, chattering: Result, switch: Result) -> None:
     results = [compensation, chattering, switch]
-    figure = comparison_figures.score_comparison(results)
+    figure = figures.score_comparison(results)
     for ax, key, unit in zip(figure.axes, ('rms_error_rad', 'torque_variation_nm_per_s'),
                              ('[rad]', '[N·m/s]')):
         assert ax.get_xlabel().endswith(unit)
@@ -247,7 +247,7 @@ def test_scores_are_the_metrics(compensation: Result, chattering: Result, switch
 
 def test_equal_scores_have_an_axis_of_whole_decades() -> None:
     results = [made_up(7, 5200)] * 2
-    for ax in comparison_figures.score_comparison(results).axes:
+    for ax in figures.score_comparison(results).axes:
         low, high = np.log10(ax.get_xlim())
         assert (low, high) == pytest.approx((round(low), round(high)))
         assert low < high
@@ -258,7 +258,7 @@ def test_equal_scores_have_an_axis_of_whole_decades() -> None:
 
 def test_the_names_of_the_switchings_tell_runs_apart(tmp_path: Path) -> None:
     results = [made_up(1), made_up(1, switching='implicit'), made_up(1, switching='implicit')]
-    ax = comparison_figures.error_comparison(results).axes[0]
+    ax = figures.error_comparison(results).axes[0]
     assert [line.get_label() for line in ax.lines] == [
         'chattering', 'chattering (implicit) #1', 'chattering (implicit) #2']
     assert len({line.get_color() for line in ax.lines}) == 3
@@ -299,8 +299,8 @@ def test_nothing_is_over_a_legend_or_a_label(n: int) -> None:
     runs = [made_up(n, 50, joint_names=names, law=law) for law in LAWS_SHOWN]
     several = [dataclasses.replace(x, experiment=y) for y in ('a', 'b') for x in runs]
     drawings = [draw(runs[1]) for draw in DRAWN[:3 if n == 2 else 1]]
-    drawings += [comparison_figures.error_comparison(several),
-                 comparison_figures.score_comparison(several)]
+    drawings += [figures.error_comparison(several),
+                 figures.score_comparison(several)]
     for figure in drawings:
         assert not overlaps(figure)
     drawings[0].axes[0].legend(loc='upper right')
@@ -325,9 +325,9 @@ def test_a_prismatic_joint_has_its_units() -> None:
     internals = figures.internals(result)
     assert {ax.get_ylabel() for ax in internals.axes} == {
         'V [J]', 'v [m/s]', 'v [rad/s]', 'z [N]', 'z [N·m]'}
-    compared = comparison_figures.error_comparison([result, result])
+    compared = figures.error_comparison([result, result])
     assert [ax.get_ylabel() for ax in compared.axes] == ['|e₁| [m]', '|e₂| [rad]']
-    scores = comparison_figures.score_comparison([result, result])
+    scores = figures.score_comparison([result, result])
     assert scores.axes[0].get_xlabel() == 'RMS error [m or rad]'
     numbers = result.metrics()
     assert numbers['max_error_norm1_rad'] is None and 'prismatic' in numbers['notes'][0]

@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.drawing import panel, sheet
-from ctc_chattering.analysis.legends import legend_of
+from ctc_chattering.analysis.drawing import legend_of, panel, sheet
 from figure_layout import overlaps
 from matplotlib.figure import Figure
 import numpy as np

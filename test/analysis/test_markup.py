@@ -29,8 +29,8 @@ from ctc_chattering.analysis.drawing import FigureFile, save
 from ctc_chattering.analysis.figures import tracking
 from ctc_chattering.analysis.markup import fragment, Markup
 from ctc_chattering.analysis.output import file_stem
-from ctc_chattering.analysis.report import write_page
 from ctc_chattering.analysis.result import Result
+from ctc_chattering.analysis.run_page import write_page
 from ctc_chattering.analysis.tables import bold, columns, markdown, markdown_table
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.dynamics.two_link import TwoLink
@@ -38,17 +38,17 @@ from ctc_chattering.identification import results as identification
 from ctc_chattering.identification.gains import recommend
 from ctc_chattering.identification.identify import identify
 from ctc_chattering.identification.perturbation import perturbation
-from ctc_chattering.robustness.report.data import MapData
-from ctc_chattering.robustness.report.lines import lines
-from ctc_chattering.robustness.report.page import write_map_page
-from ctc_chattering.robustness.tuning.files import write_page as write_search_page
-from ctc_chattering.robustness.tuning.runs import Evaluation, tune, Tuning
+from ctc_chattering.runs.compare import BASE, Outcome, Task, Variant
+from ctc_chattering.runs.compare_page import to_markdown
+from ctc_chattering.runs.compare_page import write_page as write_comparison_page
+from ctc_chattering.runs.map_data import MapData
+from ctc_chattering.runs.map_figures import lines
+from ctc_chattering.runs.map_page import write_map_page
+from ctc_chattering.runs.score import Score
+from ctc_chattering.runs.tune import Evaluation, searched, Tuning
+from ctc_chattering.runs.tune_page import write_page as write_search_page
 from ctc_chattering.simulation.closed_loop import simulate
 from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.studies.comparison import BASE, Outcome, Task, Variant
-from ctc_chattering.studies.comparison_files import write_page as write_comparison_page
-from ctc_chattering.studies.comparison_tables import to_markdown
-from ctc_chattering.studies.score import Score
 from ctc_chattering.trajectory.reference import ReferenceConfig
 from identified_bags import short
 from jinja2 import UndefinedError
@@ -125,7 +125,7 @@ def of_a_map(name: str, out: Path) -> None:
 
 @lru_cache(1)
 def search() -> Tuning:
-    return tune(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
+    return searched(Evaluation(short_spec(duration=0.1), 100.0, map), 1, 1)
 
 
 def of_a_search(name: str, out: Path) -> None:

@@ -16,10 +16,10 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.number_format import (
+from ctc_chattering.analysis.markup import in_html
+from ctc_chattering.analysis.tables import (
     counted,
     in_field,
-    in_html,
     measured,
     number_text,
     percent,

@@ -23,8 +23,8 @@ from typing import Any, NoReturn
 from urllib.parse import unquote
 
 from ctc_chattering.analysis.drawing import FigureFile
-from ctc_chattering.analysis.report import write_page
 from ctc_chattering.analysis.result import Result, write_metrics
+from ctc_chattering.analysis.run_page import write_page
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import CtcError
 from ctc_chattering.simulation.closed_loop import Event, Run, simulate

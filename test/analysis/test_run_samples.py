@@ -24,7 +24,7 @@ import re
 from typing import Any
 
 from ctc_chattering.analysis.interactive_plots import PARTS
-from ctc_chattering.analysis.run_samples import decimated, write_samples
+from ctc_chattering.analysis.run_page import decimated, write_samples
 from made_up_runs import made_up
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_a_page_says_what_it_does_not_show(tmp_path: Path, monkeypatch: pytest.M
                                            ) -> None:
     (plots,) = write_samples([made_up(2)], tmp_path)
     assert 'Too long' not in plots.caption
-    monkeypatch.setattr('ctc_chattering.analysis.run_samples.MOST', 1000)
+    monkeypatch.setattr('ctc_chattering.analysis.run_page.MOST', 1000)
     (plots,) = write_samples([made_up(2)], tmp_path)
     assert 'Too long to show every sample of: friction: chattering' in plots.caption
     assert len(columns(plots.runs[0].path)['t', 0]) < 300

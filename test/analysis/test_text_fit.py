@@ -14,8 +14,7 @@
 
 from __future__ import annotations
 
-from ctc_chattering.analysis.drawing import panel, sheet
-from ctc_chattering.analysis.text_fit import fit
+from ctc_chattering.analysis.drawing import fit, panel, sheet
 from figure_layout import overlaps
 from matplotlib.figure import Figure
 from matplotlib.text import Text

@@ -40,8 +40,8 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup
 from ctc_chattering.configuration.package_share import config_directory
-from ctc_chattering.robustness.evaluation import evaluate
-from ctc_chattering.robustness.spec import Failure
+from ctc_chattering.runs.points import evaluate
+from ctc_chattering.runs.spec import Failure
 from ctc_chattering.simulation.closed_loop import Run
 from fixed_case import by_jax, by_numba, Floats, FRICTION, PERIOD
 import numpy as np

@@ -20,10 +20,9 @@ import json
 from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.robustness import chunks
-from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.shards import Directory
-from ctc_chattering.robustness.spec import read_spec
+from ctc_chattering.runs import store
+from ctc_chattering.runs.points import Runs
+from ctc_chattering.runs.spec import read_spec
 from ctc_commands import ctc, refused
 from map_specs import SMALL, written
 import numpy as np
@@ -32,19 +31,17 @@ POINT = 'friction=6,rate=2e-3,law=chattering implicit,repeat=1'
 RUN = 15
 
 
-def shard(spec: Path, out: Path) -> None:
-    """Compute the chunk of a small map that holds the run."""
+def table(spec: Path, out: Path) -> None:
+    """Write a map with the run alone."""
     runs = Runs(read_spec(spec))
-    (chunk,) = (x for x in chunks.chunks(runs) if RUN in x)
-    about = chunks.about(runs)
-    Directory(out, about).write(chunks.chunk_key(about['key'], chunk), chunks.compute(
-        runs, chunks.version(), chunk))
+    directory = store.Directory(out, store.about(runs), store.schema(runs.spec))
+    directory.merge([store.compute(runs, store.version(), [RUN])])
 
 
 def test_a_run_is_written_drawn_and_named(tmp_path: Path) -> None:
     """Check that its parameter file is its setup, and `ctc simulate` gives the same samples."""
     spec, out = written(tmp_path / 'small.yaml', failure={'error_above': 1e-9}), tmp_path / 'out'
-    shard(spec, out)
+    table(spec, out)
     words = ('map', spec, '--out', out, '--explain')
     result = ctc(*words, POINT)
     assert result.returncode == 0, result.stderr

@@ -21,7 +21,7 @@ from pathlib import Path
 import sys
 
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.configuration.robot_description import read_description
+from ctc_chattering.configuration.robot_description import find_mesh, read_description
 from ctc_chattering.errors import CtcError
 import pytest
 from urdfs import panda, two_links, ur5
@@ -139,3 +139,16 @@ reference: {{ros__parameters: {{center: [0, 0], amplitude: [0.1, 0.1]}}}}
     setup = parameter_file.load(file)
     assert setup.descriptions == dict.fromkeys(needs, two_links())
     assert parameter_file.load(file, {'/**': {'description': ''}}).descriptions == {}
+
+
+def test_files_of_meshes_are_of_known_formats_and_not_too_large(tmp_path: Path) -> None:
+    """Check what a URDF of others may name: no other file is opened, and no huge one."""
+    for name, size in (('a.stl', 84), ('b.DAE', 100), ('huge.stl', 50_000_001), ('a.txt', 9)):
+        with (tmp_path / name).open('wb') as file:
+            file.truncate(size)
+    assert find_mesh(f'file://{tmp_path}/a.stl') == tmp_path / 'a.stl'
+    assert find_mesh(f'{tmp_path}/b.DAE') == tmp_path / 'b.DAE'
+    for name in ('huge.stl', 'a.txt', 'none.stl', ''):
+        assert find_mesh(f'file://{tmp_path}/{name}') is None
+    for location in ('file:///etc/passwd', '/dev/zero', 'package://nobody/has/this.stl'):
+        assert find_mesh(location) is None

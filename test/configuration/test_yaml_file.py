@@ -23,8 +23,8 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.trajectory_file import read_trajectory
 from ctc_chattering.configuration.yaml_file import parse_value, read_yaml
 from ctc_chattering.errors import CtcError
-from ctc_chattering.robustness.spec import read_spec
 from ctc_chattering.ros.ros_arguments import parse
+from ctc_chattering.runs.spec import read_spec
 import pytest
 
 PACKAGE = Path(__file__).parents[2] / 'ctc_chattering'
@@ -84,4 +84,4 @@ def test_nothing_else_reads_what_a_user_writes() -> None:
     found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob('*.py')
              if 'yaml.load' in (text := path.read_text()) or 'safe_load' in text}
     assert found == {'configuration/yaml_file.py',
-                     *(f'bags/{name}.py' for name in ('bag_reader', 'qos', 'recovery', 'writer'))}
+                     *(f'bags/{name}.py' for name in ('bag', 'repair', 'writer'))}

@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ctc_chattering.control.compiled_step import CompiledStep, E, ROBUST, TAU, V
+from ctc_chattering.control.compiled_step import CompiledStep
+from ctc_chattering.control.control_step import PlainStep
 from ctc_chattering.control.controller import Controller, ControllerConfig, LAWS
+from ctc_chattering.control.evaluation import Arrival, REGULAR
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.dynamics.arm import arm_of
 from ctc_chattering.dynamics.model import Model
@@ -33,6 +35,9 @@ from urdfs import PANDA, panda
 
 VARIANTS = [(law, switching) for law in LAWS
             for switching in (SWITCHINGS if law == 'chattering' else ('sign',))]
+#: At its sample; before it; lost, with another reference; not come; late.
+ARRIVALS = (REGULAR, Arrival(-3e-4, 0.0, 1.0, 0.0), Arrival(0.0, -2e-3, 0.0, 1.0),
+            Arrival(0.0, 0.0, 0.0, 0.0), Arrival(2e-4, 1e-4, 1.0, 1.0))
 
 
 def random_values(rng: np.random.Generator, n: int) -> dict[str, Any]:
@@ -76,8 +81,8 @@ def compiled_step(plain: Controller, model: Model) -> CompiledStep:
     assert arm is not None
 
     def made() -> CompiledStep:
-        return CompiledStep(plain.settings, plain.law, plain.memory, plain.law_memory,
-                            plain.transit.copy(), arm)
+        return CompiledStep(
+            plain.settings, plain.law, plain.memories, plain.transit.copy(), arm)
     found = made()
     if not found.compiled:
         for code in found.codes:
@@ -87,7 +92,7 @@ def compiled_step(plain: Controller, model: Model) -> CompiledStep:
 
 
 def check(law: str, switching: str, n: int, seed: int) -> None:
-    """Compare 20 steps after another law, each from the memory of the plain one."""
+    """Compare steps after another law, regular or not, each from the memory of the plain one."""
     rng = np.random.default_rng(seed)
     model, names = model_of(n)
     config = ControllerConfig.from_mapping({
@@ -104,24 +109,20 @@ def check(law: str, switching: str, n: int, seed: int) -> None:
         points = np.stack((start + np.sin(9.0 * t), 9.0 * np.cos(9.0 * t) + 0.0 * start,
                            -81.0 * np.sin(9.0 * t) + 0.0 * start), axis=1)
         q, dq = points[0, :2] + size * rng.normal(size=(2, n))
-        plain.prepare(np.array((q, dq, *points[0])))
-        if k >= 5:
+        if k > 5:
             step = compiled_step(plain, model)
-            step.measured[:], step.points[:] = (q, dq), points.reshape(-1, n)
-            step.step()
-        sample = plain.step(
-            q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
-        assert not plain.compiled
-        if k >= 5:
-            for row, right in ((TAU, sample.tau), (E, sample.e), (V, sample.v),
-                               (ROBUST, sample.robust)):
+            transit = plain.transit.copy()
+            right = PlainStep(plain.settings, plain.law, plain.memories, transit, plain.model)
+            arrival = ARRIVALS[k % len(ARRIVALS)]
+            rows = np.concatenate(((q, dq), points.reshape(-1, n)))
+            for found, wanted in zip(step.step(rows, arrival), right.step(rows, arrival)):
                 np.testing.assert_allclose(
-                    step.made[row], right, rtol=0.0, atol=1e-10 * max(1.0, np.abs(right).max()))
-            memory, law_memory = step.memories()
-            same(memory, plain.memory)
-            same(law_memory, plain.law_memory)
-            np.testing.assert_allclose(
-                step._records.transit, plain.transit, rtol=1e-10, atol=1e-9)
+                    found, wanted, rtol=0.0, atol=1e-10 * max(1.0, np.abs(wanted).max()))
+            for records in zip(step.memories, right.memories):
+                same(*records)
+            np.testing.assert_allclose(step._records.transit, transit, rtol=1e-10, atol=1e-9)
+        plain.step(q, dq, points[0, 0], points[0, 1], points[0, 2], points[1:].tolist())
+        assert not plain.compiled
 
 
 # Three joints are compiled here for a short law; the longest one, and seven, by `make slow`.

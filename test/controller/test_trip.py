@@ -37,9 +37,9 @@ def at(part: float, strained: float = 0.0, law: str = 'observer_feedback') -> Co
     made = Controller(ControllerConfig(law=law, compiled=False))
     memory = made.law_memory
     if isinstance(memory, Memory):
-        made._law_memory = memory._replace(  # type: ignore[assignment]
-            oscillation=memory.oscillation._replace(
-                retreat=math.log(part), strained=strained))
+        oscillation = memory.oscillation._replace(retreat=math.log(part), strained=strained)
+        control, _, last = made.memories
+        made.memories = control, memory._replace(oscillation=oscillation), last
     return made
 
 
@@ -137,11 +137,23 @@ def test_an_error_that_grows_trips_and_is_warned_of_before() -> None:
     found, warned = along([-1.0, -0.2, 0.6, -0.3, 1.21])
     assert found is not None and found.event is Input.ERROR_LIMIT
     assert found.reason == 'the position error of b has grown by 1.01 rad'
-    assert 'to 1.21 rad; observer_feedback is allowed 1 rad unless' in found.detail
+    assert 'to 1.21 rad, and exceeded the limit of 1 rad (set error_limit' in found.detail
     assert warned == []
     found, ((level, text),) = along([-1.0, -0.2, 0.75, -1.19])
     assert found is None and level == 1
-    assert 'of b has grown by 0.55 rad; beyond 1 rad no torque is sent. Are the drives' in text
+    assert 'of b has grown by 0.55 rad; beyond 1 rad no torque is sent; the drives may' in text
+
+
+def test_a_bound_that_is_too_small_is_told_apart_from_drives_that_are_too_slow() -> None:
+    """Check the words where the estimate is at its bound, with and without an oscillation."""
+    at_bound = QUIET._replace(e=[0.0, 1.1], robust=[0.0, -10.0])
+    for sample, part, ka in ((at_bound, 1.0, True), (at_bound, 0.3, False),
+                             (at_bound._replace(robust=[0.0, -9.0]), 1.0, False)):
+        monitor, law = TripMonitor(['a', 'b'], MS), at(part)
+        assert monitor.check(law, QUIET) is None
+        found = monitor.check(law, sample)
+        assert found is not None and ('ka is too small' in found.detail) is ka
+        assert ('the drives may be slower' in found.detail) is not ka
 
 
 def test_an_error_that_grows_is_allowed_to_other_laws_and_where_a_limit_is_set() -> None:

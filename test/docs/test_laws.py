@@ -29,8 +29,8 @@ from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.evaluation import FADE
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import CtcError
-from ctc_chattering.studies.conditions import condition
-from ctc_chattering.studies.recommended import by_rule, recommended_setup
+from ctc_chattering.runs.conditions import condition
+from ctc_chattering.runs.recommended import by_rule, recommended_setup
 import numpy as np
 import pytest
 

@@ -25,14 +25,13 @@ from ctc_chattering.analysis.result import simulate
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.paper import EXPERIMENTS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.studies import cases
-from ctc_chattering.studies.cases import Case
-from ctc_chattering.studies.score import Score
-from ctc_chattering.studies.study import CaseOutcome, evaluate, to_csv
-from ctc_chattering.studies.study_files import EVERY_LAW as LAWS
-from ctc_chattering.studies.study_files import LAWS as LAW_KIND
-from ctc_chattering.studies.study_files import SWITCHINGS as SWITCHING_KIND
-from ctc_chattering.studies.study_files import to_markdown
+from ctc_chattering.runs import study as cases
+from ctc_chattering.runs.score import Score
+from ctc_chattering.runs.study import Case, CaseOutcome, evaluate, to_csv
+from ctc_chattering.runs.study import EVERY_LAW as LAWS
+from ctc_chattering.runs.study_page import OF_LAWS as LAW_KIND
+from ctc_chattering.runs.study_page import OF_SWITCHINGS as SWITCHING_KIND
+from ctc_chattering.runs.study_page import to_markdown
 import pytest
 
 DOCS = Path(__file__).resolve().parents[2] / 'docs'

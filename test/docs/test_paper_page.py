@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""docs/paper.md has the rows of `test/studies/paper_study.py`, and their numbers."""
+"""docs/paper.md has the rows of `test/runs/paper_study.py`, and their numbers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TEXT = (ROOT / 'docs' / 'paper.md').read_text(encoding='utf-8')
 
 @pytest.fixture
 def study(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(str(ROOT / 'test' / 'studies'))
+    monkeypatch.syspath_prepend(str(ROOT / 'test' / 'runs'))
     return pytest.importorskip('paper_study')
 
 

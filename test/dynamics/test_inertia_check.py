@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ctc_chattering.dynamics.inertia_check import inertia_faults
+from ctc_chattering.dynamics.model_check import inertia_faults
 from ctc_commands import ctc
 import numpy as np
 import pytest

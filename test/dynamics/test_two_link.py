@@ -14,7 +14,9 @@
 
 """The paper's arm: its matrices, their structure, and the closed forms of the products."""
 
+from ctc_chattering.configuration.package_share import config_directory
 from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.dynamics.urdf_model import UrdfModel
 import numpy as np
 from oracles import Generic, paper_c, paper_g, paper_m, states
 import pytest
@@ -130,3 +132,16 @@ def test_gravity_can_be_off() -> None:
         assert list(off.gravity_torque(q)) == [0.0, 0.0] == [off.potential_energy(q)] * 2
         np.testing.assert_allclose(moon.gravity_torque(q), paper_g(q, 1.62))
         assert off.inverse_dynamics(q, dq, [0.0, 0.0]) == pytest.approx(paper_c(q, dq) @ dq)
+
+
+def test_the_urdf_has_the_model_s_dynamics_but_for_a_constant() -> None:
+    text = (config_directory() / 'two_link.urdf').read_text(encoding='utf-8')
+    theirs = UrdfModel(text, ('joint1', 'joint2'))
+    rng = np.random.default_rng(0)
+    for q, dq in rng.uniform(-3.0, 3.0, (20, 2, 2)):
+        m, c, g = (np.array(x) for x in ARM.evaluate(q, dq))
+        mass, coriolis, gravity = theirs.evaluate(q, dq)
+        # No rigid body has the paper's M12, whose constant part is larger than M22.
+        assert m - mass == pytest.approx(np.array([[0.0, 0.14], [0.14, 0.0]]))
+        assert coriolis == pytest.approx(c)
+        assert gravity == pytest.approx(g)

@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from math import tan
 from types import SimpleNamespace
 
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.live.arm_view import drawn
-from ctc_chattering.live.cameras import Camera, camera_of, FIELD, is_at, outermost, roots
+from ctc_chattering.live.cameras import Camera, camera_of, Cameras, FIELD, outermost, roots
+from ctc_chattering.live.page_socket import PageSocket
 from ctc_chattering.live.skeleton import skeleton_of, urdf_skeleton
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
@@ -65,8 +67,25 @@ def test_the_arms_fill_the_view(name: str, q: list[float], count: int, aspect: f
     assert np.ptp(across, axis=0).max() > 1.6  # 80 % of the width or of the height.
 
 
-def test_a_camera_that_was_moved_is_known() -> None:
-    camera = camera_of(np.eye(3))
-    for shift, same in ((1e-4, True), (0.1, False)):
-        other = SimpleNamespace(position=np.add(camera.position, shift), look_at=camera.look_at)
-        assert is_at(camera, other) == same
+def test_cameras_show_the_arms_until_one_is_moved() -> None:
+    """Check with a server of one browser: a view of another shape, a hand, a click on fit."""
+    client = SimpleNamespace(camera=SimpleNamespace(position=None), atomic=nullcontext)
+    server = SimpleNamespace(initial_camera=SimpleNamespace(), get_clients=lambda: {0: client})
+    socket, found = PageSocket(), []
+    cameras = Cameras(server, socket)
+
+    def say(words: str) -> None:
+        socket.hear(words)
+        socket.poll(tuple)
+        found.append((client.camera.position, server.initial_camera.position))
+    cameras.look(np.eye(3), 1)
+    for words in ('{}', '{"aspect": 0.3}', '{"aspect": 9.0}', '{"moved": null}', '{"aspect": 2}'):
+        say(words)
+    first, narrow, odd, hand, wide = found
+    assert first == (camera_of(np.eye(3)).position,) * 2
+    assert narrow == odd == hand == (camera_of(np.eye(3), 1, 0.3).position,) * 2
+    assert wide == (narrow[0], camera_of(np.eye(3), 1, 2.0).position)
+    cameras.look(2.0 * np.eye(3), 1, again=False)
+    assert client.camera.position == narrow[0]
+    cameras.look(2.0 * np.eye(3), 1)
+    assert client.camera.position == camera_of(2.0 * np.eye(3), 1, 2.0).position

@@ -17,17 +17,19 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.dynamics.two_link_urdf import LENGTH, two_link_urdf
 from ctc_chattering.errors import CtcError
 from ctc_chattering.live.arm_view import drawn
-from ctc_chattering.live.skeleton import quaternion, skeleton_of, urdf_skeleton
+from ctc_chattering.live.skeleton import quaternion, skeleton_of, two_link_urdf, urdf_skeleton
 import numpy as np
 import pinocchio as pin
 import pytest
 
+#: Of both links of the paper's arm [m].
+LENGTH = 0.51 / 0.63
 ROBOTS = 'package://example-robot-data/robots/'
 PANDA = f'{ROBOTS}panda_description/urdf/panda.urdf'
 UR5 = f'{ROBOTS}ur_description/urdf/ur5_robot.urdf'
@@ -152,3 +154,10 @@ def test_of_changed_descriptions_every_one_is_drawn_or_refused_in_one_line() -> 
         else:
             assert all(np.isfinite(x.vertices).all() for body in drawn(skeleton) for x in body)
     assert 20 < refused < 130
+
+
+def test_joints_of_the_paper_s_arm_may_have_any_name() -> None:
+    names = ('"><x>', 'a & b\'\n"')
+    robot = ET.fromstring(two_link_urdf(names))
+    assert [x.get('name') for x in robot if x.tag == 'joint'] == [*names]
+    assert {x.tag for x in robot} == {'link', 'joint'}

@@ -144,7 +144,7 @@ def test_what_may_not_be_set_is_refused_with_the_reason_and_changes_nothing() ->
                 ('law', 'nonsense', "law: 'nonsense' is not allowed; allowed: compensation | "
                                     'chattering'),
                 ('law', 5, 'law: 5 is not allowed'),
-                ('kp', [1.0], 'kp: [1.0] is not allowed'),
+                ('kp', [1.0] * 3, 'kp: [1.0, 1.0, 1.0] is not allowed'),
                 ('kp', [1.0, 2.0, 3.0, 1.0], 'symmetric positive definite'),
                 ('kv', [-1.0, 1.0], 'kv: [-1.0, 1.0] is not allowed'),
                 ('ka', [math.nan, 1.0], 'ka: [nan, 1.0] is not allowed'),

@@ -46,8 +46,8 @@ from ctc_chattering import (
 )
 from ctc_chattering.arguments import checked
 from ctc_chattering.errors import ParameterError
-from ctc_chattering.studies import cases
-from ctc_chattering.studies.score import over_simulation
+from ctc_chattering.runs import study as cases
+from ctc_chattering.runs.score import over_simulation
 import numpy as np
 import pytest
 
@@ -108,7 +108,8 @@ RIGHT: dict[str, dict[str, Any]] = {
     'simulate': {'setup': SETUP, 'progress': None, 'truth': False, 'robot': None, 'model': None},
     'Setup': {'plant': SETUP.plant, 'controller': CONFIG, 'reference': ReferenceConfig(),
               'events': (), 'values': {}, 'route': None, 'descriptions': {}},
-    'load_parameters': {'path': 'friction', 'overrides': {'plant': {'duration': 1.0}}},
+    'load_parameters': {'path': 'friction', 'overrides': {'plant': {'duration': 1.0}},
+                        'gains': 'file'},
     'Plant': {'config': PlantConfig(), 'model': None},
     'PlantConfig': dict(vars(PlantConfig())),
     'ReferenceConfig': dict(vars(ReferenceConfig())),

@@ -55,7 +55,7 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
         'disturbance.push_duration': 2e-3, 'position_noise': each(0.0, 1e-4),
         'velocity_noise': each(0.0, 5e-3), 'encoder_resolution': each(0.0, 1e-4),
         'velocity_sensor': str(rng.choice(['difference', 'filtered'])), 'sample_loss': 0.5,
-        'late_samples': 0.5, 'torque_resolution': each(0.0, 0.1),
+        'late_samples': 0.5, 'sample_jitter': 4e-4, 'torque_resolution': each(0.0, 0.1),
         'torque_rate_limit': (5e3 * kf).tolist(), 'actuator_lag': each(0.0, 3e-3),
         'torque_saturation': (5.0 * kf).tolist(), 'input_delay': int(rng.integers(1, 3)),
         'integration_step': 4e-4}
@@ -69,7 +69,7 @@ def random_config(base: PlantConfig, rng: np.random.Generator) -> PlantConfig:
 def at(plant: Plant) -> Any:
     """Return the numbers of the plain plant as compiled code has its own."""
     return packed(PlantState(plant.k, plant.driven, plant.motion._replace(decided=1.0),
-                             Measured(*plant.measured), plant.lost_in_a_row))
+                             Measured(*plant.measured), plant.offset, plant.lost_in_a_row))
 
 
 def compiled(plant: Plant) -> CompiledPlantStep:

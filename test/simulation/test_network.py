@@ -75,7 +75,7 @@ def test_a_lost_sample_holds_the_torque_and_the_law() -> None:
     states, taus = [], []
     for k in range(1001):
         if k in sent:
-            tau = law.step(plant.q, plant.dq, *motion.at(k * 1_000_000)).tau
+            tau = law.step(plant.q, plant.dq, *motion.at(k * 1_000_000), t=k * 1_000_000).tau
             states.append([*plant.q, *plant.dq])
             taus.append(tau)
         plant.step(tau)

@@ -139,9 +139,10 @@ class ObserverFeedback:
         # Of the hold at rest: place, time of joint and reference there, and who is held.
         self.place, self.stood, self.waited = np.zeros(2), np.zeros(2), np.zeros(2)
         self.held: Flags = np.zeros(2, bool)
-        # ln s and s of (OG1), the slow part of the feedback, and the feedback.
+        # ln s and s of (OG1), the half-waves of the feedback, the last first, its slow part, and
+        # the feedback.
         self.retreat, self.part = 0.0, 1.0
-        self.slow_f, self.f = np.zeros(2), np.zeros(2)
+        self.waves, self.slow_f, self.f = np.zeros((3, 2)), np.zeros(2), np.zeros(2)
 
     def ahead(self, at: Seen, M: Array, bias: Array, command: Array) -> Seen:
         """Return the state a period later, (SO1)."""
@@ -151,37 +152,28 @@ class ObserverFeedback:
         dq: Array = h * np.linalg.solve(M, push - nearest(M, push, self.K)).astype(np.float64)
         more = weighted - mean + h / 6.0 * at.slope
         q = at.q + 0.5 * h * (at.dq + dq) + 0.5 * h * h * np.linalg.solve(M, more)
-        return self.kept(at, Seen(q, dq, end, at.P + h * at.slope, at.slope))
+        return Seen(q, dq, end, at.P + h * at.slope, at.slope)
 
-    def kept(self, before: Seen, after: Seen) -> Seen:
-        """Return a state with the joints that are held as they were."""
-        return Seen(np.where(self.held, before.q, after.q), np.where(self.held, 0.0, after.dq),
-                    after.torque, np.where(self.held, before.P, after.P),
-                    np.where(self.held, 0.0, after.slope))
-
-    def rested(self, q: Array) -> Flags:
-        """Take a measured position for (SS1), and return which joints it releases."""
+    def rested(self, q: Array) -> None:
+        """Take a measured position for (SS1)."""
         moved = np.abs(q - self.place) > 1e-4
-        released: Flags = moved & self.held
         self.place = np.where(moved, q, self.place)
         self.stood = np.where(moved, 0.0, self.stood + self.known.period)
-        self.waited = np.where(released, 0.0, self.waited)
+        self.waited = np.where(moved & self.held, 0.0, self.waited)
         self.held = self.held & ~moved
-        return released
 
-    def hold(self, point: Point, q: Array, M: Array) -> None:
+    def hold(self, point: Point, M: Array) -> None:
         """Hold the joints that (SS1) and (SS2) say."""
         w = self.gains.estimator_bandwidth
         still = (np.abs(point.dq) <= 1e-9) & (np.abs(point.ddq) <= 1e-9)
         self.waited = np.where(still, self.waited + self.known.period, 0.0)
-        near = M.diagonal() * self.gains.kp * np.abs(point.q - q) <= 2.0 * self.Ka
         long = (self.stood >= 2.0 / w) & (
             self.stood * self.waited >= (6.0 / w + self.Ka / self.R) ** 2)
-        self.held = still & (self.held | (near & long))
+        self.held = still & long & (self.K * self.stood ** 2 >= 4e-4 * M.diagonal())
 
     def corrected(self, q: Array, dq: Array) -> Seen:
         """Return the state with what the measured position says, (SO2)."""
-        released = self.rested(q)
+        self.rested(q)
         if self.seen is None:
             return Seen(q, dq, np.zeros(2), np.zeros(2), np.zeros(2))
         h, at = self.known.period, self.seen
@@ -192,12 +184,10 @@ class ObserverFeedback:
                     np.sqrt(s) * self.Ka)
         slope = at.slope - s * s * (1 - w) ** 4 / h ** 3 * force
         slope[(np.abs(P) >= np.sqrt(s) * self.Ka) & (slope * P > 0.0)] = 0.0
-        to = self.kept(at, Seen(
+        return Seen(
             at.q + (1 - w ** 4) * e,
-            at.dq + (1 - w) ** 2 * (11 + 14 * w + 11 * w * w) / (6.0 * h) * e, at.torque, P,
-            slope))
-        return Seen(np.where(released, q, to.q), np.where(released, 0.0, to.dq), to.torque,
-                    np.where(released, at.P, to.P), np.where(released, 0.0, to.slope))
+            at.dq + (1 - w) ** 2 * (11 + 14 * w + 11 * w * w) / (6.0 * h) * e, at.torque,
+            np.where(self.held, at.P, P), np.where(self.held, 0.0, slope))
 
     def friction(self, point: Point, later: float) -> Array:
         """Return F of (FR1)."""
@@ -241,8 +231,7 @@ class ObserverFeedback:
         f = np.clip(m * ((point.dq + x[1]) / h + point.ddq + back) + F, -self.K, self.K)
         stands = (np.abs(point.dq) <= 1e-9) & (np.abs(point.ddq) <= 1e-9)
         ddx = np.where(stands, 0.0, (F - f) / m) + back
-        return (np.where(self.held, x[0], x[0] + h * x[1] + 0.5 * h * h * ddx),
-                np.where(self.held, x[1], x[1] + h * ddx))
+        return x[0] + h * x[1] + 0.5 * h * h * ddx, x[1] + h * ddx
 
     def relief(self) -> Array:
         """Return the divisor of (FR5)."""
@@ -273,22 +262,33 @@ class ObserverFeedback:
         if np.isfinite(self.R).any():
             rest = tau - sent
             rest = rest - np.clip(rest, -10e-3 * self.R, 10e-3 * self.R)
-            less = np.linalg.solve(M, rest) / self.relief()
-            x = x[0], np.where(self.held, x[1], x[1] - less)
-        self.hold(point, at.q, M)
+            x = x[0], x[1] - np.linalg.solve(M, rest) / self.relief()
+        self.hold(point, M)
         self.x, self.ddq, self.before = x, point.ddq, mass
-        self.noticed(feedback)
+        self.noticed(feedback, tau - sent)
         self.K = self.learned(now)
         self.transit.append(sent)
         self.seen = self.ahead(now, mass, weight, self.transit.pop(0))
         return sent
 
-    def noticed(self, feedback: Array) -> None:
+    def noticed(self, feedback: Array, missing: Array) -> None:
         """Go on with s of (OG1)."""
         h = self.known.period
-        s = np.exp(self.retreat)
-        self.slow_f = self.slow_f + s * (1.0 - np.exp(-30.0 * h)) * (feedback - self.slow_f)
-        ratio = np.max(np.abs(feedback - self.slow_f) / (self.Ka + np.abs(self.slow_f)))
+        self.waves = self.waves * np.exp(-10.0 * h)
+        for i in (0, 1):
+            if feedback[i] * self.waves[0, i] < 0.0:
+                self.waves[:, i] = [0.0, *self.waves[:2, i]]
+            if abs(feedback[i]) > abs(self.waves[0, i]):
+                self.waves[0, i] = feedback[i]
+        f1, f2, size = abs(self.waves[1]), abs(self.waves[2]), np.abs(feedback)
+        follow = self.R / np.sqrt(self.gains.kp)
+        given = np.sign(feedback) * np.maximum(size - np.abs(missing), 0.0)
+        part = np.exp(self.retreat) * (1.0 - np.exp(-30.0 * h))
+        self.slow_f = self.slow_f + part * (given - self.slow_f)
+        known = np.where(np.isfinite(follow), follow, 0.0)
+        ratio = np.max(np.maximum(
+            np.abs(given - self.slow_f) / (self.Ka + known + np.abs(self.slow_f)),
+            np.minimum(size, np.minimum(f1, f2)) / np.minimum(self.Ka, follow)))
         if self.gains.guarded:
             self.retreat = max(np.exp(-0.5 * h) * self.retreat - 80.0 * h * max(ratio - 0.5, 0.0),
                                np.log(0.1))

@@ -29,6 +29,7 @@ def compile_step(law: Controller) -> None:
     for code in step.codes:
         if not code.compiled:
             build(code)
+    law.memories = law.memories  # From now on, it is used.
 
 
 def compile_runs(*setups: Setup) -> None:

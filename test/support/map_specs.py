@@ -19,8 +19,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.robustness.runs import Runs
-from ctc_chattering.robustness.spec import MapSpec, parse
+from ctc_chattering.runs.points import Runs
+from ctc_chattering.runs.spec import MapSpec, parse
 import yaml
 
 #: On the reference at the start, so that short runs have small errors.

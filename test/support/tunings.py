@@ -20,8 +20,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ctc_chattering.robustness.tuning.runs import Evaluation, tune, Tuning
-from ctc_chattering.robustness.tuning.spec import parse_tune, TuneSpec
+from ctc_chattering.runs.tune import Evaluation, searched, Tuning
+from ctc_chattering.runs.tune_spec import parse_tune, TuneSpec
 
 
 def short_spec(**more: Any) -> TuneSpec:
@@ -38,4 +38,4 @@ def short_spec(**more: Any) -> TuneSpec:
 def short_tuning(torque_limit: float = 5e3, percentile: float = 100.0) -> Tuning:
     """Return a search of 12 trials."""
     found = short_spec(tune={'torque_limit': torque_limit})
-    return tune(Evaluation(found, percentile, map), 12, 1)
+    return searched(Evaluation(found, percentile, map), 12, 1)

@@ -29,10 +29,9 @@ from ctc_chattering.cli.options import (
 )
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
-from ctc_chattering.errors import given_by_user, near, UsageError
-from ctc_chattering.simulation.plant_config import PlantConfig
-from ctc_chattering.studies.comparison import FILE, GAINS
-from ctc_chattering.studies.conditions import ALL, check_conditions, CONDITIONS
+from ctc_chattering.errors import given_by_user
+from ctc_chattering.runs.compare import FILE, GAINS
+from ctc_chattering.runs.conditions import ALL, CONDITIONS
 
 DETAILS = ('Run every parameter file with every law and, under law chattering, every switching; '
            'print the RMS error of each joint. Write compare.md, compare.csv, figures, '
@@ -67,50 +66,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc compare`."""
     from ctc_chattering.cli.progress import counting_bar
-    from ctc_chattering.studies.compare_laws import compare
-    from ctc_chattering.studies.comparison_files import NAMES, PAGE, write_comparison
-    from ctc_chattering.studies.comparison_tables import to_markdown
-    from ctc_chattering.studies.score import over_simulation, Runner
+    from ctc_chattering.runs.compare import compare
+    from ctc_chattering.runs.compare_page import NAMES, PAGE, to_markdown, write_comparison
+    from ctc_chattering.runs.score import over_simulation, Runner
 
     runner: Runner = over_simulation
     if options.ros:
-        from ctc_chattering.studies.over_ros import over_ros as runner
-    files, backends, laws = list(map(find_file, options.files)), _backends(options), _laws(options)
-    others, conditions = _others(options), options.condition or []
-    check_conditions(conditions)
-    if options.out is not None:
-        prepare(options.out, NAMES, options.overwrite)
-    with counting_bar(desc='compare', unit='law') as progress:
+        from ctc_chattering.runs.reproduction import over_ros as runner
+    if options.out is not None and not options.overwrite:
+        prepare(options.out, NAMES)  # Refused before the runs rather than after them.
+    jobs = 1 if options.ros else number_of_jobs(options.jobs)
+    with (counting_bar(desc='compare', unit='law') as progress, given_by_user(
+            ('laws', 'condition', 'plant_backend', 'held_out', 'seed'))):
         outcomes = compare(
-            files, laws, conditions, backends, options.gains, others, options.seed,
-            1 if options.ros else number_of_jobs(options.jobs), runner, say, progress)
+            list(map(find_file, options.files)), options.laws.split(','), options.condition or [],
+            options.backend or [], options.gains, options.held_out, options.seed, jobs, runner,
+            say, progress)
     print(to_markdown(outcomes))
     if options.out is not None:
+        prepare(options.out, NAMES, options.overwrite)
         write_comparison(outcomes, options.out, options.format, options.said)
         print_page(options.out / PAGE)
     return 0
-
-
-def _backends(options: argparse.Namespace) -> list[str]:
-    """Return the backends, none for the file's; raise `UsageError`."""
-    for name in options.backend or ():
-        with given_by_user(['plant_backend']):
-            PlantConfig.parameters()['plant_backend'].check(name, 0)
-    return options.backend or []
-
-
-def _laws(options: argparse.Namespace) -> list[str]:
-    """Return the laws, or raise `UsageError`."""
-    names: list[str] = options.laws.split(',')
-    for law in names:
-        if law not in LAWS:
-            raise UsageError(f'--laws: no law is called {law}; allowed: {", ".join(LAWS)}'
-                             + near(law, LAWS))
-    return names
-
-
-def _others(options: argparse.Namespace) -> int:
-    """Return the number of held-out conditions, or raise `UsageError`."""
-    if options.held_out < 0 or not 0 <= options.seed < 2 ** 32:
-        raise UsageError('allowed: --held-out from 0 on, --seed from 0 to 2**32 - 1')
-    return int(options.held_out)

@@ -24,9 +24,9 @@ from typing import Any
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import columns, print_columns
-from ctc_chattering.cli.options import add_output, add_params_file, check, find_file
+from ctc_chattering.cli.options import add_output, add_params_file, check, find_file, numbers
 from ctc_chattering.configuration import parameter_file
-from ctc_chattering.errors import CtcError, given_by_user, ParameterError
+from ctc_chattering.errors import CtcError, given_by_user
 from ctc_chattering.identification.excite import (
     CHECK,
     excite,
@@ -36,7 +36,6 @@ from ctc_chattering.identification.excite import (
     RUN,
     write,
 )
-from ctc_chattering.parameters import Parameter
 import numpy as np
 
 DETAILS = ('Slow reversals of every joint at a few poses, where it also creeps, then multisines, '
@@ -112,36 +111,21 @@ def run(options: argparse.Namespace) -> int:
     _show(found)
     if options.out is not None:
         print(f'{len(found.excitation.route.times)} waypoints: {options.out / MOTION}; play them '
-              f'with --params-file {options.out / RUN}')
+              f'with bringup {options.out / RUN}')
     return 0
 
 
 def _request(options: argparse.Namespace, n: int) -> dict[str, Any]:
-    """Return what the options ask for; `ParameterError` for what is no number."""
-    values: dict[str, Any] = {name: getattr(options, name) for name in _SCALARS}
-    for name in _LISTS:
-        text = getattr(options, name)
-        if text is not None:
-            values[name] = _per_joint(name, text, n)
-    return values
+    """Return what the options ask for."""
+    return {name: getattr(options, name) for name in _SCALARS} | {
+        name: numbers(name, text, n) for name in _LISTS
+        if (text := getattr(options, name)) is not None}
 
 
 def _friction(options: argparse.Namespace, n: int) -> tuple[float, ...] | None:
     """Return the friction that an option gives, length n [N·m]; None without it."""
-    if options.friction is None:
-        return None
-    values = _per_joint('friction', options.friction, n)
-    Parameter('friction', 'float[]', None, '', minimum=0.0, shape='n').check(values, n)
-    return values
-
-
-def _per_joint(name: str, text: str, n: int) -> tuple[float, ...]:
-    """Return the numbers of an option; one stands for all joints."""
-    try:
-        values = tuple(float(word) for word in text.split(','))
-    except ValueError:
-        raise ParameterError(name, text, f'a number, or {n} numbers A,B,C') from None
-    return values * n if len(values) == 1 else values
+    return None if options.friction is None else numbers(
+        'friction', options.friction, n, ' >= 0', lambda x: x >= 0.0)
 
 
 def _text(file: Path) -> str:

@@ -17,22 +17,26 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.analysis.tables import paragraph
 from ctc_chattering.cli.command_line import say
-from ctc_chattering.cli.effort_options import add_effort_options, declared, factors
 from ctc_chattering.cli.options import add_format, add_output, numbers
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.configuration.robot_description import read_description
 from ctc_chattering.errors import CtcError, UsageError
+from ctc_chattering.identification.effort import check_effort, CURRENT, EffortNames, LINK, MOTOR
 
 if TYPE_CHECKING:
-    from ctc_chattering.analysis.recording import RecordedMotion
+    from ctc_chattering.analysis.recording import RecordedMotion, Recording
     from ctc_chattering.identification.identified_robot import IdentifiedRobot
 
+#: Options that say what the effort is.
+_EFFORT = EffortNames('--effort', '--gear-ratio', '--torque-constant')
 DETAILS = ('The bags may come from any recorder; intervals are those of 95 %. Write '
            'identified.yaml, identify.json, figures and index.html.')
 
@@ -52,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help="acceleration of gravity [m/s²], default: the bag's, or 9.81")
     parser.add_argument('--torque', choices=('command', 'effort'),
                         help='source of the torques, default: what explains the motion better')
-    add_effort_options(parser)
+    _add_effort_options(parser)
     parser.add_argument('--states', default='joint_states', metavar='TOPIC',
                         help='topic of the joint states, default: joint_states, or the only '
                              'one that fits')
@@ -88,10 +92,10 @@ def run(options: argparse.Namespace) -> int:
         if (getattr(options, name) or 0) < 0:
             raise UsageError(f'--{name}: {getattr(options, name)} is not allowed; allowed: 0 or '
                              'more')
-    side = declared(options)
+    side = _declared(options)
     urdf = read_description(options.urdf) if options.urdf else ''
     *motions, last = _motions(options, urdf)
-    of_effort = factors(options, [x.recording for x in (*motions, last)])
+    of_effort = _factors(options, [x.recording for x in (*motions, last)])
     motions += [] if options.validate else [last]
     rate = _rates(options.torque_rate, len(motions[0].recording.joints))
     out = prepare(options.out, NAMES, options.overwrite)
@@ -132,7 +136,7 @@ def _rates(text: str | None, n: int) -> tuple[float, ...]:
     """Return the allowed rate of each joint [N·m/s] from the option; empty without."""
     if text is None:
         return ()
-    return numbers('--torque-rate', text, n, 'above 0', lambda x: x > 0.0)
+    return numbers('--torque-rate', text, n, ' above 0', lambda x: x > 0.0)
 
 
 def _shown(found: IdentifiedRobot, out: Path) -> int:
@@ -147,7 +151,38 @@ def _shown(found: IdentifiedRobot, out: Path) -> int:
             print('\n'.join(paragraph(line)))
         print_page(out / PAGE)
     else:
-        print_page(out / PAGE, f'ctc simulate --params-file {out / VALUES}')
+        print_page(out / PAGE, f'ctc simulate {out / VALUES}')
     if not any(x.usable for x in found.results.verdicts):
         raise CtcError(f'no joint is usable: why, and what to record, is in {out / PAGE}')
     return 0
+
+
+def _add_effort_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what the effort in joint states is."""
+    parser.add_argument('--effort', choices=(MOTOR, LINK, CURRENT),
+                        help='what the effort is: the torque of the motor, that of the link '
+                             '(sensor behind the gear), or a current; default: guessed')
+    parser.add_argument('--gear-ratio', metavar='N',
+                        help='turns of the motor per turn of the joint, where the effort is a '
+                             'torque or a current at the motor; one number or one for each joint')
+    parser.add_argument('--torque-constant', metavar='K',
+                        help='torque of the motor per ampere [N·m/A], or of the joint without '
+                             '--gear-ratio')
+
+
+def _declared(options: argparse.Namespace) -> str:
+    """Return what the effort is, empty for a guess; raise `UsageError` for what contradicts."""
+    side: str = options.effort or ''
+    check_effort(side, bool(options.gear_ratio), bool(options.torque_constant), names=_EFFORT)
+    return side
+
+
+def _factors(options: argparse.Namespace, recordings: Sequence[Recording]
+             ) -> dict[str, tuple[float, ...]]:
+    """Return the arguments of `identify` that the options give; raise `UsageError`."""
+    check_effort(_declared(options), bool(options.gear_ratio), bool(options.torque_constant),
+                 recordings, _EFFORT)
+    return {name: numbers(option, text, len(recordings[0].joints), ' that is not 0',
+                          lambda x: isfinite(x) and x != 0.0)
+            for name, option in _EFFORT._asdict().items() if name != 'side'
+            and (text := getattr(options, name))}

@@ -46,9 +46,9 @@ def run(options: argparse.Namespace) -> int:
     """Run `ctc map`."""
     from ctc_chattering.cli.map_explanation import explain
     from ctc_chattering.cli.progress import counting_bar
-    from ctc_chattering.robustness.computation import compute_map, map_spec
-    from ctc_chattering.robustness.runs import Runs
-    from ctc_chattering.robustness.shards import PAGE
+    from ctc_chattering.runs.map import compute_map, map_spec
+    from ctc_chattering.runs.points import Runs
+    from ctc_chattering.runs.store import PAGE
 
     if options.jobs is not None and options.scheduler is not None:
         raise UsageError('--jobs and --scheduler exclude each other: a cluster has its workers')

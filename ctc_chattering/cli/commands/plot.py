@@ -21,7 +21,7 @@ from pathlib import Path
 import sys
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.run_files import NAMES
+from ctc_chattering.analysis.run_page import NAMES
 from ctc_chattering.cli.options import add_format, add_output
 from ctc_chattering.cli.presentation import present
 from ctc_chattering.errors import CtcError

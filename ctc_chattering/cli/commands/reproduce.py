@@ -20,7 +20,7 @@ import argparse
 from contextlib import ExitStack
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.analysis.run_files import NAMES
+from ctc_chattering.analysis.run_page import NAMES
 from ctc_chattering.cli.options import add_format, add_output
 from ctc_chattering.cli.presentation import present
 from ctc_chattering.configuration.paper import EXPERIMENTS
@@ -37,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc reproduce`."""
     from ctc_chattering.cli.progress import Progress
-    from ctc_chattering.studies.reproduction import BAGS, reproduce
+    from ctc_chattering.runs.reproduction import BAGS, reproduce
 
     out = prepare(options.out, (BAGS, *NAMES), options.overwrite)
     width = max(len(experiment.name) for experiment in EXPERIMENTS)

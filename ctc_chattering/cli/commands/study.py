@@ -45,17 +45,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc study`."""
     from ctc_chattering.cli.progress import counting_bar
-    from ctc_chattering.studies import study_files
-    from ctc_chattering.studies.run_study import study
-    from ctc_chattering.studies.study import engines
+    from ctc_chattering.runs.study import engines, study
+    from ctc_chattering.runs.study_page import OF_LAWS, OF_SWITCHINGS, write_study
 
     jobs, start = number_of_jobs(options.jobs), time.monotonic()
-    kind = study_files.LAWS if options.laws else study_files.SWITCHINGS
+    kind = OF_LAWS if options.laws else OF_SWITCHINGS
     out = prepare(options.out, kind.names, options.overwrite)
     with counting_bar(desc=kind.name, unit='run') as progress:
         outcomes = study(options.laws, jobs=jobs, show=say, progress=progress)
     print('drawing ...', flush=True)
-    study_files.write_study(outcomes, out, options.format, options.said)
+    write_study(outcomes, out, options.format, options.said)
     failed = sum(bool(outcome.score.failure) for outcome in outcomes)
     print(f'{len(outcomes)} runs, {failed} diverged, {time.monotonic() - start:.0f} s. '
           f'{engines(outcomes)}.')

@@ -22,14 +22,22 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from ctc_chattering.analysis.output import prepare
-from ctc_chattering.cli.options import add_format, add_jobs, add_output, check, number_of_jobs
+from ctc_chattering.cli.options import (
+    add_format,
+    add_jobs,
+    add_output,
+    check,
+    find_file,
+    number_of_jobs,
+    numbers,
+)
 from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.control.switching import SWITCHINGS
-from ctc_chattering.errors import CtcError, given_by_user, ParameterError, UsageError
+from ctc_chattering.errors import CtcError, given_by_user, UsageError
 
 if TYPE_CHECKING:
-    from ctc_chattering.robustness.tuning.spec import TuneSpec
+    from ctc_chattering.runs.tune_spec import TuneSpec
 
 DETAILS = ('The search runs on random draws of what is uncertain, within limits of torque and '
            'torque rate; results are validated on fresh draws. Write tuned.yaml, a parameter '
@@ -43,11 +51,11 @@ _OF_TUNE = {'law': 'law', 'switching': 'switching', 'torque_limit': 'torque_limi
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc tune`."""
     robot = parser.add_mutually_exclusive_group(required=True)
-    robot.add_argument('spec', nargs='?', type=Path, metavar='SPEC.yaml',
-                       help='robot, uncertainty, limits and ranges: docs/tuning.md')
-    robot.add_argument('--params-file', metavar='F',
-                       help='parameter file, or the name of one in the package, such as panda; '
-                            'with a default uncertainty')
+    robot.add_argument('file', nargs='?', metavar='F',
+                       help='parameter file, or the name of one in the package, such as panda, '
+                            'with a default uncertainty; or a spec with robot, uncertainty, '
+                            'limits and ranges: docs/tuning.md')
+    robot.add_argument('--params-file', metavar='F', help='parameter file')
     robot.add_argument('--identified', type=Path, metavar='DIR',
                        help='output of ctc identify; its intervals are the uncertainty')
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
@@ -79,10 +87,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run `ctc tune`."""
     from ctc_chattering.cli.progress import counting_bar
-    from ctc_chattering.robustness.tuning import report
-    from ctc_chattering.robustness.tuning.files import NAMES, PAGE, TUNED, write_tuning
-    from ctc_chattering.robustness.tuning.tune import tune
-    from ctc_chattering.studies.search import require_optuna
+    from ctc_chattering.runs import tune_page
+    from ctc_chattering.runs.search import require_optuna
+    from ctc_chattering.runs.tune import tune
+    from ctc_chattering.runs.tune_page import NAMES, PAGE, TUNED, write_tuning
 
     require_optuna('ctc tune')
     check('--trials', options.trials, 1)
@@ -98,26 +106,31 @@ def run(options: argparse.Namespace) -> int:
         tuning = tune(spec, options.trials, options.percentile, jobs=jobs,
                       show=partial(print, flush=True), progress=progress)
     write_tuning(tuning, out, options.format, options.said)
-    print(report.text(tuning))
+    print(tune_page.text(tuning))
     if tuning.best is None:
-        raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '
+        raise CtcError(f'no trial keeps the limits; {tune_page.closest(tuning.trials)}; '
                        f'see {out / PAGE}')
     print()
-    print_page(out / PAGE, f'ctc simulate --params-file {out / TUNED}')
+    print_page(out / PAGE, f'ctc simulate {out / TUNED}')
     return 0
 
 
 def _spec(options: argparse.Namespace) -> TuneSpec:
     """Return what is tuned, from a spec, a parameter file, or what was identified."""
     from ctc_chattering.configuration.yaml_file import read_yaml
-    from ctc_chattering.robustness.spec import errors_of
-    from ctc_chattering.robustness.tuning.spec import parse_tune
-    from ctc_chattering.robustness.tuning.tune import tune_spec
+    from ctc_chattering.runs.spec import errors_of
+    from ctc_chattering.runs.tune import tune_spec
+    from ctc_chattering.runs.tune_spec import parse_tune
 
-    if options.spec:
-        with errors_of(options.spec):
-            return parse_tune(_given(read_yaml(options.spec), options), options.spec)
-    tree = {'params_file': options.params_file} if options.params_file else {}
+    params_file = options.params_file
+    if options.file:
+        spec = find_file(options.file)
+        tree = read_yaml(spec)
+        if 'ros__parameters' not in str(tree):
+            with errors_of(spec):
+                return parse_tune(_given(tree, options), spec)
+        params_file = options.file
+    tree = {'params_file': params_file} if params_file else {}
     return tune_spec(_given(tree, options), options.identified)
 
 
@@ -130,15 +143,7 @@ def _given(tree: Any, options: argparse.Namespace) -> Any:
                if (x := getattr(options, name)) is not None}
     for key in ('torque_limit', 'torque_rate_limit'):
         if key in section:
-            section[key] = _numbers(key, section[key])
+            limits = numbers(f'tune.{key}', section[key])
+            section[key] = list(limits) if len(limits) > 1 else limits[0]
     return {**tree, **values, **({'tune': {**(tree.get('tune') or {}), **section}}
                                  if section else {})}
-
-
-def _numbers(key: str, text: str) -> object:
-    """Return the numbers of an option."""
-    try:
-        values = [float(word) for word in text.split(',')]
-    except ValueError:
-        raise ParameterError(f'tune.{key}', text, 'a number, or numbers A,B,C') from None
-    return values if len(values) > 1 else values[0]

@@ -28,8 +28,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ctc_chattering.control.controller_config import ControllerConfig
-from ctc_chattering.control.delay_prediction import arriving
-from ctc_chattering.control.evaluation import Context, ControlMemory, State
+from ctc_chattering.control.delay_prediction import arriving, next_state
+from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
 from ctc_chattering.numerics.compilable import record
 from ctc_chattering.numerics.linear_algebra import Array
 
@@ -125,6 +125,22 @@ class Law(Protocol):
 
         """
 
+    def predicted_state(self, memory: Any, last: LastSample, context: Context,
+                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
+        """
+        Return the q and dq to be measured next, shape (n,) [rad, rad/s].
+
+        Parameters
+        ----------
+        memory
+            After the last sample.
+        last : LastSample
+            That sample.
+        context, control, points
+            As of the control step.
+
+        """
+
     def corrected(self, memory: Any, q: Array, dq: Array, held: Array) -> tuple[Any, Array, Array]:
         """
         Return memory, position and velocity as the law takes them.
@@ -204,6 +220,12 @@ def _initialized(self: Any, memory: T, now: State, estimate: Array | None) -> T:
     return memory
 
 
+def _predicted_state(self: Any, memory: T, last: LastSample, context: Context,
+                     control: ControlMemory, points: Array) -> tuple[Array, Array]:
+    state: tuple[Array, Array] = next_state(self, memory, last, context, control, points)
+    return state
+
+
 def _corrected(self: Any, memory: T, q: Array, dq: Array, held: Array) -> tuple[T, Array, Array]:
     return memory, q, dq
 
@@ -270,7 +292,8 @@ def law(symbol: str = '', of_the_paper: bool = False, acts_on_v: bool = False
     def marked(kind: type[T]) -> type[T]:
         attributes = {'symbol': symbol, 'of_the_paper': of_the_paper, 'acts_on_v': acts_on_v,
                       'initial': _initial, 'reconfigured': _reconfigured,
-                      'initialized': _initialized, 'corrected': _corrected, 'answer': _answer,
+                      'initialized': _initialized, 'predicted_state': _predicted_state,
+                      'corrected': _corrected, 'answer': _answer,
                       'bandwidth_in_use': _bandwidth_in_use, 'out_of_control': _out_of_control}
         return with_defaults(kind, attributes)
     return marked

@@ -36,7 +36,7 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
 from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.evaluation import Context, ControlMemory, State
+from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
 from ctc_chattering.control.feasible_reference import Desired, next_point
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.control.laws.observer_feedback import Place, placed
@@ -98,6 +98,11 @@ class ExtendedStateObserver(NamedTuple):
             now.M, estimate - self.fed_forward(now.dq_d, now.ddq_d), self.ka)
         return memory._replace(
             observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, followed=0.0)
+
+    def predicted_state(self, memory: ExtendedState, last: LastSample, context: Context,
+                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted."""
+        return memory.observed.q, memory.observed.dq
 
     def corrected(self, memory: ExtendedState, q: Array, dq: Array, held: Array
                   ) -> tuple[ExtendedState, Array, Array]:

@@ -26,8 +26,8 @@ control*, IEEE TIE 56, 2009), with the bound Ka of the paper's law (6). At every
 
 q_r is the reference with the deviation that the drives need, F the friction it makes. τ is within
 R (T + h) of the torque of the drives, in the metric of M⁻¹: beyond it they are no faster. The
-measured velocity is not used after the first sample. A joint that comes to rest gets a constant
-torque (`standstill`). Drives that are not as known make the feedback oscillate; `oscillation` then
+measured velocity is not used after the first sample. At a joint that comes to rest P̂ is kept
+(`standstill`). Drives that are not as known make the feedback oscillate; `oscillation` then
 gives the bandwidths of feedback, P̂, deviation and learning a factor s, and P̂ the bound √s Ka::
 
     f = M (k Kv (dq_r - dq̂) + k² Kp (q_r - q̂)),     k = max(s, 10 / √Kp_ii), at most 1     (OF5)
@@ -48,7 +48,13 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import ROWS
 from ctc_chattering.control.drive_model import drive_model
-from ctc_chattering.control.evaluation import Context, ControlMemory, Evaluates, State
+from ctc_chattering.control.evaluation import (
+    Context,
+    ControlMemory,
+    Evaluates,
+    LastSample,
+    State,
+)
 from ctc_chattering.control.feasible_reference import (
     Desired,
     Deviation,
@@ -70,13 +76,11 @@ from ctc_chattering.control.oscillation import (
     OscillationGuard,
 )
 from ctc_chattering.control.standstill import (
-    corrected,
     kept,
     moving,
     Rest,
     Standstill,
     standstill,
-    waiting,
 )
 from ctc_chattering.control.state_observer import Observed, state_observer, StateObserver
 from ctc_chattering.numerics.box_qp import nearest
@@ -165,8 +169,8 @@ class ObserverFeedback(NamedTuple):
             state_observer(drive_model(lag, rate, period), bandwidth, ka),
             feasible_reference(kp.diagonal(), kv.diagonal(), rate, lag, period),
             friction_level(config.friction_learning, bandwidth, period, ka),
-            standstill(bandwidth, ka, kp.diagonal(), rate, period),
-            oscillation_guard(ka, period), 1.0,
+            standstill(bandwidth, ka, rate, period),
+            oscillation_guard(ka, rate, np.sqrt(kp.diagonal()), period), 1.0,
             float(min(1.0, _STIFF / np.sqrt(kp.diagonal().max()))))
 
     def bandwidth_in_use(self, memory: Memory) -> float:
@@ -192,7 +196,7 @@ class ObserverFeedback(NamedTuple):
         zero = 0.0 * self.given
         return Memory(Observed(zero, zero, zero, zero, zero), np.zeros_like(self.kp), 0.0,
                       untaught(self.given), Deviation(zero, zero), 0.0, zero, 0.0, moving(zero),
-                      Oscillation(zero, 0.0, -GRACE))
+                      Oscillation(zero, zero, zero, zero, 0.0, -GRACE))
 
     def initialized(self, memory: Memory, now: State, estimate: Array | None) -> Memory:
         """Observe the state from the measured one, with the estimate of the other law."""
@@ -202,13 +206,18 @@ class ObserverFeedback(NamedTuple):
             observed=Observed(now.q, now.dq, now.zero, P, now.zero), known=0.0, deviating=0.0,
             followed=0.0, rest=moving(now.zero))
 
+    def predicted_state(self, memory: Memory, last: LastSample, context: Context,
+                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted."""
+        return memory.observed.q, memory.observed.dq
+
     def corrected(self, memory: Memory, q: Array, dq: Array, held: Array
                   ) -> tuple[Memory, Array, Array]:
         """Return q̂ and dq̂, corrected by the measured position; at first the measured ones."""
         rest = self.standstill.placed_at(memory.rest, q)
         if memory.known != 0.0:
-            at = corrected(memory.rest, rest, memory.observed, self.slowed_down(
-                memory).observer.correct(memory.observed, memory.mass, q), q)
+            at = kept(rest, memory.observed, self.slowed_down(memory).observer.correct(
+                memory.observed, memory.mass, q))
         else:
             at = Observed(q, dq, held, memory.observed.perturbation, memory.observed.slope)
         return Memory(at, memory.mass, memory.known, memory.learned, memory.deviation,
@@ -234,26 +243,25 @@ class ObserverFeedback(NamedTuple):
             by = Deviation(place.at.q - point.q, place.at.dq - point.dq)
         now_wanted = self.wanted(memory, place, point, by)
         tau, held = now_wanted.tau, place.at.torque
-        start = by
-        by = waiting(memory.rest, start, self.reference.following(
-            point, by, now_wanted.back, diagonal(place.M), memory.learned.level))
+        by = self.reference.following(
+            point, by, now_wanted.back, diagonal(place.M), memory.learned.level)
         if self.lagging != 0.0:
             after = placed(context.models.after, self.half_way(memory, place, tau))
             step = memory.followed * (point.ddq - memory.ddq)
             then = self.wanted(memory, after, next_point(point, step, self.reference.period), by)
             tau = self.observer.drives.command(tau, then.tau)
         sent = held + nearest(place.M, tau - held, self.observer.drives.reach)
-        by = waiting(memory.rest, start, self.reference.relieved(by, tau - sent, place.M))
+        by = self.reference.relieved(by, tau - sent, place.M)
         z = now_wanted.z
         return Terms(sent + z, now.zero, z, now.zero), Memory(
             memory.observed, memory.mass, memory.known, memory.learned, by, 1.0, point.ddq, 1.0,
-            self.standstill.judged(memory.rest, point, place.at.q, diagonal(place.M)),
-            self.guard.noticed(memory.oscillation, now_wanted.feedback))
+            self.standstill.judged(memory.rest, point, diagonal(place.M), memory.learned.level),
+            self.guard.noticed(memory.oscillation, now_wanted.feedback, tau - sent))
 
     def predicted(self, memory: Memory, place: Place, command: Array) -> Observed:
         """Return the state a period later, under a command to the drives."""
-        return kept(memory.rest, place.at, self.observer.predict(
-            place.at, place.M, place.bias, memory.learned.level, command))
+        return self.observer.predict(
+            place.at, place.M, place.bias, memory.learned.level, command)
 
     def wanted(self, memory: Memory, place: Place, point: Desired, by: Deviation) -> WantedTorque:
         """Return what (OF2) and (OF3) want."""
@@ -276,10 +284,9 @@ class ObserverFeedback(NamedTuple):
         at = memory.observed
         learned = self.slowed_down(memory).learning.learn(
             memory.learned, at.dq, at.perturbation)
-        by = waiting(memory.rest, memory.deviation, self.reference.relieved(
-            memory.deviation, applied.saturation_error, now.M))
+        by = self.reference.relieved(memory.deviation, applied.saturation_error, now.M)
         after = self.observer.predict(at, now.M, now.bias, learned.level, applied.tau)
-        return Memory(kept(memory.rest, at, after), now.M, 1.0, learned, by, memory.deviating,
+        return Memory(after, now.M, 1.0, learned, by, memory.deviating,
                       memory.ddq, memory.followed, memory.rest, memory.oscillation)
 
     def estimate(self, memory: Memory, now: State) -> Array:

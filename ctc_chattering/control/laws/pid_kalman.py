@@ -41,7 +41,7 @@ from typing import NamedTuple
 from ctc_chattering.control.controller_config import ControllerConfig
 from ctc_chattering.control.delay_prediction import arriving, ROWS
 from ctc_chattering.control.drive_model import drive_model, DriveModel
-from ctc_chattering.control.evaluation import Context, ControlMemory, State
+from ctc_chattering.control.evaluation import Context, ControlMemory, LastSample, State
 from ctc_chattering.control.laws.base import Applied, law, Terms
 from ctc_chattering.numerics.compilable import dot, record, solve, some
 from ctc_chattering.numerics.linear_algebra import Array
@@ -110,6 +110,11 @@ class PidKalman(NamedTuple):
         start = self.initial()
         return start if estimate is None else start._replace(
             integral=solve(now.M, estimate - self.friction_ahead(now)))
+
+    def predicted_state(self, memory: Kinematics, last: LastSample, context: Context,
+                        control: ControlMemory, points: Array) -> tuple[Array, Array]:
+        """Return q̂ and dq̂ as predicted."""
+        return memory.q, memory.dq
 
     def corrected(self, memory: Kinematics, q: Array, dq: Array, held: Array
                   ) -> tuple[Kinematics, Array, Array]:

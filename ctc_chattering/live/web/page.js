@@ -5,7 +5,7 @@
 history.replaceState(null, '', location.pathname);
 const STORE = 'ctc-live', $ = id => document.getElementById(id);
 let plots = null, numbers = null, player = null, about = [], socket = null;
-const say = words => { if (socket.readyState === 1) socket.send(JSON.stringify(words)); };
+const say = words => { if (socket?.readyState === 1) socket.send(JSON.stringify(words)); };
 
 // --- what the browser keeps
 function remembered() {
@@ -44,7 +44,7 @@ const receivers = {
   mark(t) { if (player(t)) moved(t); },
   silent(seconds) { if (plots) numbers(plots.runs, about, null, seconds); },
   controls: ctcControls($('controls'), say),
-  scene: ctcView($('view'), { read: remembered, write: remember }),
+  scene: ctcView($('view'), { read: remembered, write: remember }, say),
   ended(text) { $('ended').textContent = text; $('ended').hidden = !text; },
   ...status,
   reports(nodes) { $('reports').parentElement.hidden = false; status.reports(nodes); },

@@ -1,10 +1,10 @@
 // The view of viser in its frame: by day or by night, with the camera that this browser had last.
 // viser takes both from its address, and prints the camera whenever it moves.
 //
-//   const arms = ctcView(frame, {read, write});   // of an object that the browser keeps
+//   const arms = ctcView(frame, {read, write}, say);   // of an object that the browser keeps
 //   arms(name);   // which arms there are: a camera for others is of no use
 'use strict';
-const ctcView = (frame, store) => {
+const ctcView = (frame, store, say) => {
   const CAMERA = /^(&initialCamera(Position|LookAt|Up|Fov|Near|Far)=[-+.,e\d]{1,80}){1,6}$/;
   const night = matchMedia('(prefers-color-scheme: dark)');
   const dark = () => document.documentElement.dataset.theme === 'dark' || night.matches;
@@ -29,7 +29,9 @@ const ctcView = (frame, store) => {
     // Only a camera that was moved by hand is kept; until then the server's shows the arms.
     for (const kind of ['pointerdown', 'wheel', 'keydown'])
       inside.addEventListener(kind, event => {
-        moved ||= event.target.tagName === 'CANVAS' || kind === 'keydown';
+        if (moved || (event.target.tagName !== 'CANVAS' && kind !== 'keydown')) return;
+        moved = true;
+        say({ moved: null });
       }, { capture: true, passive: true });
     // Its own panel has nothing of ours.
     const style = inside.document.createElement('style');
@@ -56,11 +58,16 @@ const ctcView = (frame, store) => {
     };
     inside.cancelAnimationFrame = id => waiting.delete(id);
   }
+  const shape = () => say({ aspect: Math.min(3, Math.max(
+    0.3, frame.clientWidth / frame.clientHeight || 1)) });
+  new ResizeObserver(shape).observe(frame);
   night.addEventListener('change', open);
   open();
   return name => {
     const before = kept();
     scene = name;
-    if (before && before.scene !== name) { store.write({ camera: null }); open(); }
+    shape();
+    if (before?.scene === name) say({ moved: null });
+    else if (before) { store.write({ camera: null }); open(); }
   };
 };

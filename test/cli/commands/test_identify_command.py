@@ -95,7 +95,7 @@ def test_what_the_effort_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
             (['--effort', 'link', '--gear-ratio', '100'], 'behind the gear it is 1'),
             (['--effort', 'motor', '--torque-constant', '1'], 'needs --effort current'),
             (['--effort', 'current', '--gear-ratio', '1'], 'needs --torque-constant'),
-            (['--effort', 'current', '--torque-constant', '1,2,3'], 'one number that is not 0, or '
+            (['--effort', 'current', '--torque-constant', '1,2,3'], 'a number that is not 0, or '
                                                                     '2 with commas'),
             (['--effort', 'current', '--torque-constant', '0'], '0 is not allowed'),
             (['--effort', 'currents'], 'did you mean current?')):

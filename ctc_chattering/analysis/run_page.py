@@ -1,0 +1,333 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is written of runs: figures, numbers, samples and the page with interactive plots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.analysis import page
+from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.analysis.interactive_plots import coded, PARTS, signals_of
+from ctc_chattering.analysis.markup import fragment, Markup
+from ctc_chattering.analysis.metrics import BAND
+from ctc_chattering.analysis.output import check_format, file_stem, finite, prepare, write_text
+from ctc_chattering.analysis.page import (
+    Card,
+    Cards,
+    Folded,
+    Note,
+    PlottedRun,
+    Section,
+    SignalPlots,
+)
+from ctc_chattering.analysis.result import Result, write_metrics
+from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
+from ctc_chattering.analysis.tables import Table
+from ctc_chattering.arguments import check_each, checked
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.numerics.linear_algebra import Array
+import numpy as np
+
+#: Numbers of a run that a page reads in full; of more, extremes of stretches are left.
+MOST = 5_000_000
+#: Signals that are shown at first.
+_CHOSEN = ('e', 'torque', 'V')
+
+
+def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlots]:
+    """
+    Write the samples of each run as a script, and return plots: one for each experiment.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Runs.
+    directory : Path
+        Created if necessary.
+
+    Raises
+    ------
+    CtcError
+        If a file cannot be written.
+
+    """
+    groups: dict[tuple[str, ...], list[tuple[Result, str, str]]] = {}
+    for result, name, colour in zip(results, names(results), colours(results)):
+        groups.setdefault((result.experiment, *result.joint_names, *result.position_units),
+                          []).append((result, name, colour))
+    used: set[str] = set()
+    return [_written(group, directory, used) for group in groups.values()]
+
+
+def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: set[str]
+             ) -> SignalPlots:
+    """Write the samples of runs that are plotted together."""
+    first, runs, long = group[0][0], [], []
+    for result, name, colour in group:
+        # The page has q_d from q and e; beside each other, runs have no parts of the torque.
+        left_out = ('q_d', *(PARTS if len(group) > 1 else ()))
+        t, signals = decimated(result.run.t, {
+            x: rows for x, rows in signals_of(result).items() if x not in left_out}, MOST)
+        path = directory / f'{file_stem(name, used)}.js'
+        write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{coded(t, signals)}";\n')
+        runs.append(PlottedRun(name.removeprefix(f'{result.experiment}: '), path, colour))
+        long += [name] if len(t) < len(result.run.t) else []
+    # Not the start, with its large errors.
+    settled = min(first.window[0], 0.4 * float(first.run.t[-1]))
+    marks = {time for result, _, _ in group for time, _ in result.marks}
+    text = ('Error e = q_d − q, torque sent, V and further signals of every sample. While times '
+            f'after {2.0 * settled:.3g} s are shown, axes are scaled without the first '
+            f'{settled:.3g} s.')
+    if long:
+        text += (f' Too long to show every sample of: {", ".join(long)}. The least and greatest '
+                 'value of each stretch are there, so rates and spectra are wrong; ctc export '
+                 'writes all samples.')
+    if len(marks) == 1:
+        text += ' The line marks the change of law or switching.'
+    return SignalPlots(
+        f'Signals of {first.experiment}', text, first.joint_names, first.position_units, runs,
+        _CHOSEN, settled, marks.pop() if len(marks) == 1 else None)
+
+
+def decimated(t: Array, signals: dict[str, Array], most: int) -> tuple[Array, dict[str, Array]]:
+    """
+    Return `most` numbers at most: of stretches the least and greatest value, in their order.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times.
+    signals : dict of ndarray, shape (N, n)
+        Their samples.
+    most : int
+        Of all columns together.
+
+    """
+    rows = max(2, most // (1 + sum(x.shape[1] for x in signals.values())))
+    if len(t) <= rows:
+        return t, signals
+    every = -(-2 * len(t) // rows)
+    starts = np.arange(0, len(t), every)
+    found = {}
+    for name, values in {**signals, 'q_d': signals['q'] + signals['e']}.items():
+        ends = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
+        falls = values[starts] > 0.5 * (ends[0] + ends[1])
+        found[name] = np.where(falls, ends[::-1], ends).swapaxes(0, 1).reshape(-1, values.shape[1])
+    middle = np.minimum(starts + every // 2, len(t) - 1)
+    return np.stack([t[starts], t[middle]], axis=1).ravel(), found
+
+
+#: Columns of the table, per run and per joint: key, heading, unit.
+RUN_COLUMNS = (('max_error_norm1_rad', 'Largest Σ |eᵢ|', 'rad'),
+               ('reaching_time_s', 'v reached', 's'))
+JOINT_COLUMNS = (('rms_error_rad', 'RMS error', 'rad'), ('rms_torque_nm', 'RMS torque', 'N·m'),
+                 ('torque_variation_nm_per_s', 'Torque variation', 'N·m/s'),
+                 ('max_torque_step_nm', 'Largest torque step', 'N·m'),
+                 ('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'))
+_LARGEST = 'max_error_norm1_rad'
+_BASE = 'compensation'
+_TITLE = 'Computed torque plus compensation plus chattering'
+_LEAD = ('A robot arm with friction that the controller does not know, under computed torque\n'
+         'plus compensation, under the same law plus a chattering term Ka sgn(v), or under '
+         'others.')
+#: A run under chattering, its metrics, and those of the experiment under compensation.
+Pair = tuple[Result, dict[str, Any], dict[str, Any]]
+
+
+def write_page(results: Sequence[Result], figures: Sequence[FigureFile], path: Path,
+               bags: Sequence[str] = (), plots: Sequence[SignalPlots] = (), command: str = ''
+               ) -> None:
+    """
+    Write a page with the results.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Rows of the table; ``metrics.json`` with their numbers is beside the page.
+    figures : sequence of FigureFile
+        As `save_figures` returns them; linked relative to the page. Those of a run are folded.
+    path : Path
+        The page, for example ``out/index.html``.
+    bags : sequence of str
+        Path of each result's bag relative to the page; left out for no links.
+    plots : sequence of SignalPlots
+        As `write_samples` returns them.
+    command : str
+        What was run.
+
+    Raises
+    ------
+    CtcError
+        If the file cannot be written.
+
+    """
+    runs = [{**finite(result.metrics()), 'name': name}
+            for result, name in zip(results, names(results))]
+    pairs = _pairs(results, runs)
+    cards = [*map(_gain, pairs), *_reachings(results, runs)]
+    folded = [Folded(name, list(mine), len(results) == 1) for name, mine in groupby(
+        figures, lambda x: x.group) if name]
+    page.write_page(path, _headline(pairs), _LEAD, [
+        Section('Result', [*([Cards(cards)] if cards else []),
+                           *(x for x in figures if not x.group)]),
+        Section('Signals', plots),
+        Section('Numbers', [_table(results, runs), *(
+            Note(f'{text}.', f'{run["name"]}:') for run in runs for text in run['notes'])]),
+        Section('Figures of each run', folded)],
+        [('metrics.json', 'metrics.json'), *(
+            (bag, f'bag of {run["name"]}') for run, bag in zip(runs, bags))], command)
+
+
+def _gain(pair: Pair) -> Card:
+    """Return the card of a run under another law than compensation."""
+    result, run, base = pair
+    unit, law = result.position_units[0], result.law
+    return Card(run['name'], _factor(base[_LARGEST], run[_LARGEST]), [fragment(
+        'Largest error: <b class="law" style="--law: {{ first }}">{{ a | number }} {{ unit }}</b> '
+        'under {{ base }} → <b class="law" style="--law: {{ colour }}">{{ b | number }} '
+        '{{ unit }}</b> with {{ law }}.', a=base[_LARGEST], b=run[_LARGEST], unit=unit, law=law,
+        base=_BASE, first=LAW_COLOURS[_BASE], colour=LAW_COLOURS[law])], [
+        f'{heading}: ' + '; '.join(
+            f'{name} {_factor(before, after)}' for name, before, after in zip(
+                result.joint_names, base[key], run[key]))
+        for heading, key in (('RMS error', 'rms_error_rad'),
+                             ('Torque variation', 'torque_variation_nm_per_s'))])
+
+
+def _table(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Table:
+    """Return the numbers: a row a joint, those of the whole run in the first of them."""
+    rows: list[list[str]] = []
+    for result, run, colour in zip(results, runs, colours(results)):
+        title = fragment(
+            '<i class="dot" style="background: {{ colour }}"></i>{{ name }}<br><small>'
+            '{% if source %}bag {{ source }}; {% endif %}{{ gains }}</small>', colour=colour,
+            name=run['name'], source=result.source, gains=gains(result))
+        for i, joint in enumerate(result.joint_names):
+            rows.append([
+                '' if i else title, joint,
+                *('' if i else _value(result, 0, run[key], unit) for key, _, unit in RUN_COLUMNS),
+                *(_value(result, i, run[key] and run[key][i], unit)
+                  for key, _, unit in JOINT_COLUMNS)])
+    note = (f'v reached: the time from which every |vᵢ| stays within {BAND:g} rad/s to the end. '
+            'Torque variation: Σ |Δτ| per second; step and rate: from one sample to the next.')
+    if any(run['rms_error_rad'] for run in runs):
+        low, high = runs[0]['window_s']
+        note = f'Errors and torques: over t = {low:g} s to {high:g} s. {note}'
+    return Table('', ['Run', 'Joint', *(
+        fragment('{{ name }}<br><small>[{{ unit }}]</small>', name=heading, unit=unit)
+        for _, heading, unit in (*RUN_COLUMNS, *JOINT_COLUMNS))], rows, 2, note)
+
+
+def _value(result: Result, joint: int, number: float | None, unit: str) -> Markup:
+    """Return a number, with its unit where a prismatic joint has another than the heading."""
+    other = unit != 's' and result.position_units[joint] != 'rad'
+    return fragment('{{ number | number }}{% if unit %} <small>{{ unit }}</small>{% endif %}',
+                    number=number, unit=unit.replace('rad', 'm').replace('N·m', 'N')
+                    if other else '')
+
+
+def _factor(before: float | None, after: float | None) -> str:
+    """Return by what factor `after` is smaller or larger."""
+    if before is None or after is None:
+        return 'unknown'
+    if before == after:
+        return 'the same'
+    if not after or not before:
+        return 'zero' if not after else 'no longer zero'
+    ratio = max(before / after, after / before)
+    text = f'{ratio:.2g}' if ratio < 9.95 else f'{ratio:,.0f}'
+    return f'{text}× {"smaller" if after < before else "larger"}'
+
+
+def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> list[Pair]:
+    """Return each run under another law only, with its metrics and those under compensation."""
+    whole = [(result, run) for result, run in zip(results, runs)
+             if not result.changes and run[_LARGEST] is not None]
+    base = {result.experiment: run for result, run in reversed(whole)
+            if result.law == _BASE}
+    return [(result, run, base[result.experiment]) for result, run in whole
+            if result.law != _BASE and result.experiment in base]
+
+
+def _headline(pairs: Sequence[Pair]) -> str:
+    if not pairs:
+        return _TITLE
+    result, run, base = pairs[0]
+    return (f'With {result.law} the largest tracking error is '
+            f'{_factor(base[_LARGEST], run[_LARGEST])} ({result.experiment})')
+
+
+def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Iterator[Card]:
+    """Yield a card of each run in which v reached 0 after a change of law: how long that took."""
+    for result, run in zip(results, runs):
+        reached = run['reaching_time_s']
+        if result.changes and reached is not None and reached > result.changes[-1][0]:
+            time, law = result.changes[-1]
+            yield Card(run['name'], f'{reached - time:#.2g} s', [fragment(
+                'after the change to <b class="law" style="--law: {{ colour }}">{{ law }}</b> at '
+                't&nbsp;=&nbsp;'
+                '{{ time }}&nbsp;s the filtered error v of every joint is within {{ band }}&nbsp;'
+                'rad/s, and stays there.', law=law, time=f'{time:g}',
+                band=f'{BAND:g}', colour=LAW_COLOURS.get(law, ''))])
+
+
+#: Names in the directory of `write_runs`.
+FIGURES, METRICS, PAGE, SAMPLES = NAMES = ('figures', 'metrics.json', 'index.html', 'samples')
+
+
+@checked(results=Sequence, out=(str, Path), bags=Sequence, command=str)
+def write_runs(results: Sequence[Result], out: str | Path, bags: Sequence[str | Path] = (),
+               extra: str = 'svg', command: str = '') -> None:
+    """
+    Write figures, numbers and a page with interactive plots, on which runs are compared.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        As `simulate` and `read_bag` return them.
+    out : str or Path
+        Directory for ``index.html``, ``metrics.json``, ``figures``, ``samples``.
+    bags : sequence of str or Path
+        The bag of each result, to which the page links; empty for no links.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If there is no result, a run has no samples, a file exists already, or cannot be written.
+
+    """
+    from ctc_chattering.analysis.figures import save_figures
+    from ctc_chattering.analysis.run_page import write_page, write_samples
+
+    check_each('results', results, Result, 1)
+    check_each('bags', bags, (str, Path))
+    if len(bags) not in (0, len(results)):
+        raise ParameterError('bags', bags, f'none, or {len(results)}, one of each result')
+    check_format(extra)
+    out = prepare(Path(out), NAMES)
+    figures = save_figures(results, out / FIGURES, extra)
+    write_metrics(results, out / METRICS)
+    write_page(results, figures, out / PAGE, [os.path.relpath(bag, out) for bag in bags],
+               write_samples(results, out / SAMPLES), command)

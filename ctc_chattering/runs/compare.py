@@ -1,0 +1,313 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""All laws on any robot and plant, under conditions, with gains of the file or by rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import dataclasses
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.arguments import check_each, checked, whole
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.control.controller import ControllerConfig, LAWS
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.runs.conditions import (
+    ALL,
+    check_conditions,
+    Condition,
+    condition,
+    CONDITIONS,
+    held_out,
+    HeldOut,
+)
+from ctc_chattering.runs.pool import in_parallel
+from ctc_chattering.runs.recommended import by_rule
+from ctc_chattering.runs.score import over_simulation, Runner, Score, score, worst
+from ctc_chattering.simulation.plant_config import PlantConfig
+
+#: Where gains come from.
+GAINS = FILE, RECOMMENDED = 'file', 'recommended'
+
+
+class Variant(NamedTuple):
+    """A law with its switching, '' for one without, and where its gains come from."""
+
+    law: str
+    switching: str
+    settings: str
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Return what names the law, as parameters of the controller."""
+        return {'law': self.law, **({'switching': self.switching} if self.switching else {})}
+
+
+#: That to which all others are compared.
+BASE = Variant('compensation', '', FILE)
+#: That whose torque variation is the measure of all others'.
+BEST = Variant('observer_feedback', '', RECOMMENDED)
+
+
+def variants(laws: Sequence[str] = LAWS, gains: str = FILE) -> list[Variant]:
+    """Return the rows of a table: `BASE`, all laws and switchings, and what is recommended."""
+    found = [Variant(law, switching, gains) for law in LAWS if law in laws for switching in (
+        SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',))]
+    if 'observer_feedback' in laws:
+        found.append(BEST)
+    return list(dict.fromkeys([BASE, *found]))
+
+
+class Task(NamedTuple):
+    """One row of a table; without a condition the robot is as in the file."""
+
+    path: Path
+    backend: str | None
+    condition: Condition | None
+    variant: Variant
+    held_out: tuple[HeldOut, ...] = ()
+
+
+def tasks(paths: Sequence[Path], backends: Sequence[str | None],
+          conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
+          gains: str = FILE, others: int = 0, seed: int = 0) -> list[Task]:
+    """
+    Return what to run: every variant on every robot and plant under every condition.
+
+    Parameters
+    ----------
+    paths, backends : sequence
+        Parameter files; backends of the plant, None for the file's.
+    conditions : sequence of str or None
+        Names, `ALL` for each that the robot can have, None for the robot as it is in the file.
+    laws, gains
+        As `variants` has them.
+    others, seed : int
+        How many held-out conditions, and the seed of their draws.
+
+    """
+    return [Task(path, backend, chosen, variant, held_out(others, seed))
+            for path in paths for backend in backends
+            for chosen in _conditions(conditions, path, backend)
+            for variant in variants(laws, gains)]
+
+
+def _conditions(names: Sequence[str | None], path: Path, backend: str | None
+                ) -> list[Condition | None]:
+    """Return the conditions that names mean on a robot."""
+    if ALL not in names:
+        return [condition(name) if name else None for name in names]
+    setup = parameter_file.load(path, _plain(backend))
+    return [x for x in CONDITIONS.values() if x.fits(setup)]
+
+
+def _plain(backend: str | None) -> Overrides:
+    return {'plant': {'plant_backend': backend} if backend else {}}
+
+
+class Judged(NamedTuple):
+    """A held-out condition, the overrides of its run, and the numbers."""
+
+    condition: HeldOut
+    run: Overrides
+    score: Score
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """
+    What came of a task.
+
+    Attributes
+    ----------
+    task : Task
+        What was run.
+    experiment, backend : str
+        Name of the experiment, and the plant's backend.
+    joints : tuple of str, shape (n,)
+        Names.
+    runs : tuple of mapping
+        The overrides of each run.
+    score : Score
+        The worst of the runs.
+    judged : tuple of Judged
+        What the same gains do in each held-out condition.
+
+    """
+
+    task: Task
+    experiment: str
+    backend: str
+    joints: tuple[str, ...]
+    runs: tuple[Overrides, ...]
+    score: Score
+    judged: tuple[Judged, ...] = ()
+
+
+def compared(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
+             ) -> Iterator[Outcome]:
+    """
+    Yield the outcome of every task, in their order.
+
+    Parameters
+    ----------
+    todo : sequence of Task
+        As `tasks` returns them.
+    jobs : int
+        Processes; 1 for this one alone.
+    run : callable
+        `over_simulation` or `over_ros`.
+
+    Raises
+    ------
+    CtcError
+        If parameters are not allowed; before anything is run. If `BASE` has no numbers.
+
+    """
+    for task in todo:
+        runs_of(task)
+    return in_parallel(partial(evaluate, run=run), todo, jobs)
+
+
+def runs_of(task: Task) -> tuple[Overrides, ...]:
+    """Return the overrides of each run of a task, with the file's gains or those by rule."""
+    plain = _plain(task.backend)
+    setup = parameter_file.load(task.path, plain)
+    under = task.condition.overrides(setup) if task.condition else ({},)
+    law: dict[str, Any] = {'controller': task.variant.values}
+    runs = tuple(merged(plain, x, law) for x in under)
+    setups = [parameter_file.load(task.path, x) for x in runs]
+    if task.variant.settings == RECOMMENDED:
+        runs = tuple(merged(x, {'controller': by_rule(setups[0])}) for x in runs)
+    return runs
+
+
+def setups(todo: Sequence[Task]) -> Iterator[Setup]:
+    """Yield what runs first of every task."""
+    for task in todo:
+        yield parameter_file.load(task.path, runs_of(task)[0])
+
+
+def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
+    """Run a task; raise `CtcError` if `BASE` has no numbers."""
+    runs = runs_of(task)
+    setup = parameter_file.load(task.path, runs[0])
+    found = _scored(task.path, runs, run)
+    if task.variant == BASE and found.failure:
+        raise CtcError(f'{task.path}: {found.failure}')
+    return Outcome(
+        task, setup.plant.experiment, setup.plant.plant_backend, setup.plant.joint_names, runs,
+        found, tuple(_judged(task, x, run) for x in task.held_out))
+
+
+def _judged(task: Task, other: HeldOut, run: Runner) -> Judged:
+    """Return what a law does in a condition for which it was not chosen."""
+    plain = _plain(task.backend)
+    under = other.overrides(parameter_file.load(task.path, plain))
+    known = merged(plain, under, {'controller': task.variant.values})
+    if task.variant.settings == RECOMMENDED:
+        known = merged(known, {'controller': by_rule(parameter_file.load(task.path, known))})
+    return Judged(other, known, _scored(task.path, (known,), run))
+
+
+def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
+    """Return the numbers of the worst of some runs of a file, joint by joint."""
+    return worst(score(parameter_file.load(path, x), run=run) for x in runs)
+
+
+def merged(*parts: Overrides) -> Overrides:
+    """Return overrides by node and parameter; later ones win."""
+    nodes = dict.fromkeys(node for part in parts for node in part)
+    return {node: {name: value for part in parts for name, value in part.get(node, {}).items()}
+            for node in nodes}
+
+
+@checked(**dict.fromkeys(('files', 'laws', 'conditions', 'backends'), Sequence), gains=str,
+         runner=Callable, show=Callable, progress=(Callable, type(None)))
+def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
+            conditions: Sequence[str] = (), backends: Sequence[str] = (), gains: str = FILE,
+            held_out: int = 0, seed: int = 0, jobs: int = 1,
+            runner: Runner = over_simulation, show: Callable[[str], None] = print,
+            progress: Callable[[int, int], None] | None = None) -> list[Outcome]:
+    """
+    Run parameter files with every law and, under law chattering, every switching.
+
+    Parameters
+    ----------
+    files : sequence of str or Path
+        Parameter files, or names of those of the package.
+    laws : sequence of str
+        Laws to run.
+    conditions : sequence of str
+        Drives, sensors and model error in place of those of the files; ``all`` for each that the
+        robot can have.
+    backends : sequence of {'builtin', 'mujoco'}
+        Plants in place of those of the files.
+    gains : {'file', 'recommended'}
+        Gains of the file, or of each law by its rule in what the controller knows.
+    held_out : int
+        Further conditions, drawn, in which all laws are judged.
+    seed : int
+        Of these.
+    jobs : int
+        Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
+    runner : callable
+        Runs a `Setup`: the simulation, or `studies.over_ros.over_ros`.
+    show : callable
+        Takes lines about what is compiled.
+    progress : callable, optional
+        Called with the number of outcomes that are there, and of all.
+
+    Returns
+    -------
+    list of Outcome
+        One a law, file and condition, each with ``task`` and ``score``; for `write_comparison`.
+
+    Raises
+    ------
+    CtcError
+        If an argument is not allowed, before anything is run; or if the law to which all others
+        are compared has no numbers.
+
+    """
+    for kind, values in (('files', files), ('laws', laws), ('backends', backends)):
+        check_each(kind, values, (str, Path) if kind == 'files' else str)
+    for name in laws:
+        if name not in LAWS:
+            raise ParameterError('laws', name, ' | '.join(LAWS) + near(name, LAWS))
+    check_conditions(conditions)
+    for name in backends:
+        PlantConfig.parameters()['plant_backend'].check(name, 0)
+    if gains not in GAINS:
+        raise ParameterError('gains', gains, ' | '.join(GAINS))
+    held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(
+        'jobs', jobs, 1)
+    paths = [find_config(x) if isinstance(x, str) else x for x in files]
+    todo = tasks(paths, backends or [None], conditions or [None], laws, gains, held_out, seed)
+    runs = compared(todo, jobs, runner)
+    if runner is over_simulation:
+        compile_setups(setups(todo), show)
+    found: list[Outcome] = []
+    for outcome in runs:
+        found.append(outcome)
+        if progress is not None:
+            progress(len(found), len(todo))
+    return found

@@ -1,0 +1,378 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a comparison writes: tables, CSV, figures, page, and a parameter file for every run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+import itertools
+from itertools import cycle
+import json
+from math import inf
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from ctc_chattering.analysis import drawing, page
+from ctc_chattering.analysis.drawing import FigureFile, legend
+from ctc_chattering.analysis.markup import Markup
+from ctc_chattering.analysis.output import (
+    check_format,
+    file_stem,
+    finite,
+    prepare,
+    write_text,
+    writing,
+)
+from ctc_chattering.analysis.run_names import LAW_COLOURS
+from ctc_chattering.analysis.tables import bold, csv_text, markdown, markdown_table, Table
+from ctc_chattering.arguments import check_each, checked
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.runs.compare import BASE, BEST, Outcome, RECOMMENDED, Variant
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+import numpy as np
+
+#: A number with the text that shows it.
+Number = tuple[float, str]
+_HEAD = list(Variant._fields)
+#: Columns of the numbers, and what they are of a score.
+_NUMBERS = {'rms_error': 'rms', 'torque_variation_per_s': 'variation', 'max_torque_step': 'step',
+            'max_torque_rate_per_s': 'rate', 'max_torque': 'peak',
+            'slips_at_rest_per_s': 'slips'}
+
+
+def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
+    """
+    Yield tables for each robot, plant and condition: robustness, errors, changes of the torque.
+
+    `least` is the smallest ratio of the errors of all joints to that of `BASE`; the first table is
+    there with held-out conditions only.
+    """
+    for group in groups(outcomes):
+        if group[0].judged:
+            yield _robustness(group)
+        joints = group[0].joints
+        title = bold(heading(group[0]))
+        engines = ' and '.join(dict.fromkeys(x.score.engine for x in group if x.score.engine))
+        engine = f'; {engines}' if engines else ''
+        yield Table(
+            title + f': RMS error [rad], 5 s ≤ t ≤ 10 s{engine}',
+            [*_HEAD, *joints, 'least', 'peak torque [N·m]'],
+            _rows(group, partial(_errors, base=group[0])), len(_HEAD))
+        slips = ' / stick-slips at rest [1/s]' if _stops(group[0]) else ''
+        yield Table(
+            title + ': torque variation [N·m/s] / largest step [N·m] / largest rate [N·m/s]'
+            + slips + engine, [*_HEAD, *joints], _rows(group, _changes), len(_HEAD))
+
+
+def _robustness(group: Sequence[Outcome]) -> Table:
+    """
+    Return the table of held-out conditions, the law that survives most of them first.
+
+    Medians are over all conditions; one that is lost counts as the worst.
+    """
+    best = next((x for x in group if x.task.variant == BEST), group[0])
+
+    def row(outcome: Outcome) -> tuple[float, float, list[str]]:
+        found = [x.score for x in outcome.judged]
+        errors = sorted(x.error for x in found)
+        lost = sum(bool(x.failure) for x in found)
+        ratios = [median([a / b for a, b in zip(x.variation, y.score.variation)])
+                  for x, y in zip(found, best.judged) if not x.failure and not y.score.failure]
+        return lost, median(errors), [
+            *outcome.task.variant, f'{len(found) - lost} of {len(found)}',
+            *(f'{x:.1e}' if x < inf else 'lost' for x in (errors[-1], median(errors))),
+            f'{median(ratios):.2g}' if ratios else '']
+
+    return Table(
+        bold(heading(group[0])) + f': {len(group[0].judged)} held-out conditions',
+        [*_HEAD, 'survived', 'worst error [rad]', 'median error [rad]',
+         f'variation over that of {BEST.law}, {BEST.settings}'],
+        [x[2] for x in sorted(map(row, group), key=lambda x: x[:2])], len(_HEAD))
+
+
+def groups(outcomes: Sequence[Outcome]) -> list[list[Outcome]]:
+    """Return the outcomes of each robot, plant and condition."""
+    return [list(group) for _, group in itertools.groupby(
+        outcomes, lambda x: (x.task.path, x.backend, x.task.condition))]
+
+
+def heading(outcome: Outcome) -> str:
+    """Return robot, plant and condition of an outcome."""
+    condition = outcome.task.condition
+    return f'{outcome.experiment}, plant {outcome.backend}' + (
+        f', {condition.name}' if condition else '')
+
+
+def _errors(outcome: Outcome, base: Outcome) -> list[list[Number]]:
+    """Return the numbers of each cell of the first table; the smallest is the best."""
+    found, original = outcome.score, base.score
+    least = min(a / b if b else float('inf') for a, b in zip(original.rms, found.rms))
+    ratio = '' if outcome.task.variant == BASE else f'{least:.2g}×' if least < 100.0 else (
+        f'{least:.0f}×')
+    cells = [*((x, f'{x:.1e}') for x in found.rms), (-least, ratio),
+             (max(found.peak), f'{max(found.peak):.0f}')]
+    return [[cell] for cell in cells]
+
+
+def _changes(outcome: Outcome) -> list[list[Number]]:
+    """Return the numbers of each cell of the second table."""
+    found = outcome.score
+    slips = [[(x, f'{x:.2g}')] for x in found.slips] if _stops(outcome) else [[]] * len(found.rate)
+    return [[(a, f'{a:.0f}'), (b, f'{b:.2g}'), (c, f'{c:.0f}'), *more]
+            for a, b, c, more in zip(found.variation, found.step, found.rate, slips)]
+
+
+def _stops(outcome: Outcome) -> bool:
+    """Return whether the motion of a condition has stops."""
+    return bool(outcome.task.condition and outcome.task.condition.stops)
+
+
+def _rows(group: Sequence[Outcome], cells: Callable[[Outcome], list[list[Number]]]
+          ) -> list[list[str]]:
+    """Return the rows of a table, the smallest number of every column bold."""
+    content = [[] if x.score.failure else cells(x) for x in group]
+    complete = [row for row in content if row]
+    best = [[min(value for value, _ in numbers) for numbers in zip(*column)]
+            for column in zip(*complete)]
+
+    def row(outcome: Outcome, numbers: list[list[Number]]) -> list[str]:
+        texts = [Markup(' / ').join(bold(text) if value == least and text else text
+                                    for (value, text), least in zip(cell, leasts))
+                 for cell, leasts in zip(numbers, best)]
+        return [*outcome.task.variant, *(texts or ('diverged' for _ in best))]
+
+    return [row(outcome, numbers) for outcome, numbers in zip(group, content)]
+
+
+def to_markdown(outcomes: Sequence[Outcome]) -> str:
+    """Return all tables."""
+    return '\n'.join(line for table in tables(outcomes) for line in (
+        markdown(table.title), '', *markdown_table(table.heads, table.rows), ''))
+
+
+def to_csv(outcomes: Sequence[Outcome]) -> str:
+    """Return one line per run and joint, with a header; numbers in full, empty if it diverged."""
+    rows = []
+    for x in outcomes:
+        task, found = x.task, x.score
+        for i, joint in enumerate(x.joints):
+            numbers = {name: getattr(found, key)[i] if getattr(found, key) else None
+                       for name, key in _NUMBERS.items()}
+            rows.append({
+                'experiment': x.experiment, 'backend': x.backend,
+                'condition': task.condition.name if task.condition else '',
+                **task.variant._asdict(), 'joint': joint, **numbers,
+                'failure': found.failure, 'controller': json.dumps(
+                    finite(x.runs[0].get('controller', {})), sort_keys=True),
+                'engine': found.engine})
+    return csv_text(rows)
+
+
+def held_out_csv(outcomes: Sequence[Outcome]) -> str:
+    """Return one line per law and held-out condition: its numbers and all that was changed."""
+    rows = []
+    for x in outcomes:
+        for other, run, found in x.judged:
+            rows.append({
+                'experiment': x.experiment, 'backend': x.backend, **x.task.variant._asdict(),
+                'seed': other.seed, 'index': other.index,
+                **{name: json.dumps(getattr(found, key)) if not found.failure else None
+                   for name, key in _NUMBERS.items()}, 'failure': found.failure,
+                **{node.strip('/*') or 'all': json.dumps(finite(values), sort_keys=True)
+                   for node, values in run.items()}, 'engine': found.engine})
+    return csv_text(rows)
+
+
+#: Panels of a figure beside each other.
+_COLUMNS = 3
+
+
+def label(variant: Variant) -> str:
+    """Return law, switching and settings for a figure."""
+    return ', '.join(filter(None, (variant.switching or variant.law, variant.settings)))
+
+
+def styles(variants: Sequence[Variant]) -> dict[Variant, dict[str, Any]]:
+    """Return colour of the law and mark of each variant; hollow, so that no mark hides others."""
+    markers = cycle('osD^v<>pPXhd8')
+    return {x: {'color': LAW_COLOURS[x.law], 'markerfacecolor': 'none', 'linestyle': '',
+                'marker': '*' if x.settings == RECOMMENDED else next(markers),
+                'markersize': 15 if x.settings == RECOMMENDED else 8, 'markeredgewidth': 1.8}
+            for x in dict.fromkeys(variants)}
+
+
+def errors(group: Sequence[Outcome]) -> Figure:
+    """Draw RMS error and torque variation under one condition: a row a variant, a dot a joint."""
+    figure, grid = drawing.sheet(
+        f'{heading(group[0])}: error and torque variation (number: joint)', 1, (1.0, 1.0),
+        drawing.dots_height(len(group[0].joints)) * len(group) + 0.3, left=2.9)
+    for column, (quantity, unit, values) in enumerate((
+            ('RMS error', 'rad', [x.score.rms for x in group]),
+            ('torque variation', 'N·m/s', [x.score.variation for x in group]))):
+        ax = drawing.panel(figure, grid[0, column], f'{quantity}, 5 s to 10 s', '')
+        ax.set(xlabel=f'{quantity} [{unit}]', xscale='log', ylim=(len(group) - 0.4, -0.6))
+        for y, (outcome, row) in enumerate(zip(group, values)):
+            drawing.numbered_dots(ax, y, row, LAW_COLOURS[outcome.task.variant.law])
+            if outcome.score.failure:
+                ax.text(0.5, y, 'diverged', ha='center', va='center', fontsize=9,
+                        color='#444444', transform=ax.get_yaxis_transform())
+        drawing.decades(ax, 'x', [x for row in values for x in row])
+        names = [label(x.task.variant) for x in group]
+        ax.set_yticks(range(len(group)), [''] * len(names) if column else names)
+    return figure
+
+
+def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
+    """Draw error against torque variation, means of the joints, a panel for each condition."""
+    parts = groups(outcomes)
+    look = styles([x.task.variant for x in outcomes])
+    columns = min(_COLUMNS, len(parts))
+    rows = -(-len(parts) // columns)
+    figure, grid = drawing.sheet(title, rows, (1.0,) * columns, 3.6)
+    for k, group in enumerate(parts):
+        ax = drawing.panel(figure, grid[k // columns, k % columns],
+                           heading(group[0]).rpartition(', ')[2], 'RMS error [rad]')
+        ax.set(xlabel='torque variation [N·m/s]', xscale='log', yscale='log')
+        for x in group:
+            if not x.score.failure:
+                ax.plot([_mean(x.score.variation)], [_mean(x.score.rms)],
+                        **look[x.task.variant])
+        drawing.beyond(ax, 'diverged', [look[x.task.variant] for x in group if x.score.failure])
+        for axis, key in (('x', 'variation'), ('y', 'rms')):
+            drawing.decades(ax, axis, [_mean(getattr(x.score, key)) for x in group
+                                       if not x.score.failure])
+    legend(figure, [Line2D([], [], label=label(x), **style) for x, style in look.items()])
+    return figure
+
+
+def _mean(values: Sequence[float]) -> float:
+    """Return the geometric mean."""
+    return float(np.exp(np.mean(np.log(np.maximum(values, 1e-300)))))
+
+
+def save_comparison_figures(outcomes: Sequence[Outcome], directory: Path, extra: str = 'svg'
+                            ) -> list[drawing.FigureFile]:
+    """
+    Write the figures of a comparison as SVG; return them in the order in which to show them.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        Result of `compare`.
+    directory : Path
+        Created if necessary.
+    extra : str
+        A second format: ``pdf`` or ``png``.
+
+    Raises
+    ------
+    CtcError
+        If a file cannot be written.
+
+    """
+    return drawing.save(_all(outcomes), directory, ('svg', extra))
+
+
+def _all(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, Figure, str]]:
+    robots: dict[tuple[str, str], list[Outcome]] = {}
+    for x in outcomes:
+        robots.setdefault((x.experiment, x.backend), []).append(x)
+    for (experiment, backend), mine in robots.items():
+        yield f'{experiment}_{backend}', trade_off(
+            mine, f'{experiment}, plant {backend}: error and torque variation'), (
+            'Geometric means over the joints, 5 s to 10 s, a panel for each condition; lower left '
+            'is better.')
+        for group in groups(mine):
+            condition = group[0].task.condition
+            yield '_'.join((experiment, backend, *([condition.name] if condition else []))), (
+                errors(group)), (
+                    f'A row a law; {condition.title if condition else "as in the file"}.')
+
+
+#: Names in the directory.
+TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS = (
+    'compare.md', 'compare.csv', 'held_out.csv', 'index.html', 'figures', 'parameters')
+NAMES = (TABLE, CSV, HELD_OUT, PAGE, FIGURES, PARAMETERS)
+
+_LEAD = ('Every law with the same motion on the same robot: position error and torque of each '
+         'joint, by the settings and under the conditions that the tables name.')
+
+
+@checked(outcomes=Sequence, out=(str, Path), command=str)
+def write_comparison(outcomes: Sequence[Outcome], out: str | Path, extra: str = 'svg',
+                     command: str = '') -> None:
+    """
+    Write tables, figures, page, and a parameter file of every run.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        What `compare` has returned.
+    out : str or Path
+        Directory for ``compare.md``, ``compare.csv``, ``figures``, ``index.html``,
+        ``parameters``.
+    extra : {'svg', 'pdf', 'png'}
+        A second format for each figure.
+    command : str
+        What was run, for the page.
+
+    Raises
+    ------
+    CtcError
+        If there is no outcome, a file exists already, or cannot be written.
+
+    """
+    check_each('outcomes', outcomes, Outcome, 1)
+    check_format(extra)
+    out = prepare(Path(out), NAMES)
+    write_text(out / TABLE, to_markdown(outcomes))
+    write_text(out / CSV, to_csv(outcomes))
+    if any(x.judged for x in outcomes):
+        write_text(out / HELD_OUT, held_out_csv(outcomes))
+    write_parameters(outcomes, out / PARAMETERS)
+    write_page(outcomes, save_comparison_figures(outcomes, out / FIGURES, extra), out / PAGE,
+               command)
+
+
+def write_page(outcomes: Sequence[Outcome], figures: Sequence[FigureFile], path: Path,
+               command: str = '') -> None:
+    """Write the page; raise `CtcError` if that cannot be done."""
+    page.write_page(path, 'The laws compared', _LEAD, [
+        page.Section('Figures', figures), page.Section('Numbers', list(tables(outcomes)))],
+        [(name, name) for name in (CSV, TABLE, PARAMETERS)], command)
+
+
+def write_parameters(outcomes: Sequence[Outcome], directory: Path) -> list[Path]:
+    """Write a file for every run, as `ctc simulate` takes it; return their paths."""
+    paths: list[Path] = []
+    used: set[str] = set()
+    with writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+        for x in outcomes:
+            condition, variant = x.task.condition, x.task.variant
+            for k, run in enumerate(x.runs):
+                name = condition.name if condition else ''
+                factor = f'model_{condition.factors[k]:g}' if condition and len(
+                    x.runs) > 1 else ''
+                stem = '_'.join(filter(None, (
+                    x.experiment, x.backend, name, variant.switching or variant.law,
+                    variant.settings, factor)))
+                setup = parameter_file.load(x.task.path, run)
+                paths.append(directory / f'{file_stem(stem, used)}.yaml')
+                parameter_file.dump(setup.values, paths[-1])
+    return paths

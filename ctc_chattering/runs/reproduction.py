@@ -1,0 +1,93 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Runs of the nodes: the experiments of the paper, and one in place of a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import tempfile
+
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.analysis.result import Result
+from ctc_chattering.arguments import checked
+from ctc_chattering.bags.reader import read_bag
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.configuration.paper import EXPERIMENTS
+from ctc_chattering.launch.graph import run_graph, Stopped
+from ctc_chattering.ros.domain import own_domain
+
+#: Name in the directory of `reproduce`.
+BAGS = 'bags'
+
+
+@checked(out=(str, Path), progress=(Callable, type(None)))
+def reproduce(out: str | Path, progress: Callable[[str, float, float], None] | None = None
+              ) -> list[Result]:
+    """
+    Run the paper's experiments on the nodes, over ROS, and record them.
+
+    `simulate` gives the same numbers without ROS; `write_runs` makes figures and a page.
+
+    Parameters
+    ----------
+    out : str or Path
+        Directory for ``bags``, one of each experiment.
+    progress : callable, optional
+        Called now and then with the name of an experiment, its time and its duration [s].
+
+    Returns
+    -------
+    list of Result
+        One of each experiment.
+
+    Raises
+    ------
+    CtcError
+        If a bag exists already, a node dies, or SIGINT or SIGTERM stops the run.
+    ModuleNotFoundError
+        Without ROS.
+
+    """
+    from ctc_chattering.bags.reader import read_bag
+    from ctc_chattering.launch.graph import run_graph
+    from ctc_chattering.ros.domain import own_domain
+
+    directory = prepare(Path(out), (BAGS,)) / BAGS
+    bags = [directory / x.name for x in EXPERIMENTS]
+    with own_domain():
+        for experiment, bag in zip(EXPERIMENTS, bags):
+            duration = parameter_file.load(experiment.path, experiment.overrides).plant.duration
+
+            def moved(time: float, name: str = bag.name, end: float = duration) -> None:
+                if progress is not None:
+                    progress(name, time, end)
+            run_graph(experiment.path, experiment.overrides, bag, progress=moved,
+                      show=lambda _: None)
+            moved(duration)
+    return [read_bag(bag) for bag in bags]
+
+
+def over_ros(setup: Setup) -> Result:
+    """Run the nodes, record a bag, and return what it says; the states are the measured ones."""
+    with own_domain(), tempfile.TemporaryDirectory(prefix='ctc_chattering_') as scratch:
+        file, bag = Path(scratch) / 'parameters.yaml', Path(scratch) / 'bag'
+        parameter_file.dump(setup.values, file)
+        try:
+            run_graph(file, {}, bag, show=lambda _: None)
+        except Stopped as error:
+            raise KeyboardInterrupt(str(error)) from None
+        return read_bag(bag)

@@ -1,0 +1,228 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A run and its numbers, and the columns of tables with a row a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from math import inf, isfinite
+from typing import Any, NamedTuple
+
+from ctc_chattering.analysis.compilation import COMPILED, PLAIN
+from ctc_chattering.analysis.metrics import metrics, WINDOW, within
+from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.dynamics.registry import kept_model_of
+from ctc_chattering.errors import CtcError, MachineError, refused_as
+from ctc_chattering.simulation.closed_loop import Array, Run
+import numpy as np
+
+#: Metrics of each joint, and of all, by their names in `Score`.
+PER_JOINT = {'rms': 'rms_error_rad', 'rms_torque': 'rms_torque_nm',
+             'variation': 'torque_variation_nm_per_s', 'step': 'max_torque_step_nm',
+             'rate': 'max_torque_rate_nm_per_s'}
+OVERALL = {'norm1': 'max_error_norm1_rad', 'reaching_time': 'reaching_time_s',
+           'missing': 'missing_samples'}
+#: Rest of the reference after which slips count [s], and velocity of one [rad/s].
+_SETTLED, _SLIP = 0.3, 1e-3
+#: Part of a limit from which a torque is at it.
+_AT_LIMIT = 1.0 - 1e-9
+#: Runs a setup; returns what happened.
+Runner = Callable[[Setup], Result]
+#: Of each joint, shape (n,).
+Joints = tuple[float, ...]
+
+
+class Score(NamedTuple):
+    """
+    The numbers of a run, or the worst of several; those of each joint have the shape (n,).
+
+    In the window: RMS of the error [rad] and the torque [N·m], torque variation [N·m/s], largest
+    step [N·m] and rate [N·m/s] of the torque sent, largest Σ |e_i| [rad], number of missing
+    samples, the part of the samples with a torque at its limit, and stick-slips a second where the
+    reference rests. In the whole run: largest
+    torque [N·m] and rate [N·m/s], and the time when v is reached [s]. `failure` says why there are
+    none of these, and `engine` how it was simulated, `COMPILED` or `PLAIN`; empty for neither.
+    """
+
+    rms: Joints = ()
+    rms_torque: Joints = ()
+    variation: Joints = ()
+    step: Joints = ()
+    rate: Joints = ()
+    peak: Joints = ()
+    peak_rate: Joints = ()
+    norm1: float | None = None
+    reaching_time: float | None = None
+    missing: int | None = None
+    saturated: float | None = None
+    slips: Joints = ()
+    failure: str = ''
+    engine: str = ''
+
+    @property
+    def error(self) -> float:
+        """Return the largest RMS error of any joint [rad]; inf if it failed."""
+        return max(self.rms, default=inf)
+
+    @property
+    def most_slips(self) -> float:
+        """Return the most stick-slips a second of any joint at rest; inf if it failed."""
+        return max(self.slips, default=inf)
+
+    @property
+    def most_variation(self) -> float:
+        """Return the largest torque variation of any joint [N·m/s]; inf if it failed."""
+        return max(self.variation, default=inf)
+
+
+def over_simulation(setup: Setup) -> Result:
+    """Simulate without ROS, and return what happens; the states are the true ones."""
+    return simulate(setup, truth=True)
+
+
+def score(setup: Setup, window: tuple[float, float] = WINDOW, run: Runner = over_simulation,
+          across_gaps: bool = False) -> Score:
+    """
+    Run a setup, and return its numbers or why it has none.
+
+    Parameters
+    ----------
+    setup : Setup
+        What to run.
+    window : (float, float)
+        Evaluated interval [s].
+    run : callable
+        `over_simulation`, or another `Runner`.
+    across_gaps : bool
+        Whether variation, steps and rates are those of neighbours with samples missing in
+        between, too.
+
+    Raises
+    ------
+    MachineError
+        If the machine cannot run it: that is no property of the run.
+
+    """
+    try:
+        with refused_as('the run failed'), np.errstate(all='ignore'):
+            period = None if across_gaps else setup.controller.control_period
+            made = run(setup).run
+            found = _numbers(made, setup, window, period)
+    except MachineError:
+        raise
+    except CtcError as error:
+        return Score(failure=str(error))
+    if run is not over_simulation:
+        return found
+    return found._replace(engine=COMPILED if made.compiled else PLAIN)
+
+
+def _numbers(run: Run, setup: Setup, window: tuple[float, float], period: float | None) -> Score:
+    """Return the numbers of a run; raise `CtcError` if it has no finite error."""
+    found = metrics(run, window, period=period)
+    if found['rms_error_rad'] is None:
+        raise CtcError(f'fewer than two samples from {window[0]:g} s to {window[1]:g} s')
+    values: dict[str, Any] = {name: tuple(found[key]) for name, key in PER_JOINT.items()}
+    made = Score(**values, **{name: found[key] for name, key in OVERALL.items()})
+    if not isfinite(made.error):
+        raise CtcError('the error is not finite')
+    tau = np.abs(run.tau)
+    at_limit = tau[within(run.t, window)] >= _AT_LIMIT * np.array(limits(setup))
+    step, dt = np.abs(np.diff(run.tau, axis=0)), np.diff(run.t)[:, np.newaxis]
+    near = dt < 1.5 * setup.controller.control_period
+    return made._replace(
+        slips=tuple(slips_at_rest(run, window).tolist()),
+        peak=tuple(tau.max(axis=0).tolist()), saturated=float(at_limit.any(axis=1).mean()),
+        peak_rate=tuple(np.where(near, step / dt, 0.0).max(axis=0).tolist()))
+
+
+def slips_at_rest(run: Run, window: tuple[float, float]) -> Array:
+    """
+    Return how often a second each joint begins to move where its reference rests, shape (n,).
+
+    That is how often its velocity exceeds 1e-3 rad/s anew, of the samples in the window for which
+    the reference has rested for 0.3 s or more; 0 without such samples.
+    """
+    t = run.t[:, np.newaxis]
+    moves = (run.dq_d != 0.0) | (run.ddq_d != 0.0)
+    last = np.maximum.accumulate(np.where(moves, t, t[0]), axis=0)
+    rests = (t - last >= _SETTLED) & within(t, window)
+    fast = np.abs(run.dq) > _SLIP
+    slips = (fast[1:] & ~fast[:-1] & rests[1:]).sum(axis=0)
+    time = np.where(rests[1:], np.diff(t, axis=0), 0.0).sum(axis=0)
+    rate: Array = slips / np.where(time > 0.0, time, np.inf)
+    return rate
+
+
+def limits(setup: Setup) -> list[float]:
+    """Return the largest torque that controller and drives allow, shape (n,) [N·m]."""
+    config, plant = setup.controller, setup.plant
+    model = kept_model_of(config, setup.descriptions.get('controller', ''))
+    return list(map(min, config.largest_torque(model.effort_limits), plant.torque_saturation))
+
+
+def worst(scores: Iterable[Score]) -> Score:
+    """Return the largest of every number of each joint, or the first score without numbers."""
+    found: list[Score] = []
+    for each in scores:
+        if each.failure:
+            return each
+        found.append(each)
+    largest: dict[str, Any] = {name: tuple(map(max, zip(*(getattr(x, name) for x in found))))
+                               for name in (*PER_JOINT, 'slips', 'peak', 'peak_rate')}
+    return found[0]._replace(**largest)
+
+
+INTEGER, TEXT, NUMBER = 'int64', 'string', 'float64'
+#: Which run it is; before the axes and what is uncertain.
+WHICH = {'run': INTEGER, 'point': INTEGER, 'repeat': INTEGER, 'seed': INTEGER,
+         'variant': TEXT, 'law': TEXT, 'switching': TEXT}
+#: What came of it, and the numbers that sum it up; without a number where it failed.
+RESULT = {'engine': TEXT, 'failure': TEXT, 'reason': TEXT,
+          'error': NUMBER, 'variation': NUMBER, 'saturated': NUMBER,
+          'slips': NUMBER}
+#: Numbers of all joints together, besides; as `analysis.metrics` has them.
+_OVERALL = {'max_error_norm1_rad': NUMBER, 'reaching_time_s': NUMBER, 'missing_samples': INTEGER}
+#: Units of columns, and of those of each joint.
+_UNITS = {'error': 'rad', 'variation': 'N*m/s', 'slips': '1/s', 'max_error_norm1_rad': 'rad',
+          'reaching_time_s': 's'}
+_OF_JOINTS = dict(zip(PER_JOINT.values(), ('rad', 'N*m', 'N*m/s', 'N*m', 'N*m/s')))
+
+
+def unit_of(column: str) -> str:
+    """Return the unit of a column of the results; empty for none."""
+    return _UNITS.get(column) or _OF_JOINTS.get(column.rpartition('_')[0], '')
+
+
+def of_results(n: int) -> dict[str, str]:
+    """Return name and type of the columns behind the axes, for `n` joints."""
+    joints = {f'{name}_{i}': NUMBER for name in PER_JOINT.values() for i in range(1, n + 1)}
+    return {**RESULT, **joints, **_OVERALL}
+
+
+def of_map(quantities: Sequence[str], n: int) -> dict[str, str]:
+    """
+    Return name and type of all columns, in order.
+
+    Parameters
+    ----------
+    quantities : sequence of str
+        Names of the axes, then of what is uncertain.
+    n : int
+        Number of joints.
+
+    """
+    return {**WHICH, **dict.fromkeys(quantities, NUMBER), **of_results(n)}

@@ -1,0 +1,574 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The spec of a map: what is run, over which values and draws, and what counts as a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+import dataclasses
+from itertools import pairwise
+from math import inf, prod
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.configuration.node_parameters import LOOP, NODES
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.configuration.yaml_file import mapping, read_yaml
+from ctc_chattering.errors import CtcError, near, ParameterError
+from ctc_chattering.parameters import Config, LARGEST, Parameter, parameter
+from ctc_chattering.runs.recommended import recommended_setup
+from ctc_chattering.runs.score import of_map
+import numpy as np
+
+#: Most runs of a map, and values of an axis.
+MOST = 10_000_000
+#: Most levels of a refinement.
+_LEVELS = 16
+#: Distributions, and the two numbers of each; of `choice` any number of values.
+DISTRIBUTIONS = ('uniform', 'log_uniform', 'normal', 'choice')
+#: Parameters that the spec itself sets: by its duration, and by seed and repeat.
+_SET = ('duration', 'noise_seed')
+_OF_QUANTITY = ('parameter', 'parameters', 'factor')
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """
+    Parameters that one number sets.
+
+    Attributes
+    ----------
+    name : str
+        Column of the results.
+    targets : tuple of (str, Parameter)
+        Node, one of `LOOP`, and its parameter. A parameter for every joint has the number on each.
+    factor : bool
+        Whether the number multiplies what the parameter has otherwise.
+
+    """
+
+    name: str
+    targets: tuple[tuple[str, Parameter], ...]
+    factor: bool
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of the number; empty for a factor, and where there is none."""
+        return '' if self.factor else self.targets[0][1].unit
+
+    @property
+    def known(self) -> bool:
+        """Whether the controller knows of it: not all is the plant's alone."""
+        return any(node != 'plant' for node, _ in self.targets)
+
+    def value(self, spec: Parameter, x: float, now: Any, n: int) -> Any:
+        """
+        Return what a parameter gets.
+
+        Parameters
+        ----------
+        spec : Parameter
+            One of the targets.
+        x : float
+            The number.
+        now : object
+            Value of the parameter so far.
+        n : int
+            Number of joints.
+
+        """
+        if self.factor:
+            value: Any = tuple(x * y for y in now) if isinstance(now, tuple) else x * now
+        else:
+            value = (x,) * n if spec.shape else x
+        return int(value) if spec.kind == 'int' and value == round(value) else value
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis(Quantity):
+    """A quantity with the values that a map has of it, ascending."""
+
+    values: tuple[float, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Uncertain(Quantity):
+    """
+    A quantity that is drawn.
+
+    Attributes
+    ----------
+    distribution : str
+        One of `DISTRIBUTIONS`.
+    numbers : tuple of float
+        Ends of `uniform` and `log_uniform`; mean and standard deviation of `normal`; the values
+        of `choice`, each as likely as the others.
+
+    """
+
+    distribution: str
+    numbers: tuple[float, ...]
+
+    @property
+    def typical(self) -> tuple[float, ...]:
+        """Values that must be allowed: the ends, the values, or the mean."""
+        return self.numbers[:1] if self.distribution == 'normal' else self.numbers
+
+
+def applied(setup: Setup, settings: Iterable[tuple[Quantity, float]], noise_seed: int | None = None
+            ) -> Setup:
+    """
+    Return a setup with quantities set to numbers, one after the other.
+
+    Parameters
+    ----------
+    setup : Setup
+        Of the file, or of a law.
+    settings : iterable of (Quantity, float)
+        What is set.
+    noise_seed : int, optional
+        Of the plant, in place of that of the setup.
+
+    Raises
+    ------
+    CtcError
+        If a value is not allowed, or contradicts another.
+
+    """
+    values: dict[str, dict[str, Any]] = {node: {} for node in LOOP}
+    for quantity, x in settings:
+        for node, spec in quantity.targets:
+            config = getattr(setup, node)
+            now = values[node].get(spec.name, getattr(config, spec.field))
+            values[node][spec.name] = quantity.value(spec, x, now, len(config.joint_names))
+    if noise_seed is not None:
+        values['plant']['noise_seed'] = noise_seed
+    return setup.changed(values)
+
+
+def read_axis(name: str, tree: object) -> Axis:
+    """Return an axis of a spec; raise `ParameterError` that names the key."""
+    key = f'axes.{name}'
+    values = mapping(key, tree, (*_OF_QUANTITY, 'values', 'range', 'count', 'spacing'))
+    return Axis(name, *_parameters(key, values), _grid(key, values))
+
+
+def read_uncertain(name: str, tree: object) -> Uncertain:
+    """Return an uncertain quantity of a spec; raise `ParameterError` that names the key."""
+    key = f'uncertain.{name}'
+    values = mapping(key, tree, (*_OF_QUANTITY, *DISTRIBUTIONS))
+    given = [x for x in DISTRIBUTIONS if x in values]
+    if len(given) != 1:
+        raise ParameterError(key, given, 'one of ' + ', '.join(DISTRIBUTIONS))
+    (kind,) = given
+    numbers = _numbers(f'{key}.{kind}', values[kind])
+    fits, allowed = {
+        'uniform': (len(numbers) == 2 and numbers[0] < numbers[-1], 'two numbers, ascending'),
+        'log_uniform': (len(numbers) == 2 and 0.0 < numbers[0] < numbers[-1],
+                        'two numbers > 0, ascending'),
+        'normal': (len(numbers) == 2 and numbers[-1] > 0.0, 'mean and standard deviation > 0'),
+        'choice': (len(set(numbers)) == len(numbers) > 0, 'different numbers')}[kind]
+    if not fits:
+        raise ParameterError(f'{key}.{kind}', numbers, allowed)
+    return Uncertain(name, *_parameters(key, values), kind, numbers)
+
+
+def check(quantities: Iterable[tuple[Quantity, tuple[float, ...]]], setup: Setup) -> None:
+    """
+    Check quantities alone and against each other.
+
+    Parameters
+    ----------
+    quantities : iterable of (Quantity, tuple of float)
+        In the order in which they are set, with values that must be allowed.
+    setup : Setup
+        Of the file.
+
+    Raises
+    ------
+    CtcError
+        For a value that is not allowed, a parameter that is set again and not multiplied, or a
+        factor that changes nothing.
+
+    """
+    by: dict[tuple[str, str], str] = {}
+    for quantity, numbers in quantities:
+        for node, spec in quantity.targets:
+            here = f'{node}.{spec.name}'
+            other = by.setdefault((node, spec.name), quantity.name)
+            if other != quantity.name and not quantity.factor:
+                raise ParameterError(quantity.name, here, f'a factor, for {other} sets it, too')
+            now = getattr(getattr(setup, node), spec.field)
+            if quantity.factor and other == quantity.name and not any(
+                    0.0 < abs(x) < np.inf for x in (now if isinstance(now, tuple) else (now,))):
+                raise ParameterError(f'{quantity.name}: factor of {here}', now,
+                                     'a value in the file that a factor changes')
+        for x in numbers:
+            try:
+                applied(setup, [(quantity, x)])
+            except CtcError as error:
+                raise CtcError(f'{quantity.name} = {x:g}: {error}') from None
+
+
+def coarse_steps(values: Mapping[str, Any], axes: tuple[Axis, ...]) -> tuple[int, ...]:
+    """Return every how many values of each axis are run first; all of an axis without range."""
+    spec = Parameter('refine', 'int', 0, '', minimum=0, maximum=_LEVELS)
+    levels = spec.coerce(values.get('refine', 0))
+    spec.check(levels, 0)
+    of_range = [axis for axis in axes if 'range' in values['axes'][axis.name]]
+    if levels and not of_range:
+        raise ParameterError('refine', levels, '0, or an axis with a range')
+    for axis in of_range:
+        if (len(axis.values) - 1) % 2 ** levels:
+            raise ParameterError(f'axes.{axis.name}.count', len(axis.values),
+                                 f'a multiple of {2 ** levels} and 1 with refine {levels}')
+    return tuple(2 ** levels if axis in of_range else 1 for axis in axes)
+
+
+def _parameters(key: str, values: dict[str, Any]
+                ) -> tuple[tuple[tuple[str, Parameter], ...], bool]:
+    """Return the targets of a quantity, and whether it is a factor."""
+    given = [x for x in ('parameter', 'parameters') if x in values]
+    if len(given) != 1:
+        raise ParameterError(key, given, 'one of parameter, parameters')
+    texts = values[given[0]] if given[0] == 'parameters' else [values[given[0]]]
+    texts = Parameter(f'{key}.{given[0]}', 'str[]', (), '').coerce(texts)
+    found = [target for text in texts for target in _targets(f'{key}.{given[0]}', text)]
+    if not found or len({(node, spec.name) for node, spec in found}) < len(found):
+        raise ParameterError(f'{key}.{given[0]}', texts, 'one or more, each once')
+    return tuple(found), Parameter(f'{key}.factor', 'bool', False, '').coerce(
+        values.get('factor', False))
+
+
+def _targets(key: str, text: str) -> list[tuple[str, Parameter]]:
+    """Return the nodes that have a parameter, and its declaration."""
+    node, _, name = text.partition('.')
+    nodes, name = ((node,), name) if node in LOOP else (LOOP, text)
+    found = [(node, spec) for node in nodes
+             if (spec := NODES[node][0].parameters().get(name))]
+    if name in _SET:
+        raise ParameterError(key, text, 'any other: duration, seed and repeats set it')
+    if not all(spec.kind in ('int', 'float', 'float[]') for _, spec in found) or not found:
+        raise ParameterError(key, text, f'a parameter of {", ".join(LOOP)} that is a number or '
+                             'a number a joint, such as plant.coulomb_friction' + near(
+                                 name, (x for node in nodes for x in NODES[node][0].parameters())))
+    return found
+
+
+def _grid(key: str, values: dict[str, Any]) -> tuple[float, ...]:
+    """Return the values of an axis, from a list, or from range, count and spacing."""
+    if ('values' in values) == ('range' in values):
+        raise ParameterError(key, [x for x in ('values', 'range') if x in values],
+                             'one of values, range')
+    if 'values' in values:
+        if extra := {'count', 'spacing'} & set(values):
+            raise ParameterError(key, min(extra), 'with range only')
+        numbers = _numbers(f'{key}.values', values['values'])
+        if not numbers or any(a >= b for a, b in pairwise(numbers)):
+            raise ParameterError(f'{key}.values', numbers, 'one number or more, ascending')
+        return numbers
+    ends, spacing = _numbers(f'{key}.range', values['range']), values.get('spacing', 'linear')
+    if spacing not in ('linear', 'log'):
+        raise ParameterError(f'{key}.spacing', spacing, 'linear | log')
+    if len(ends) != 2 or ends[0] >= ends[1] or (spacing == 'log' and ends[0] <= 0.0):
+        raise ParameterError(f'{key}.range', ends, 'two numbers, ascending'
+                             + (', > 0' if spacing == 'log' else ''))
+    count = Parameter(f'{key}.count', 'int', None, '', minimum=2, maximum=MOST)
+    number = count.coerce(values.get('count'))
+    count.check(number, 0)
+    space = np.geomspace if spacing == 'log' else np.linspace
+    return tuple(space(*ends, number).tolist())
+
+
+def _numbers(key: str, value: object) -> tuple[float, ...]:
+    """Return a list of finite numbers."""
+    spec = Parameter(key, 'float[]', (), '', minimum=-LARGEST, maximum=LARGEST)
+    numbers: tuple[float, ...] = spec.coerce(value)
+    spec.check(numbers, 0)
+    return numbers
+
+
+Q = TypeVar('Q')
+#: Keys of a spec. `tune` is for `ctc tune`.
+KEYS = ('params_file', 'duration', 'window', 'overrides', 'laws', 'axes', 'uncertain', 'sampling',
+        'repeats', 'seed', 'failure', 'refine', 'tune')
+
+
+@dataclasses.dataclass(frozen=True)
+class Repeats(Config):
+    """How often every point is run, and how what is uncertain is drawn."""
+
+    title: ClassVar[str] = 'repeats'
+
+    sampling: str = parameter(
+        'sampling', 'str', 'sobol', 'How `uncertain` is drawn.',
+        choices=('random', 'latin_hypercube', 'sobol', 'saltelli'))
+    repeats: int = parameter(
+        'repeats', 'int', 1, 'Runs of every law at every point.', minimum=1, maximum=MOST)
+    seed: int = parameter(
+        'seed', 'int', 0, 'Seed of the draws; noise_seed of the plant is seed + repeat.',
+        minimum=0, maximum=2 ** 61)
+
+
+@dataclasses.dataclass(frozen=True)
+class Failure(Config):
+    """What counts as a failure besides a run that diverges or is refused."""
+
+    title: ClassVar[str] = 'failure'
+
+    error_above: float = parameter(
+        'error_above', 'float', inf, 'RMS error of any joint in the window.', unit='rad',
+        minimum=0.0, infinite=True)
+    saturated_above: float = parameter(
+        'saturated_above', 'float', 1.0,
+        'Part of the samples in the window with a torque at its limit.', minimum=0.0, maximum=1.0)
+    slips_above: float = parameter(
+        'slips_above', 'float', inf, 'Stick-slips of any joint in a second of rest.', unit='1/s',
+        minimum=0.0, infinite=True)
+    steps_above: int = parameter(
+        'steps_above', 'int', 1_000_000,
+        'Steps of the integrator of a run, which then is not run.', minimum=1, maximum=10 ** 12)
+    not_reached: bool = parameter(
+        'not_reached', 'bool', False, 'Whether v that never stays within its band is a failure.')
+
+
+@dataclasses.dataclass(frozen=True)
+class LawSettings:
+    """
+    A law with its settings.
+
+    Attributes
+    ----------
+    name : str
+        Shown, for example ``chattering sign``.
+    law, switching : str
+        At the start; the switching is empty for a law without.
+    values : mapping
+        Parameters of the controller in place of the file's, the law among them.
+    recommended : bool
+        Whether all others are what docs/laws.md recommends.
+
+    """
+
+    name: str
+    law: str
+    switching: str
+    values: Mapping[str, Any]
+    recommended: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class MapSpec:
+    """
+    A checked spec.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    setup : Setup
+        The parameter file with the overrides of the spec.
+    window : (float, float)
+        Evaluated interval [s].
+    variants : tuple of LawSettings
+        Laws.
+    axes, uncertain : tuple of Quantity
+        In the order of the file.
+    repeats : Repeats
+        Draws.
+    failure : Failure
+        Limits.
+    coarse : tuple of int
+        Of each axis: every how many of its values are run first, a power of two; 1 for all.
+
+    """
+
+    name: str
+    setup: Setup
+    window: tuple[float, float]
+    variants: tuple[LawSettings, ...]
+    axes: tuple[Axis, ...]
+    uncertain: tuple[Uncertain, ...]
+    repeats: Repeats
+    failure: Failure
+    coarse: tuple[int, ...] = ()
+
+    @property
+    def refined(self) -> bool:
+        """Return whether points are run near the boundary only."""
+        return any(step > 1 for step in self.coarse)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Return the number of values of each axis."""
+        return tuple(len(axis.values) for axis in self.axes)
+
+    @property
+    def runs(self) -> int:
+        """Return the number of runs."""
+        return prod(self.shape) * len(self.variants) * self.repeats.repeats
+
+
+def read_spec(path: Path) -> MapSpec:
+    """
+    Read a spec, and the parameter file that it names.
+
+    Raises
+    ------
+    CtcError
+        Naming the file, the key, its value and what is allowed; before anything is run.
+
+    """
+    with errors_of(path):
+        return parse(read_yaml(path), path)
+
+
+@contextmanager
+def errors_of(path: Path) -> Iterator[None]:
+    """Put the path of a file in front of the errors that reading it raises."""
+    try:
+        yield
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error.name}', error.value, error.allowed) from None
+    except RecursionError:
+        raise CtcError(f'{path}: it contains itself') from None
+    except CtcError as error:
+        text = str(error)
+        raise type(error)(text if text.startswith(str(path)) else f'{path}: {text}') from None
+
+
+def parse(tree: object, path: Path) -> MapSpec:
+    """Return what a spec says; relative paths in it count from the directory of `path`."""
+    values = mapping('spec', tree, KEYS)
+    setup = _setup(values, path.parent)
+    n = len(setup.controller.joint_names)
+    axes = _quantities(values, 'axes', read_axis, n)
+    uncertain = _quantities(values, 'uncertain', read_uncertain, n)
+    for quantity in uncertain:
+        if quantity.name in [axis.name for axis in axes]:
+            raise ParameterError('uncertain', quantity.name, 'a name that no axis has')
+    spec = MapSpec(
+        path.stem, setup, _window(values, setup.plant.duration), _variants(values, setup),
+        axes, uncertain,
+        Repeats.from_mapping({x: values[x] for x in Repeats.parameters() if x in values}),
+        _failure(values.get('failure', {})), coarse_steps(values, axes))
+    _check_saltelli(spec)
+    if spec.runs > MOST:
+        raise CtcError(f'{spec.runs} runs: {prod(spec.shape)} points, {len(spec.variants)} laws, '
+                       f'{spec.repeats.repeats} repeats; allowed: {MOST}')
+    check([*((axis, axis.values) for axis in axes), *((x, x.typical) for x in uncertain)], setup)
+    return spec
+
+
+def _setup(values: Mapping[str, Any], beside: Path) -> Setup:
+    """Return the parameter file with the spec's overrides."""
+    name = Parameter('params_file', 'str', '', '').coerce(values.get('params_file', 'friction'))
+    overrides = values.get('overrides', {})
+    if not isinstance(overrides, dict) or not all(isinstance(x, dict) for x in overrides.values()):
+        raise ParameterError('overrides', overrides, 'a mapping of nodes to their parameters')
+    if 'duration' in values:
+        plant = {**overrides.get('plant', {}), 'duration': values['duration']}
+        overrides = {**overrides, 'plant': plant}
+    setup = parameter_file.load(find_config(name, beside), overrides)
+    if setup.plant.duration == 0.0:
+        raise ParameterError('duration', 0.0, 'a number > 0, for every run must end')
+    return setup
+
+
+def _window(values: Mapping[str, Any], duration: float) -> tuple[float, float]:
+    """Return the evaluated interval; the second half by default."""
+    given = values.get('window', [0.5 * duration, duration])
+    window = Parameter('window', 'float[]', (), '').coerce(given)
+    if len(window) != 2 or not 0.0 <= window[0] < window[1] <= duration:
+        raise ParameterError('window', given, f'two times, ascending, from 0 to {duration:g} s')
+    return window[0], window[1]
+
+
+def _quantities(values: Mapping[str, Any], key: str, read: Callable[[str, object], Q], n: int
+                ) -> tuple[Q, ...]:
+    """Return the axes, or what is uncertain, of a robot of `n` joints."""
+    tree = values.get(key) or {}
+    if not isinstance(tree, dict):
+        raise ParameterError(key, tree, 'a mapping of names')
+    taken = of_map((), n)
+    for name in tree:
+        if not (isinstance(name, str) and name.isidentifier()) or name in taken:
+            raise ParameterError(key, name, 'a name of letters, digits and _ that is no column '
+                                 'of the results, such as error, law or repeat')
+    return tuple(read(name, x) for name, x in tree.items())
+
+
+def _check_saltelli(spec: MapSpec) -> None:
+    """Check what Sobol indices need: no axis, and two draws and one for each that is uncertain."""
+    if spec.repeats.sampling != 'saltelli':
+        return
+    parts = len(spec.uncertain) + 2
+    if spec.axes or not spec.uncertain:
+        raise ParameterError('sampling', 'saltelli', 'uncertain and no axes')
+    n = spec.repeats.repeats // parts
+    if n * parts != spec.repeats.repeats or n & (n - 1):
+        raise ParameterError('repeats', spec.repeats.repeats, (
+            f'{parts} times a power of two with saltelli, for example {256 * parts}'))
+
+
+def _failure(tree: object) -> Failure:
+    values = mapping('failure', tree, tuple(Failure.parameters()))
+    try:
+        return Failure.from_mapping(values)
+    except ParameterError as error:
+        raise ParameterError(f'failure.{error.name}', error.value, error.allowed) from None
+
+
+def _variants(values: Mapping[str, Any], setup: Setup) -> tuple[LawSettings, ...]:
+    """Return the laws; that of the file by default."""
+    items = values.get('laws', [setup.controller.law])
+    if not isinstance(items, list) or not items:
+        raise ParameterError('laws', items, 'a list of laws')
+    found = tuple(_variant(f'laws[{i}]', item, setup) for i, item in enumerate(items))
+    names = [variant.name for variant in found]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ParameterError(f'laws[{i}]', name, 'a name that no other has: give it one')
+    return found
+
+
+def _variant(key: str, item: object, setup: Setup) -> LawSettings:
+    """Return a law from text, such as ``chattering sign``, or a mapping."""
+    values: dict[str, Any] = {'law': setup.controller.law}
+    if isinstance(item, str) and 0 < len(item.split()) <= 2:
+        values.update(zip(('law', 'switching'), item.split()))
+    elif isinstance(item, dict):
+        values.update(item)
+    else:
+        raise ParameterError(key, item, 'a law, a law and a switching, or a mapping of '
+                             'parameters of the controller, name and recommended')
+    name = Parameter(f'{key}.name', 'str', '', '').coerce(values.pop('name', ''))
+    recommended = Parameter(f'{key}.recommended', 'bool', False, '').coerce(
+        values.pop('recommended', False))
+    try:
+        made = setup.controller.changed(values)
+        if recommended:
+            made = recommended_setup(setup, made.law).controller.changed(values)
+        if 'switching' in values and not made.takes('switching'):
+            raise ParameterError('switching', values['switching'], f'none under law {made.law}')
+    except ParameterError as error:
+        raise ParameterError(f'{key}.{error.name}', error.value, error.allowed) from None
+    switching = made.switching_in_force
+    words = (made.law, switching, 'recommended' if recommended else '')
+    return LawSettings(name or ' '.join(filter(None, words)), made.law, switching, values,
+                       recommended)

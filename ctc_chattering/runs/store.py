@@ -1,0 +1,294 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The directory of a map: a parquet file per chunk of runs, one of all rows, and what they are of.
+
+Every file is written under another name and renamed, so that a process that is killed leaves whole
+files only. The name of a chunk's file is a key of all that its rows depend on, the text of the
+package among it; a file that is damaged is noticed by parquet's checksums and computed again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+import dataclasses
+import fcntl
+from functools import cache
+import hashlib
+import importlib.metadata
+import json
+import os
+from pathlib import Path
+import socket
+import sys
+from typing import Any
+
+import ctc_chattering
+from ctc_chattering.analysis.compilation import compile_setups
+from ctc_chattering.analysis.output import finite, prepare, write_text, writing
+from ctc_chattering.errors import CtcError, MachineError, refused_as
+from ctc_chattering.runs.points import evaluate, refused, Runs
+from ctc_chattering.runs.score import of_map, unit_of
+from ctc_chattering.runs.spec import MapSpec
+import numpy as np
+import pyarrow
+from pyarrow import parquet
+
+#: Names in the directory.
+LOCK, SHARDS, TABLE, JSON, FIGURES, PAGE = (
+    '.lock', 'shards', 'map.parquet', 'map.json', 'figures', 'index.html')
+_NAMES = (SHARDS, TABLE, JSON, FIGURES, PAGE)
+#: Control steps of a chunk, with the step of the file, times the square of the number of joints:
+#: a second of work, half a minute where it is plain Python.
+_STEPS = 4e6
+#: Number of chunks, where there are as many runs, so that as many workers have work.
+_FEWEST = 64
+#: Packages whose versions are noted with the results.
+_PACKAGES = ('numpy', 'scipy', 'numba', 'pyarrow', 'distributed')
+
+
+@cache
+def version() -> str:
+    """Return the version of the package and a word that changes with its text."""
+    package, text = Path(ctc_chattering.__file__).parent, hashlib.sha256()
+    for path in sorted(package.rglob('*.py')):
+        text.update(path.read_bytes())
+    return f'{ctc_chattering.__version__}+{text.hexdigest()[:12]}'
+
+
+def schema(spec: MapSpec) -> pyarrow.Schema:
+    """Return the columns of the results, with the unit of each that has one."""
+    units = {quantity.name: quantity.unit for quantity in (*spec.axes, *spec.uncertain)}
+    kinds = of_map(list(units), len(spec.setup.controller.joint_names))
+    return pyarrow.schema([
+        pyarrow.field(name, pyarrow.type_for_alias(kind), metadata={'unit': unit} if (
+            unit := units.get(name, unit_of(name))) else None)
+        for name, kind in kinds.items()])
+
+
+def about(runs: Runs) -> dict[str, Any]:
+    """Return what a map is of, as JSON has it; its ``key`` tells it from all others."""
+    spec, setup = runs.spec, runs.spec.setup
+    quantities = {kind: [{
+        'name': x.name, 'parameters': [f'{node}.{spec.name}' for node, spec in x.targets],
+        'factor': x.factor} for x in found]
+        for kind, found in (('axes', spec.axes), ('uncertain', spec.uncertain))}
+    for tree, axis in zip(quantities['axes'], spec.axes):
+        tree['values'] = axis.values
+    for tree, x, draws in zip(quantities['uncertain'], spec.uncertain, runs.draws.T):
+        tree.update({x.distribution: x.numbers, 'draws': draws.tolist()})
+    contents = {
+        'parameters': dict(setup.values), 'route': setup.route,
+        'descriptions': {node: hashlib.sha256(text.encode()).hexdigest()
+                         for node, text in setup.descriptions.items()}, 'window': spec.window,
+        'laws': [dataclasses.asdict(variant) for variant in spec.variants], **quantities,
+        **spec.repeats.as_mapping(), 'failure': spec.failure.as_mapping(),
+        **({'coarse': spec.coarse} if spec.refined else {})}
+    versions = {'ctc_chattering': version(), 'python': sys.version.split()[0]}
+    for name in _PACKAGES:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            versions[name] = importlib.metadata.version(name)
+    return {'key': _key([contents, version()]), 'spec': finite(contents), 'versions': versions,
+            'runs': len(runs)}
+
+
+def _key(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def chunks(runs: Runs, some: Sequence[int] | None = None) -> list[Sequence[int]]:
+    """
+    Return all runs of a map, or some, in chunks of so many steps each, fewer of few runs.
+
+    Their size depends on nothing but the spec and the number of runs.
+    """
+    spec = runs.spec
+    numbers: Sequence[int] = range(len(runs)) if some is None else some
+    n, plant = len(spec.setup.controller.joint_names), spec.setup.plant
+    steps = plant.duration / min(plant.control_period, plant.integration_step)
+    size = max(1, min(int(_STEPS / (n ** 2 * steps)), -(-len(numbers) // _FEWEST)))
+    return [numbers[k:k + size] for k in range(0, len(numbers), size)]
+
+
+def compute(runs: Runs, made_by: str, chunk: Sequence[int]) -> pyarrow.Table:
+    """
+    Return the rows of a chunk; what they need is compiled first, if it is not on this machine.
+
+    Parameters
+    ----------
+    runs : Runs
+        The map.
+    made_by : str
+        `version` of the process that asks.
+    chunk : sequence of int
+        Numbers of the runs.
+
+    Raises
+    ------
+    CtcError
+        If this process has another version of the package.
+
+    """
+    if made_by != version():
+        raise CtcError(f'a worker has version {version()} of ctc_chattering, not {made_by}; '
+                       'install the same one everywhere')
+    compile_setups(map(runs.example, range(len(runs.spec.variants))), lambda _: None)
+    return pyarrow.Table.from_pylist([row(runs, run) for run in chunk], schema(runs.spec))
+
+
+def row(runs: Runs, run: int) -> dict[str, Any]:
+    """Return the row of a run."""
+    which = runs.columns(run)
+    try:
+        setup = runs.setup(run)
+    except MachineError:
+        raise
+    except CtcError as error:
+        return {**which, **refused(len(runs.spec.setup.controller.joint_names), error)}
+    return {**which, **evaluate(setup, runs.spec.window, runs.spec.failure)}
+
+
+class Directory:
+    """
+    The directory of a map.
+
+    Parameters
+    ----------
+    path : Path
+        Created if it does not exist.
+    about : mapping
+        As `about` returns it.
+    columns : pyarrow.Schema
+        Of all rows.
+    overwrite : bool
+        Remove what is there, of this map or of another, first.
+
+    Raises
+    ------
+    CtcError
+        If another map is there, or the directory cannot be written.
+
+    """
+
+    def __init__(self, path: Path, about: Mapping[str, Any], columns: pyarrow.Schema,
+                 overwrite: bool = False) -> None:
+        self.path, self.key, self._columns = path, about['key'], columns
+        if overwrite or not (path / JSON).exists():
+            prepare(path, _NAMES, overwrite)
+            self.describe(about)
+        elif (there := read_about(path)).get('key') != about['key']:
+            same = there.get('versions') == about['versions']
+            raise CtcError(f'{path}: a map of another {"spec" if same else "version"} is there; '
+                           'choose another --out, or --overwrite')
+
+    def name(self, chunk: Sequence[int]) -> str:
+        """Return a word that changes with all that the rows of a chunk depend on."""
+        return _key([self.key, *chunk])
+
+    def _file(self, chunk: Sequence[int]) -> Path:
+        return self.path / SHARDS / f'{self.name(chunk)}.parquet'
+
+    def write(self, chunk: Sequence[int], table: pyarrow.Table) -> None:
+        """Write the rows of a chunk."""
+        write_table(table, self._file(chunk))
+
+    def rows(self, chunk: Sequence[int], show: Callable[[str], None]) -> pyarrow.Table | None:
+        """Return the rows of a chunk; None if it is not there, or damaged: `show` takes a line."""
+        path = self._file(chunk)
+        if not path.exists():
+            return None
+        with refused_as(f'{path}: cannot be read'):
+            content = path.read_bytes()
+            try:
+                table = parquet.read_table(pyarrow.BufferReader(content),
+                                           page_checksum_verification=True)
+                if table.schema.equals(self._columns) and np.array_equal(table['run'], chunk):
+                    return table
+                reason = 'it has other rows or columns'
+            except (ValueError, pyarrow.ArrowException, OSError) as error:
+                reason = ' '.join(str(error).split())
+            show(f'{path}: damaged, {reason}; it is computed again')
+            return None
+
+    def merge(self, parts: Sequence[pyarrow.Table]) -> pyarrow.Table:
+        """Write and return all rows in the order of the runs."""
+        table = pyarrow.concat_tables(parts).sort_by('run').combine_chunks()
+        write_table(table, self.path / TABLE)
+        for left in (self.path / SHARDS).glob('.*'):
+            left.unlink(missing_ok=True)
+        return table
+
+    def describe(self, about: Mapping[str, Any]) -> None:
+        """Write what the map is of, and what came of it."""
+        with _replacing(self.path / JSON) as temporary:
+            write_text(temporary, json.dumps(about, indent=2, ensure_ascii=False) + '\n')
+
+
+def write_table(table: pyarrow.Table, path: Path) -> None:
+    """Write a file whose pages have checksums."""
+    with writing(path):
+        path.parent.mkdir(exist_ok=True)
+    with _replacing(path) as temporary:
+        parquet.write_table(table, temporary, compression='zstd', write_page_checksum=True)
+
+
+def read_about(directory: Path) -> dict[str, Any]:
+    """Return what the map of a directory is of; raise `CtcError` if that cannot be read."""
+    path = directory / JSON
+    try:
+        found = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
+        raise CtcError(f'{path}: cannot be read: {error}') from None
+    return found if isinstance(found, dict) else {}
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """Yield another name for a file, that is given its own once it is on the disk."""
+    temporary = path.with_name(f'.{path.name}.{os.getpid()}')
+    with writing(path):
+        yield temporary
+        with temporary.open('rb') as stream:
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+
+
+@contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """
+    Hold a directory, made if it does not exist, for this process alone, however that ends.
+
+    Raises
+    ------
+    CtcError
+        Naming the process that holds it, or if the directory cannot be written.
+
+    """
+    with writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+        stream = (directory / LOCK).open('a+', encoding='utf-8')
+    with stream:
+        with writing(directory / LOCK):
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                stream.seek(0)
+                raise CtcError(f'{directory}: {stream.read() or "another process"} is writing '
+                               'there; wait until it ends, or choose another --out') from None
+            stream.truncate(0)
+            stream.write(f'process {os.getpid()} on {socket.gethostname()}')
+            stream.flush()
+        yield

@@ -1,0 +1,451 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""All laws on robots that are not the paper's, joint by joint, and the table of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import dataclasses
+from pathlib import Path
+import re
+
+from ctc_chattering.analysis.compilation import compile_setups, COMPILED, PLAIN
+from ctc_chattering.analysis.result import Result, simulate
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Overrides, Setup
+from ctc_chattering.control.controller import LAWS
+from ctc_chattering.control.controller_config import RIVALS
+from ctc_chattering.control.switching import SWITCHINGS
+from ctc_chattering.errors import CtcError
+from ctc_chattering.runs import compare_page
+from ctc_chattering.runs.compare import (
+    BASE,
+    compared,
+    evaluate,
+    Outcome,
+    RECOMMENDED,
+    setups,
+    Task,
+    tasks,
+    Variant,
+    variants,
+)
+from ctc_chattering.runs.compare_page import write_parameters
+from ctc_chattering.runs.conditions import CONDITIONS, held_out, LOST
+from ctc_chattering.runs.recommended import by_rule, recommended
+from ctc_chattering.runs.score import over_simulation, PER_JOINT, Score
+from ctc_commands import ctc, ctc_process, refused
+import numpy as np
+from processes import CONFIG
+import pytest
+from urdfs import PANDA, UR5
+
+#: Effort limits of the URDFs [N·m].
+LIMITS = {'panda': (87.0,) * 4 + (12.0,) * 3, 'ur5': (150.0,) * 3 + (28.0,) * 3}
+NAMES = {'panda': PANDA, 'ur5': UR5}
+
+
+class Recorder:
+    """Simulates as `ctc compare` does, and keeps what came of it."""
+
+    def __init__(self) -> None:
+        self.results: list[Result] = []
+
+    def __call__(self, setup: Setup) -> Result:
+        self.results.append(over_simulation(setup))
+        return self.results[-1]
+
+
+def compared_robot(robot: str, backend: str, laws: Sequence[str] = LAWS) -> list[Outcome]:
+    """Run laws on a robot with the file's gains; every claim about it holds."""
+    run = Recorder()
+    todo = tasks([CONFIG / f'{robot}.yaml'], [backend], [None], laws)
+    outcomes = list(compared(todo, 1, run))
+    assert [x.task.variant for x in outcomes] == variants(laws)
+    for outcome, result in zip(outcomes, run.results):
+        found = measured(outcome)
+        assert (outcome.experiment, outcome.backend) == (robot, backend)
+        assert outcome.joints == NAMES[robot]
+        window = (result.run.t >= 5.0) & (result.run.t <= 10.0)
+        error = (result.run.q_d - result.run.q)[window]
+        assert window.sum() == 5001
+        assert found.rms == pytest.approx(np.sqrt((error ** 2).mean(axis=0)), rel=1e-9)
+        assert found.peak == tuple(np.abs(result.run.tau).max(axis=0))
+        steps = np.abs(np.diff(result.run.tau[window], axis=0))
+        assert found.step == pytest.approx(steps.max(axis=0))
+        assert found.variation == pytest.approx(steps.sum(axis=0) / 5.0)
+        assert (np.array(found.peak) < LIMITS[robot]).all()  # Nothing is cut off.
+    assert_gains(outcomes)
+    return outcomes
+
+
+def assert_gains(outcomes: list[Outcome]) -> None:
+    """Check by how much the switchings, and what is recommended, are better than the original."""
+    original = measured(outcomes[0])
+    for outcome in outcomes:
+        variant = outcome.task.variant
+        if variant.law == 'chattering' or variant.settings == RECOMMENDED:
+            least = min(a / b for a, b in zip(original.rms, measured(outcome).rms))
+            claimed = (500.0 if variant.settings == RECOMMENDED else
+                       1000.0 if variant.switching == 'implicit_observer' else 10.0)
+            assert least >= claimed, outcome
+
+
+def measured(outcome: Outcome) -> Score:
+    assert not outcome.score.failure
+    return outcome.score
+
+
+def simulated_with(path: Path, overrides: Overrides) -> Result:
+    return over_simulation(parameter_file.load(path, overrides))
+
+
+@pytest.fixture(scope='module')
+def outcomes() -> Iterator[list[Outcome]]:
+    """Yield what becomes of the Panda, moved by MuJoCo, under a law and what is recommended."""
+    yield compared_robot('panda', 'mujoco', ['compensation'])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('robot', 'backend'), [
+    ('panda', 'mujoco'), ('ur5', 'mujoco'), ('panda', 'builtin'), ('ur5', 'builtin')])
+def test_every_switching_wins_ten_times_on_every_joint(robot: str, backend: str) -> None:
+    """The claims themselves are in `compared_robot`."""
+    assert_documented(compared_robot(robot, backend))
+
+
+def test_the_table_says_what_was_measured(outcomes: list[Outcome]) -> None:
+    """Two tables a robot, a row a run; the worst joint's gain is that of the row."""
+    outcomes = [*outcomes, *(dataclasses.replace(
+        x, experiment='other', task=x.task._replace(condition=CONDITIONS['lag']))
+        for x in outcomes)]
+    text = compare_page.to_markdown(outcomes).replace('**', '')
+    tables = re.split(r'\n\n(?=panda,|other,)', text)
+    assert len(tables) == 4
+    for title, table, changes in zip(('panda, plant mujoco', 'other, plant mujoco, lag'),
+                                     tables[::2], tables[1::2]):
+        mine = [x for x in outcomes if x.experiment == title.partition(',')[0]]
+        first, empty, head, line, *rows = table.strip().splitlines()
+        assert first.startswith(f'{title}: RMS error')
+        assert not empty
+        assert_changes(changes, mine)
+        assert cells(head) == [
+            'law', 'switching', 'settings', *PANDA, 'least', 'peak torque [N·m]']
+        assert cells(line) == ['---'] * (len(PANDA) + 5)
+        assert len(rows) == len(mine)
+        for outcome, row in zip(mine, rows):
+            law, switching, settings, *rms, least, peak = cells(row)
+            assert [float(x) for x in rms] == pytest.approx(measured(outcome).rms, rel=0.06)
+            assert float(peak) == pytest.approx(max(measured(outcome).peak), abs=0.5)
+            assert (law, switching, settings) == outcome.task.variant
+            if law == 'compensation':
+                assert least == ''
+            else:
+                gains = [a / b for a, b in zip(measured(mine[0]).rms, measured(outcome).rms)]
+                assert float(least.rstrip('×')) == pytest.approx(min(gains), rel=0.05)
+
+
+def assert_changes(table: str, outcomes: list[Outcome]) -> None:
+    """Compare the table of torques with outcomes: variation, step and rate of each joint."""
+    _, empty, head, _, *rows = table.strip().splitlines()
+    assert (empty, cells(head)) == ('', ['law', 'switching', 'settings', *PANDA])
+    for outcome, row in zip(outcomes, rows, strict=True):
+        law, switching, settings, *joints = cells(row)
+        assert (law, switching, settings) == outcome.task.variant
+        found = measured(outcome)
+        numbers = [[float(x) for x in cell.split(' / ')] for cell in joints]
+        for shown, expected in zip(zip(*numbers), (
+                found.variation, found.step, found.rate), strict=True):
+            assert shown == pytest.approx(expected, rel=0.06, abs=0.5)
+        assert found.rate == pytest.approx([1e3 * x for x in found.step])
+
+
+def test_the_page_says_what_was_measured(outcomes: list[Outcome]) -> None:
+    assert_documented(outcomes)
+
+
+def assert_documented(outcomes: list[Outcome]) -> None:
+    """Compare the columns of a robot in docs/robots.md, which are of MuJoCo's plant."""
+    page = (CONFIG.parent / 'docs' / 'robots.md').read_text(encoding='utf-8')
+    table = page[page.index('| law | switching |'):].split('\n\n')[0].replace('`', '')
+    rows = {tuple(row[:3]): row[3:] for row in map(cells, table.splitlines()[2:])}
+    assert list(rows) == variants([law for law in LAWS if law not in RIVALS])
+    first = 3 * list(NAMES).index(outcomes[0].experiment)
+    original = measured(outcomes[0]).rms
+    for outcome in outcomes:
+        found = measured(outcome)
+        least = min(a / b for a, b in zip(original, found.rms))
+        if outcome.task.variant in rows:
+            shown = rows[outcome.task.variant][first:first + 3]
+            assert [float(x.strip('×')) for x in shown] == pytest.approx(
+                [max(found.rms), least, max(found.peak)],
+                rel=0.05 if outcome.backend == 'mujoco' else 0.1)
+
+
+def cells(line: str) -> list[str]:
+    return [x.strip() for x in line.strip().strip('|').split('|')]
+
+
+def test_every_variant_is_run_and_a_backend_left_out_is_the_file_s() -> None:
+    seen: list[Setup] = []
+    file = CONFIG / 'friction.yaml'
+    result = simulate(parameter_file.load(file))
+
+    def run(setup: Setup) -> Result:
+        seen.append(setup)
+        return result
+
+    outcomes = list(compared(tasks([file], [None], [None]), 1, run))
+    assert {x.backend for x in outcomes} == {'builtin'}
+    assert [x.runs[0]['controller'] for x in outcomes[:-1]] == [
+        {'law': law, **({'switching': switching} if switching else {})}
+        for law in LAWS for switching in (SWITCHINGS if law == 'chattering' else [''])]
+    assert outcomes[-1].runs[0]['controller'] == recommended(parameter_file.load(file))
+    assert [x.controller for x in seen] == [
+        parameter_file.load(file, x.runs[0]).controller for x in outcomes]
+    assert not any(x.runs[0]['plant'] for x in outcomes)
+
+
+def test_every_law_that_runs_is_compiled_first() -> None:
+    """Check all laws and switchings, under every condition."""
+    todo = tasks([CONFIG / 'friction.yaml'], [None], ['clean', 'lag'])
+    found = list(setups(todo))
+    assert len(found) == len(todo) == 2 * len(variants())
+    for task, setup in zip(todo, found):
+        assert setup.controller.law == task.variant.law
+        assert task.variant.switching in ('', setup.controller.switching)
+
+
+def made_up(variant: Variant, rms: float, variation: float, failure: str = '') -> Outcome:
+    """Return the outcome of a made-up run of the two-link arm."""
+    found = Score((rms, 2.0 * rms), (), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0))
+    task = Task(CONFIG / 'friction.yaml', None, None, variant)
+    return Outcome(task, 'friction', 'builtin', ('joint1', 'joint2'), ({},),
+                   Score(failure=failure) if failure else found)
+
+
+def test_the_smallest_of_a_column_is_bold_whoever_has_it() -> None:
+    """Check it among numbers that look the same as well, and one that diverged."""
+    text = compare_page.to_markdown([
+        made_up(BASE, 1e-2, 100.0), made_up(Variant('integral', '', 'file'), 1.0001e-3, 300.0),
+        made_up(Variant('pd_gravity', '', 'file'), 1e-3, 200.0),
+        made_up(Variant('slotine_li', '', 'file'), 1e-9, 1.0, 'the motion diverged')])
+    rows = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[:9] if '|' in line}
+    changes = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[9:] if '|' in line}
+    assert rows['compensation'] == ['1.0e-02', '2.0e-02', '', '**9**']
+    assert rows['integral'] == ['1.0e-03', '2.0e-03', '10×', '**9**']
+    assert rows['pd_gravity'] == ['**1.0e-03**', '**2.0e-03**', '**10×**', '**9**']
+    assert rows['slotine_li'] == ['diverged'] * 4
+    assert changes['compensation'] == ['**100** / **1** / **1000**', '**50** / **2** / **2000**']
+    assert changes['integral'][0] == '300 / **1** / **1000**'
+    assert changes['slotine_li'] == ['diverged'] * 2
+
+
+@pytest.fixture(scope='module')
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the two-link arm at a coarse step, for little time."""
+    file = tmp_path_factory.mktemp('arm') / 'arm.yaml'
+    text = (CONFIG / 'friction.yaml').read_text()
+    assert 'control_period: 0.001' in text
+    assert 'duration: 10.0' in text
+    file.write_text(text.replace('control_period: 0.001', 'control_period: 0.01').replace(
+        'duration: 10.0', 'duration: 6.0\n    compiled: false'))
+    return file
+
+
+def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
+    run = Recorder()
+    task = Task(arm, None, CONDITIONS['model_error'], Variant('integral', '', 'file'))
+    found = measured(evaluate(task, run))
+    rms = []
+    for result, factor in zip(run.results, (0.9, 1.1), strict=True):
+        assert result.config.inertia_scale == result.config.gravity_scale == factor
+        late = result.run.t >= 5.0
+        rms.append(np.sqrt(((result.run.q_d - result.run.q)[late] ** 2).mean(axis=0)))
+    assert found.rms == pytest.approx(np.max(rms, axis=0), rel=1e-12)
+    assert min(rms[0] / rms[1]) < 0.99 or max(rms[0] / rms[1]) > 1.01
+
+
+def test_a_condition_is_measured_by_the_true_error(arm: Path) -> None:
+    """Check it with encoders so coarse that the measured error would be another one."""
+    over = {'plant': {'encoder_resolution': [0.01, 0.01]}}
+    true, seen = simulated_with(arm, over), simulate(parameter_file.load(arm, over))
+    assert (true.run.tau == seen.run.tau).all()
+    assert np.abs(true.run.q - seen.run.q).max() == pytest.approx(0.005, rel=0.05)
+    assert seen.run.q == pytest.approx(0.01 * np.round(seen.run.q / 0.01), abs=1e-9)
+
+
+def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
+    todo = tasks([arm], [None], ['clean'], ['compensation', 'integral'], RECOMMENDED)
+    outcomes = list(compared(todo, 1))
+    assert list(compared(todo, 2)) == outcomes
+    assert [x.task.variant.settings for x in outcomes] == ['file', RECOMMENDED, RECOMMENDED]
+    for outcome in outcomes:
+        again = simulated_with(arm, outcome.runs[0]).metrics()
+        assert tuple(again['rms_error_rad']) == measured(outcome).rms
+
+
+@pytest.mark.slow
+def test_compiled_and_plain_runs_measure_the_same(arm: Path) -> None:
+    """Check regular motions, at 2 ms, within 0.5 %, and `sign` within 10 %."""
+    file, found = arm.with_name('fine.yaml'), []
+    for word in ('true', 'false'):
+        file.write_text(arm.read_text().replace(
+            'control_period: 0.01', 'control_period: 0.002').replace(
+            'compiled: false', f'compiled: {word}'))
+        todo = tasks([file], [None], ['clean'], ['chattering', 'integral', 'observer_feedback'])
+        compile_setups(setups(todo), print)
+        found.append(list(compared(todo, 1)))
+    for one, other in zip(*found, strict=True):
+        assert (one.score.engine, other.score.engine) == (COMPILED, PLAIN)
+        rel = 0.1 if one.task.variant.switching == 'sign' else 5e-3
+        for name in (*PER_JOINT, 'peak'):
+            assert getattr(one.score, name) == pytest.approx(getattr(other.score, name), rel=rel)
+
+
+def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
+    """Check titles and lines, and that a run over ROS is neither compiled nor plain."""
+    outcomes = [evaluate(Task(arm, None, None, BASE))]
+    titles = [x for x in compare_page.to_markdown(outcomes).splitlines() if x[:2] == '**']
+    ways = [PLAIN] * 2
+    assert [x.rpartition('; ')[2] for x in titles] == ways
+    lines = compare_page.to_csv(outcomes).splitlines()
+    assert lines[0].endswith(',controller,engine')
+    assert [x.rpartition(',')[2] for x in lines[1:]] == ways
+    over_ros = dataclasses.replace(outcomes[0], score=outcomes[0].score._replace(engine=''))
+    assert '; ' not in compare_page.to_markdown([over_ros])
+
+
+@pytest.mark.slow
+def test_without_numba_plain_python_compares(
+        arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Check the command in processes, also those it starts, where nothing is compiled yet."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'sitecustomize.py').write_text("import sys\nsys.modules['numba'] = None\n")
+    file = tmp_path / 'arm.yaml'
+    file.write_text(arm.read_text().replace('compiled: false', 'compiled: true'))
+    arguments = ('compare', file, '--laws', 'pd_gravity', '--jobs', '2')
+    result = ctc_process(*arguments, path=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count('; plain\n') == 2
+    assert 'numba is not installed' in result.stderr
+
+
+def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
+    task = Task(arm, None, CONDITIONS['real_arm'], Variant('slotine_li', '', RECOMMENDED))
+    outcome = evaluate(task)
+    paths = write_parameters([outcome], tmp_path)
+    assert [x.name for x in paths] == [
+        f'friction_builtin_real_arm_slotine_li_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
+    for path, run in zip(paths, outcome.runs):
+        one, other = simulated_with(path, {}).run, simulated_with(arm, run).run
+        assert (one.tau == other.tau).all()
+
+
+def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
+    def run(setup: Setup) -> Result:
+        if setup.controller.law == 'integral':
+            raise CtcError('the motion diverged')
+        return over_simulation(setup)
+
+    todo = tasks([arm], [None], ['clean'], ['integral', 'pd_gravity'])
+    outcomes = list(compared(todo, 1, run))
+    assert [x.score.failure for x in outcomes] == ['', 'the motion diverged', '']
+    assert '| integral |  | file | diverged |' in compare_page.to_markdown(outcomes)
+    csv = compare_page.to_csv(outcomes).splitlines()
+    assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,the motion')
+
+
+def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None:
+    """Check what survives, medians with a lost run as the worst, and the gains of each draw."""
+    result = over_simulation(parameter_file.load(arm))
+
+    def run(setup: Setup) -> Result:
+        if setup.controller.error_limit[0] == LOST:
+            seen.append(setup)
+            if setup.controller.law == 'integral' and len(seen) % 3 == 2:
+                raise CtcError('the motion diverged')
+        return result
+
+    seen: list[Setup] = []
+    todo = tasks([arm], [None], ['clean'], ['integral'], RECOMMENDED, 3, 3)
+    outcomes = list(compared(todo, 1, run))
+    mine = outcomes[1]
+    assert [x.condition for x in mine.judged] == list(held_out(3, 3))
+    assert [x.score.failure for x in mine.judged] == ['', 'the motion diverged', '']
+    for judged, setup in zip(mine.judged, seen[3:6], strict=True):
+        rule = by_rule(setup)
+        assert {name: judged.run['controller'][name] for name in rule} == rule
+        assert setup.plant.actuator_lag == tuple(judged.run['plant']['actuator_lag'])
+    text = compare_page.to_markdown(outcomes)
+    (row,) = [cells(x) for x in text.splitlines() if '2 of 3' in x]
+    assert row[:5] == ['integral', '', RECOMMENDED, '2 of 3', 'lost']
+    assert float(row[5]) == pytest.approx(
+        sorted(x.score.error for x in mine.judged)[1], rel=0.06)
+    lines = compare_page.held_out_csv(outcomes).splitlines()
+    assert len(lines) == 1 + 3 * len(outcomes)
+
+
+def test_a_run_that_ends_too_early_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / 'short.yaml'
+    file.write_text('plant: {ros__parameters: {duration: 0.01}}')
+    with pytest.raises(CtcError, match=r'short\.yaml: fewer than two samples from 5 s to 10 s'):
+        next(compared(tasks([file], [None], [None])))
+
+
+def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Path) -> None:
+    """With files, figures and a page; the same table from the same seed."""
+    out = tmp_path / 'out'
+    arguments = ('compare', arm, '--condition', 'clean', '--condition', 'lag', '--laws',
+                 'pd_gravity', '--gains', 'recommended', '--jobs', '1')
+    result = ctc(*arguments, '--out', out)
+    assert result.returncode == 0, result.stderr
+    text = (out / 'compare.md').read_text(encoding='utf-8')
+    assert text in result.stdout
+    assert result.stdout.endswith(f'\nopen {out / "index.html"}\n')
+    assert '\r' not in result.stderr
+    assert '**friction, plant builtin, lag**' in text
+    rows = [line.count('|') for line in text.splitlines() if '|' in line]
+    assert rows == ([8] * 4 + [6] * 4) * 2
+    assert len((out / 'compare.csv').read_text().splitlines()) == 1 + 2 * 2 * 2
+    assert {x.name for x in (out / 'figures').iterdir()} == {
+        'friction_builtin.svg', 'friction_builtin_clean.svg', 'friction_builtin_lag.svg'}
+    assert len(list((out / 'parameters').iterdir())) == 4
+    page = (out / 'index.html').read_text(encoding='utf-8')
+    assert page.count('<img ') == 3
+    assert page.count('<table>') == 4
+    numbers = page[page.index('<h2>Numbers'):]
+    assert re.findall(r'<b>(.*?)</b>', numbers) == re.findall(r'\*\*(.*?)\*\*', text)
+    assert text.count('; plain\n') == 4
+    assert text in ctc(*arguments).stdout
+    refused(ctc(*arguments, '--out', out), 'compare.md', '--overwrite')
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['nowhere.yaml'], ['nowhere.yaml', 'no such file']),
+    ([CONFIG / 'panda.yaml', '--backend', 'gazebo'], ["plant_backend: 'gazebo'", 'mujoco']),
+    ([CONFIG / 'friction.yaml', '--backend', 'mujoco'], ['plant_backend mujoco', 'description']),
+    (['friction', '--condition', 'rain'], ['no condition is called rain', 'real_arm']),
+    (['friction', '--laws', 'integral,sliding'], ['no law is called sliding', 'slotine_li']),
+    (['friction', '--held-out', '-1'], ['--held-out', 'from 0 on']),
+    (['friction', '--gains', 'good'], ['--gains', 'good', 'recommended'])])
+def test_what_cannot_be_compared_is_refused_in_one_line(
+        arguments: list[object], words: list[str]) -> None:
+    result = ctc('compare', *arguments)
+    assert result.returncode in (1, 2)
+    *_, last = result.stderr.splitlines()
+    assert last.startswith('ctc compare: ')
+    assert [word for word in words if word not in last] == []
+    assert 'Traceback' not in result.stderr

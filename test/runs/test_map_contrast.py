@@ -1,0 +1,140 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A law against the base, run by run, and the values that pass."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ctc_chattering.runs.map_data import contrast, extent, MapData, passing
+from map_tables import made_up, table_of
+import numpy as np
+import pyarrow as pa
+import pytest
+
+LAWS = ('compensation', 'chattering sign')
+
+
+def grid(failures: Any, errors: Any = None, axes: Any = None) -> Any:
+    """Return data of both laws over axes a and b; failures of shape (points, 2, repeats)."""
+    failures = np.asarray(failures)
+    axes = {'a': [1.0, 2.0], 'b': [10.0, 20.0, 40.0]} if axes is None else axes
+    table = table_of(LAWS, axes, {
+        'error': np.full(failures.shape, 0.01) if errors is None else errors,
+        'failure': np.where(failures, 'error', '')})
+    return MapData(table, {name: {'a': 'N*m'}.get(name, '') for name in axes})
+
+
+def test_runs_are_compared_one_by_one() -> None:
+    """Check counts against pairs of rows, some without a partner."""
+    table = made_up({'friction': [2.0, 10.0], 'ka': [1.0, 12.0, 40.0]}, 6)
+    table = table.take(pa.array(np.random.default_rng(0).permutation(len(table))[:150]))
+    data = MapData(table, {'friction': '', 'ka': ''})
+    rows = {(row['variant'], row['point'], row['repeat']): row['failure'] != ''
+            for row in table.to_pylist()}
+    base = {key[1:]: failed for key, failed in rows.items() if key[0] == 'compensation'}
+    assert data.base is not None
+    for v, name in enumerate(data.variants):
+        pairs = [(failed, base[point, repeat]) for (variant, point, repeat), failed in rows.items()
+                 if variant == name and (point, repeat) in base]
+        found = contrast(data, v, data.base)
+        assert found.runs == len(pairs)
+        assert found.worse == sum(a and not b for a, b in pairs)
+        assert found.better == sum(b and not a for a, b in pairs)
+    assert found.worse + found.better
+
+
+def test_where_only_the_law_fails() -> None:
+    failures = np.zeros((6, 2, 4), bool)
+    failures[1, 1, :2] = failures[2, 1] = True  # Half of the runs is a failure.
+    failures[4] = True
+    failures[5, 1, :1] = True
+    data = grid(failures)
+    found = contrast(data, 1, 0)
+    assert found.points == '2 of 6 points, within a 1 N·m, b 20 to 40'
+    assert (found.runs, found.worse, found.better) == (24, 7, 0)
+    assert contrast(data, 0, 1).points == ''
+    assert extent(data, np.ones((2, 3), bool)) == '6 of 6 points, within a 1 to 2 N·m, b 10 to 40'
+
+
+def test_the_largest_loss_and_its_run() -> None:
+    errors = np.full((6, 2, 2), 1e-3)
+    errors[:, 1, 0] = [5e-4, 2e-3, 1e-3, 7e-3, np.nan, 1e-3]
+    errors[5, 0, 0] = np.nan
+    data = grid(np.zeros((6, 2, 2), bool), errors)
+    found = contrast(data, 1, 0)
+    assert found.loss == pytest.approx(7.0)
+    assert found.where == 'a 2 N·m, b 10'
+    assert found.run == 3 * 4 + 2, 'four runs a point, two a law'
+    assert found.larger == 3, 'two errors, and the run that diverged'
+    back = contrast(data, 0, 1)
+    assert back.loss == pytest.approx(2.0)
+    assert (back.run, back.larger) == (0, 2)
+    assert contrast(data, 0, 0).loss == 1.0
+    assert contrast(data, 0, 0).larger == 0
+
+
+def test_the_loss_is_that_of_the_worst_pair_of_rows() -> None:
+    table = made_up({'friction': [2.0, 10.0], 'ka': [1.0, 12.0]}, 6)
+    random = np.random.default_rng(2)
+    table = table.take(pa.array(random.permutation(len(table))))
+    data = MapData(table, {'friction': '', 'ka': ''})
+    rows = {(row['variant'], row['point'], row['repeat']): row for row in table.to_pylist()}
+    base = data.variants.index('compensation')
+    for v, name in enumerate(data.variants):
+        ratios = {row['run']: row['error'] / rows['compensation', point, repeat]['error']
+                  for (variant, point, repeat), row in rows.items()
+                  if variant == name and row['error'] is not None}
+        found = contrast(data, v, base)
+        assert v == base or found.run == max(ratios, key=lambda run: ratios[run])
+        assert found.loss == pytest.approx(max(ratios.values()))
+
+
+def test_without_axes_or_finite_errors() -> None:
+    failures = [[[True, False, True], [False, False, True]]]
+    data = grid(failures, axes={})
+    found = contrast(data, 0, 1)
+    assert (found.runs, found.worse, found.better) == (3, 1, 0)
+    assert (found.points, found.where, found.loss, found.larger) == ('', '', 1.0, 0)
+    gone = contrast(grid(failures, np.full((1, 2, 3), np.nan), axes={}), 0, 1)
+    assert (gone.loss, gone.larger) == (0.0, 0)
+
+
+def test_values_that_pass() -> None:
+    failures = np.zeros((2, 3, 2, 2), bool)
+    failures[0, 1, 0] = True
+    failures[:, :, 1] = True
+    failures[1, 2, 1, 0] = False  # Half of the runs fail: it does not pass.
+    failures[1, 1, 1] = False
+    data = grid(failures.reshape(6, 2, 2))
+    assert passing(data, 1) == ([('a 1 N·m', ['10, 40', 'none']), ('a 2 N·m', ['all', '20'])], 2)
+    assert passing(data, 0) == ([('b 10', ['all', 'none']), ('b 20', ['2', '2']),
+                                 ('b 40', ['all', 'none'])], 3)
+
+
+def test_one_axis_and_three() -> None:
+    one = grid(np.zeros((3, 2, 1), bool), axes={'b': [1.0, 2.0, 3.0]})
+    assert passing(one, 0) == ([('', ['all', 'all'])], 1)
+    axes = {'a': [1.0, 2.0], 'b': np.arange(50.0), 'c': [0.0, 1.0]}
+    failures = np.zeros((2, 50, 2, 2, 1), bool)
+    failures[1, 7, 1, 0] = True
+    data = grid(failures.reshape(200, 2, 1), axes=axes)
+    rows, count = passing(data, 0)
+    assert (len(rows), count) == (60, 100)
+    assert rows[0][0] == 'b 0, c 0' and rows[-1][0] == 'b 49, c 1'
+    rows, count = passing(data, 1)
+    assert [name for name, _ in rows] == ['a 1 N·m, c 0', 'a 1 N·m, c 1', 'a 2 N·m, c 0',
+                                          'a 2 N·m, c 1']
+    assert [cells[0] for _, cells in rows] == ['all', 'all', 'all', '0 to 6, 8 to 49']

@@ -1,0 +1,312 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the figures of a map show, read back from their axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import itertools
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.runs import map_figures
+from ctc_chattering.runs.map_data import MapData
+from ctc_chattering.runs.map_figures import (
+    bands,
+    correlations,
+    distributions,
+    error_map,
+    failure_map,
+    gain_map,
+    lines,
+    NO_RUN,
+    REFUSED,
+    shares,
+)
+from figure_layout import overlaps
+from map_tables import LAWS, made_up, table_of
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
+from matplotlib.contour import ContourSet
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+import numpy as np
+import pytest
+from scipy.stats import binomtest  # type: ignore[import-untyped]
+
+pytestmark = pytest.mark.filterwarnings('error')
+AXES: dict[str, Any] = {
+    'friction': [2.0, 5.0, 10.0, 20.0], 'ka': np.geomspace(1.0, 40.0, 9),
+    'delay': [0.0, 1.0, 2.0], 'load': [0.5, 1.0, 2.0], 'rate': [5e-4, 1e-3, 2e-3]}
+UNITS = {'friction': 'N*m', 'ka': 'N*m', 'delay': 'samples', 'load': '', 'rate': 's'}
+SOME = ('compensation', 'chattering sign', 'chattering implicit')
+
+
+def data_of(*names: str, repeats: int = 5, variants: tuple[str, ...] = SOME, **axes: Any
+            ) -> MapData:
+    axes = {name: AXES[name] for name in names} | axes
+    return MapData(made_up(axes, repeats, variants=variants),
+                   {name: UNITS[name] for name in axes}, ('model', 'noise'))
+
+
+def panels(figure: Figure) -> list[Axes]:
+    """Return the axes of maps: all but the colour bar."""
+    return [ax for ax in figure.axes if ax.patch.get_hatch()]
+
+
+def meshes(ax: Axes) -> list[QuadMesh]:
+    return [x for x in ax.collections if isinstance(x, QuadMesh)]
+
+
+def plain_colour(mesh: QuadMesh) -> str:
+    return to_hex(mesh.get_cmap()(0.5))
+
+
+def shown(ax: Axes, layer: int = 0) -> Any:
+    """Return the numbers of a panel, shape (ny, nx); nan where there is none."""
+    values: Any = meshes(ax)[layer].get_array()
+    return np.ma.filled(values.astype(float), np.nan)
+
+
+def rows(figure: Figure) -> list[str]:
+    """Return what is written beside the rows."""
+    return [' '.join(text.get_text().split()) for text in figure.texts
+            if text.get_rotation() == 90.0]
+
+
+def names(figure: Figure) -> list[str]:
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+@pytest.fixture(scope='module')
+def plain() -> MapData:
+    return data_of('friction', 'ka')
+
+
+@pytest.fixture(scope='module')
+def figure(plain: MapData) -> Figure:
+    return error_map(plain)
+
+
+def test_colours_are_the_median_errors(plain: MapData, figure: Figure) -> None:
+    limits = {meshes(ax)[0].get_clim() for ax in panels(figure)}
+    (low, high), = limits
+    finite = plain.median[np.isfinite(plain.median)]
+    assert low == finite.min() and high == finite.max()
+    for v, ax in enumerate(panels(figure)):
+        assert ax.get_title('left') == plain.variants[v]
+        expected = np.where(np.isinf(plain.median[v]), np.nan, plain.median[v])
+        assert np.array_equal(shown(ax), expected.T, equal_nan=True)
+    assert np.isinf(plain.median).any()
+    assert names(figure) == ['half of the runs or more diverged']
+    assert [ax.get_ylabel() for ax in figure.axes if ax not in panels(figure)] == [
+        'median of the RMS error [rad]']
+
+
+def test_cells_are_at_their_values(figure: Figure) -> None:
+    ax = panels(figure)[0]
+    corners = np.asarray(meshes(ax)[0].get_coordinates())
+    for k, values in enumerate(np.log10(AXES[name]) for name in ('friction', 'ka')):
+        edges = np.unique(corners[..., k])
+        assert len(edges) == len(values) + 1
+        assert (edges[:-1] < values).all() and (values < edges[1:]).all()
+        assert (ax.get_xlim(), ax.get_ylim())[k] == pytest.approx((edges[0], edges[-1]))
+    assert {x.get_xlabel() for x in panels(figure)} == {'friction [N·m]'}
+    assert [x.get_ylabel() for x in panels(figure)] == ['ka [N·m]', '', '']
+
+
+def test_gains_are_decades_and_extremes_are_named() -> None:
+    median = np.array([[1e-2, 1e-2, 1e-2, np.nan, np.nan, 1e-3],
+                       [1e-3, 1e-1, np.nan, 1e-3, np.nan, 1e-3]])
+    data = MapData(table_of(SOME[:2], {'a': [1., 2.], 'b': [1., 2., 3.]}, {
+        'error': median.T[..., np.newaxis], 'failure': np.where(
+            np.isnan(median), 'diverged', '').T[..., np.newaxis]}), {'a': '', 'b': ''})
+    figure = gain_map(data)
+    (ax,) = panels(figure)
+    assert ax.get_title('left') == 'chattering sign'
+    mesh = meshes(ax)[0]
+    assert shown(ax).T.ravel()[[0, 1, 5]] == pytest.approx([1.0, -1.0, 0.0])
+    assert mesh.get_clim() == (-1.0, 1.0)
+    colours = mesh.to_rgba(np.ma.asarray(mesh.get_array()).T).reshape(6, 4)
+    cmap = mesh.get_cmap()
+    assert colours[2].tolist() == list(cmap.get_under())
+    assert colours[3].tolist() == list(cmap.get_over())
+    assert colours[4, 3] == 0.0  # The hatched background shows.
+    assert len({tuple(x) for x in colours.tolist()}) == 6
+    assert colours[2, 0] > colours[2, 2] and colours[1, 0] > colours[1, 2], 'red is worse'
+    assert colours[3, 2] > colours[3, 0] and colours[0, 2] > colours[0, 0], 'blue is better'
+    patches = figure.legends[0].get_patches()
+    assert [x.get_facecolor() for x in patches[:2]] == [tuple(colours[3]), tuple(colours[2])]
+    assert names(figure) == ['only compensation diverged', 'only this law diverged',
+                             'both diverged']
+
+
+def test_the_boundary_and_its_interval() -> None:
+    """Check the lines where the probability only depends on the ordinate."""
+    n, counts = 16, np.array([0, 2, 6, 11, 16])
+    failure = np.full((3, 5, 1, n), '', object)
+    for j, k in enumerate(counts):
+        failure[:, j, :, :k] = 'error'
+    data = MapData(table_of(('chattering sign',), {'a': range(3), 'b': range(5)}, {
+        'error': np.ones((15, 1, n)), 'failure': failure.reshape(15, 1, n)}), {'a': '', 'b': ''})
+    figure = failure_map(data)
+    (ax,) = panels(figure)
+    assert shown(ax)[:, 0] == pytest.approx(counts / n)
+    intervals = [binomtest(int(k), n).proportion_ci(method='wilson') for k in counts]
+    expected = [np.interp(0.5, y, np.arange(5.0)) for y in (
+        counts / n, [x.low for x in intervals], [x.high for x in intervals])]
+    lines = [x for x in ax.collections if isinstance(x, ContourSet)]
+    for line, at in zip(lines, expected, strict=True):
+        (path,) = line.get_paths()
+        x, y = np.asarray(path.vertices).T
+        assert y == pytest.approx(at, abs=1e-6)
+        assert np.ptp(x) == pytest.approx(3.0)
+    assert len(names(figure)) == 3
+
+
+def test_half_of_the_runs_is_a_failure() -> None:
+    failure = np.array([['', ''], ['error', ''], ['error', 'error'], ['error', 'error']])
+    data = MapData(table_of(('compensation',), {'a': [0., 1.], 'b': [0., 1.]}, {
+        'error': np.ones((4, 1, 2)), 'failure': failure[:, np.newaxis]}), {'a': '', 'b': ''})
+    (ax,) = panels(failure_map(data))
+    (line,) = (x for x in ax.collections if isinstance(x, ContourSet))
+    corner = np.asarray(line.get_paths()[0].vertices)
+    assert corner.min() == pytest.approx(-0.5)
+    assert corner.max() == pytest.approx(1.0, abs=1e-6)
+
+
+def test_refused_and_missing_cells_have_colours_of_their_own() -> None:
+    variants = ('compensation', 'chattering sign')
+    error, failure = np.full((6, 2, 2), 1e-3), np.full((6, 2, 2), '', object)
+    error[2, 1], failure[2, 1] = np.nan, 'refused'
+    error[0, 1, 0], failure[0, 1, 0] = np.nan, 'refused'  # One of two runs only.
+    table = table_of(variants, {'a': [1., 2.], 'b': [1., 2., 3.]},
+                     {'error': error, 'failure': failure})
+    data = MapData(table.slice(0, 20), {'a': '', 'b': ''})
+    for draw in (error_map, failure_map):
+        figure = draw(data)
+        first, second = panels(figure)
+        assert [plain_colour(x) for x in meshes(first)[1:]] == [NO_RUN]
+        assert [plain_colour(x) for x in meshes(second)[1:]] == [REFUSED, NO_RUN]
+        refused, missing = (np.isfinite(shown(second, k)) for k in (1, 2))
+        assert np.argwhere(refused).tolist() == [[2, 0]]
+        assert np.argwhere(missing).tolist() == [[2, 1]]
+        assert names(figure)[-2:] == ['refused', 'no run']
+
+
+def test_a_third_axis_and_a_fourth() -> None:
+    data = data_of('friction', 'ka', 'delay', 'load', repeats=2)
+    figure = error_map(data, (1,))
+    assert figure.get_suptitle() == 'RMS error over friction and ka, load 1'
+    for k, ax in enumerate(panels(figure)):
+        expected = data.median[k % 3, :, :, k // 3, 1].T
+        expected = np.clip(expected, *meshes(ax)[0].get_clim()) * np.where(
+            np.isinf(expected), np.nan, 1.0)
+        assert np.clip(shown(ax), *meshes(ax)[0].get_clim()) == pytest.approx(
+            expected, nan_ok=True)
+    assert rows(figure) == [
+        'delay 0 samples', 'delay 1 samples', 'delay 2 samples']
+
+
+def test_more_laws_than_fit_beside_each_other_are_rows() -> None:
+    data = data_of(friction=[2., 20.], ka=[1., 9.], delay=[0., 1.], variants=tuple(LAWS))
+    figure = error_map(data)
+    found = panels(figure)
+    assert [ax.get_title('left') for ax in found[:3]] == ['delay 0 samples', 'delay 1 samples', '']
+    for k, ax in enumerate(found):
+        assert shown(ax)[1, 1] >= data.median[k // 2, 1, 1, k % 2]
+    assert rows(figure) == list(LAWS)
+    assert rows(gain_map(data)) == list(LAWS)[1:], 'as in the other figures'
+
+
+def long_names(axes: int) -> MapData:
+    """Return a map of laws, axes and draws of long names."""
+    table = made_up({name: AXES[name][:3] for name in list(AXES)[:axes]}, 5)
+    laws = [f'{x} with settings of its own' for x in table['variant'].to_pylist()]
+    table = table.set_column(table.column_names.index('variant'), 'variant', [laws])
+    long = {x: f'a_rather_long_name_for_{x}' for x in (*list(AXES)[:axes], 'model', 'noise')}
+    table = table.rename_columns([long.get(x, x) for x in table.column_names])
+    return MapData(table, {long[x]: UNITS[x] for x in list(AXES)[:axes]},
+                   (long['model'], long['noise']))
+
+
+CASES: dict[str, Any] = {
+    'six laws': lambda: failure_map(data_of('friction', 'ka', variants=tuple(LAWS), repeats=3)),
+    'three axes': lambda: gain_map(data_of('rate', 'ka', 'delay', variants=tuple(LAWS)[:3])),
+    'more laws than columns': lambda: failure_map(data_of(
+        'ka', variants=tuple(LAWS), repeats=4, rate=[5e-4, 1e-3, 2e-3], delay=[0., 1.])),
+    'one law, 2x2, one run': lambda: error_map(data_of(
+        variants=('chattering sign',), repeats=1, friction=[5e-4, 2e-3], ka=[1.0, 100.0])),
+    'all diverged': lambda: gain_map(MapData(table_of(SOME, {'a': [0., 1., 10.], 'b': range(9)}, {
+        'error': np.full((27, 3, 1), np.nan), 'failure': np.full((27, 3, 1), 'diverged')}),
+        {'a': 'N*m', 'b': ''})),
+    'long names': lambda: failure_map(long_names(3)),
+    'long names of laws': lambda: error_map(long_names(2)),
+    'long names of draws': lambda: correlations(long_names(0)),
+    'long names of an axis': lambda: bands(long_names(1)),
+    'lines': lambda: lines(data_of('ka', variants=tuple(LAWS))),
+    'bands': lambda: bands(data_of('ka')),
+    'distributions': lambda: distributions(data_of(repeats=20)),
+    'shares': lambda: shares(data_of('ka', repeats=20)),
+    'correlations': lambda: correlations(data_of('ka', repeats=20))}
+
+
+def texts(figure: Figure) -> Iterator[tuple[str, Any]]:
+    """Yield the texts of a figure and their boxes."""
+    figure.draw_without_rendering()
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    hidden = [text for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)
+              for place, text in zip(axis.get_ticklocs(), axis.get_ticklabels())
+              if not min(axis.get_view_interval()) <= place <= max(axis.get_view_interval())]
+    for text in figure.findobj(Text):
+        if text.get_visible() and text.get_text().strip() and text not in hidden:
+            yield text.get_text(), text.get_window_extent(renderer)
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_texts_are_apart_and_on_the_paper(case: str) -> None:
+    figure = CASES[case]()
+    assert not overlaps(figure)
+    found = list(texts(figure))
+    assert len(found) > 5
+    for text, box in found:
+        assert box.x0 >= 0.0 and box.y0 >= 0.0, text
+        assert box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1, text
+    shrunk = [(text, box.padded(-1.0)) for text, box in found]
+    for (one, a), (other, b) in itertools.combinations(shrunk, 2):
+        assert not a.overlaps(b), (one, other)
+
+
+def test_equal_data_give_equal_files(tmp_path: Path) -> None:
+    for out in ('a', 'b'):
+        data = data_of(friction=[2., 20.], ka=[1., 9.], variants=('chattering sign',))
+        files = map_figures.save_map_figures(data, tmp_path / out)
+    assert [file.path.name for file in files] == [
+        'error.svg', 'failure.svg', 'failures.svg', 'dependence.svg']
+    for file in files:
+        assert file.path.read_bytes() == (tmp_path / 'a' / file.path.name).read_bytes()
+
+
+def test_figures_are_limited_and_say_so() -> None:
+    data = data_of(variants=('chattering sign',), repeats=1, friction=[1., 2.], ka=[1., 2.],
+                   delay=range(9), load=range(1, 8))
+    found = list(itertools.islice(map_figures.figures(data), 3))
+    assert [stem for stem, _, _ in found] == ['error_load_0', 'failure_load_0', 'error_load_2']
+    assert 'Of delay, 6 of 9 values. Figures for 4 of 7 combinations' in found[0][2]
+    assert len(panels(found[0][1])) == 6

@@ -1,0 +1,231 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The page of a map, read back."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.analysis.drawing import FigureFile
+from ctc_chattering.errors import CtcError
+from ctc_chattering.runs.map_data import MapData
+from ctc_chattering.runs.map_page import write_map_page
+from map_tables import made_up, table_of
+import numpy as np
+import pytest
+from scipy.stats import binomtest  # type: ignore[import-untyped]
+
+AXES = {'friction': [2.0, 8.0, 20.0], 'ka': [1.0, 5.0, 15.0, 40.0]}
+UNITS = {'friction': 'N*m', 'ka': 'N*m'}
+
+
+class Page(HTMLParser):
+    """Collects texts and tables, and checks that tags nest."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.source = path.read_text(encoding='utf-8')
+        self.open: list[str] = []
+        self.texts: dict[str, list[str]] = {}
+        self.tables: list[list[list[str]]] = []
+        self.classes: list[tuple[str, str]] = []
+        self.feed(self.source)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.classes += [(tag, value or '') for name, value in attrs if name == 'class']
+        if tag == 'br':
+            self.handle_data('\n')
+        elif tag not in ('meta', 'img', 'wbr'):
+            self.open.append(tag)
+            self.texts.setdefault(tag, []).append('')
+        if tag == 'table':
+            self.tables.append([])
+        elif tag == 'tr':
+            self.tables[-1].append([])
+        elif tag in ('td', 'th'):
+            self.tables[-1][-1].append('')
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        data = data.replace('\N{NO-BREAK SPACE}', ' ')
+        for tag in set(self.open):
+            self.texts[tag][-1] += data
+        if {'td', 'th'} & set(self.open):
+            self.tables[-1][-1][-1] += data
+
+
+def written(data: MapData, path: Path, facts: dict[str, str] | None = None) -> Page:
+    write_map_page(data, [FigureFile(path / 'figures' / 'a.svg', 'A', 'B.')],
+                   path / 'index.html', facts or {}, {'results.parquet': 'a row a run'})
+    return Page(path / 'index.html')
+
+
+@pytest.fixture(scope='module')
+def table() -> Any:
+    return made_up(AXES, 5)
+
+
+@pytest.fixture
+def page(table: Any, tmp_path: Path) -> Page:
+    return written(MapData(table, UNITS, ('model', 'noise')), tmp_path,
+                   {'a run fails if': 'error > 0.005 rad & more', 'ka': 'gain',
+                    'model': 'uniform'})
+
+
+def test_the_table_has_the_shares_of_the_rows(table: Any, page: Page) -> None:
+    rows = table.to_pylist()
+    head, *lines = page.tables[0]
+    kinds = [x for x in ('diverged', 'error', 'saturated') if x in head]
+    assert set(kinds) == {row['failure'] for row in rows} - {''}
+    assert [line[0] for line in lines] == list(dict.fromkeys(row['variant'] for row in rows))
+    for line in lines:
+        mine = [row for row in rows if row['variant'] == line[0]]
+        counts = [sum(row['failure'] != '' for row in mine), *(
+            sum(row['failure'] == kind for row in mine) for kind in kinds)]
+        assert line[1] == f'{len(mine)}' == '60'
+        for k, cell in zip(counts, line[2:]):
+            share, _, interval = cell.partition('\n')
+            assert share == f'{k / 0.6:.1f} %'
+            low, high = map(float, interval.split(' to '))
+            # At least as wide as if all 60 runs were independent, for five draws are shared.
+            alone = binomtest(k, 60).proportion_ci(method='wilson')
+            assert low <= 100 * alone.low + 0.06 and high >= 100 * alone.high - 0.06
+        errors = sorted(np.inf if row['error'] is None else row['error'] for row in mine)
+        for text, value in zip(line[-2].split('\n'), (errors[29], errors[56])):
+            if np.isinf(value):
+                assert text == 'diverged'
+            else:
+                assert float(text.replace('−', '-')) == pytest.approx(value, rel=5e-3)
+        assert sum(map(int, line[-1].split(' / '))) == 12
+
+
+def test_points_are_undecided_without_enough_runs(tmp_path: Path) -> None:
+    data = MapData(made_up(AXES, 3), UNITS)
+    assert {line[-1] for line in written(data, tmp_path).tables[0][1:]} == {'0 / 12 / 0'}
+    assert {line[-1] for line in written(MapData(made_up(AXES, 5), UNITS), tmp_path).tables[0][1:]
+            } - {'0 / 12 / 0'}
+
+
+def test_the_worst_law_comes_first(tmp_path: Path) -> None:
+    failure = np.full((2, 3, 4), '', object)
+    failure[0, 1] = 'error'
+    failure[:, 2] = 'diverged'
+    failure[1, 0, 0] = 'error'
+    data = MapData(table_of(
+        ('compensation', 'chattering sign', 'observer_feedback'), {'ka': [1.0, 2.0]},
+        {'error': np.ones((2, 3, 4)), 'failure': failure}), {'ka': 'N*m'})
+    page = written(data, tmp_path)
+    bad = [text for text in page.texts['p'] if ' fails where compensation does not' in text]
+    assert bad[0].startswith('observer_feedback fails where compensation does not in 7 of 8 runs; '
+                             'the reverse in 0. Half of its runs or more fail, and less of '
+                             'compensation, at 2 of 2 points, within ka 1 to 2 N·m.')
+    assert bad[1].startswith('chattering sign fails where compensation does not in 4 of 8 runs; '
+                             'the reverse in 1.')
+    assert page.classes.count(('p', 'attention')) == 2
+    assert page.texts['h1'] == ['compensation fails in 12.5 %, observer_feedback in 100.0 % of '
+                                'the runs']
+    assert 'In 0 runs its error is the larger one.' in bad[0]
+    assert page.tables[1][1] == ['ka [N·m]', 'all', '2', 'none']
+
+
+def test_a_law_that_is_nowhere_worse(tmp_path: Path) -> None:
+    failure = np.array([[['error', 'error'], ['', 'error']]])
+    data = MapData(table_of(('compensation', 'chattering sign'), {}, {
+        'error': [[[2.0, 2.0], [1.0, 2.0]]], 'failure': failure}), {})
+    page = written(data, tmp_path)
+    assert ('chattering sign nowhere; compensation fails where it does not in 1 of 2 runs.'
+            in page.texts['p'])
+    assert ('p', 'attention') not in page.classes
+
+
+def test_values_that_pass_along_each_axis(page: Page) -> None:
+    assert [text for text in page.texts['summary'] if text.startswith('Values')] == [
+        f'Values of {name} [N·m] at which less than half of the runs fail' for name in AXES]
+    over_friction, over_ka = page.tables[1:3]
+    assert over_friction[0][0] == 'ka' and over_ka[0][0] == 'friction'
+    assert [line[0] for line in over_friction[1:]] == [f'ka {x:g} N·m' for x in AXES['ka']]
+    assert [line[0] for line in over_ka[1:]] == [f'friction {x:g} N·m' for x in AXES['friction']]
+    assert all(len(line) == 7 for line in over_ka)
+
+
+def test_what_was_run(page: Page) -> None:
+    assert dict(page.tables[3]) == {
+        'friction [N·m]': '3 values, 2 to 20', 'ka [N·m]': '4 values, 1 to 40: gain',
+        'model': 'uniform', 'noise': 'drawn', 'simulated': 'compiled: 360 runs',
+        'runs': '5 runs of each law at each point; seeds of the noise 7 to 11',
+        'a run fails if': 'error > 0.005 rad & more'}
+    assert page.texts['p'][0] == ('6 laws over friction × ka: 12 points, 5 draws each, 360 runs '
+                                  'in all.')
+    assert any('results.parquet (a row a run)' in text for text in page.texts['p'])
+
+
+def test_draws_only_and_no_base(tmp_path: Path) -> None:
+    page = written(MapData(made_up({}, 1200, variants=('chattering sign',)), {}), tmp_path)
+    assert page.texts['p'][0] == ('1 law with 1\N{NARROW NO-BREAK SPACE}200 draws, '
+                                  '1\N{NARROW NO-BREAK SPACE}200 runs in all.')
+    assert not any('worse than' in text for text in page.texts['h2'])
+    assert 'points' not in ' '.join(page.tables[0][0])
+    assert len(page.tables) == 2
+
+
+def test_no_failure_and_one_value(tmp_path: Path) -> None:
+    data = MapData(table_of(('compensation',), {'ka': [3.0]}, {
+        'error': [[[1e-5, 1e-4]]], 'failure': [[['', '']]]}), {'ka': 'N*m'})
+    page = written(data, tmp_path)
+    assert page.texts['h1'] == ['No run fails']
+    assert page.tables[0][1] == ['compensation', '2', '0.0 %\n0.0 to 65.8', '1.00e−5\n1.00e−4']
+    assert ['ka [N·m]', '3'] in page.tables[1]
+
+
+def test_texts_are_escaped_and_nothing_is_fetched(tmp_path: Path) -> None:
+    name = '<b>$x & y</b>'
+    data = MapData(table_of(('compensation', name), {'ka': [1.0, 2.0]}, {
+        'error': np.ones((2, 2, 1)), 'failure': [[[''], ['error']]] * 2}), {'ka': '<i>'})
+    page = written(data, tmp_path, {'<u>': '<s>'})
+    assert page.tables[0][2][0] == name
+    assert name in page.texts['h1'][0]
+    assert ['<u>', '<s>'] in page.tables[-1]
+    assert not any(x in page.source for x in ('://', '<script src', '<link'))
+
+
+def test_a_page_that_cannot_be_written(table: Any, tmp_path: Path) -> None:
+    with pytest.raises(CtcError, match=r'^cannot write '):
+        write_map_page(MapData(table, UNITS), [], tmp_path, {}, {})
+
+
+def test_a_single_run_away_from_the_median_is_named(tmp_path: Path) -> None:
+    error = np.full((2, 2, 9), 1e-2)
+    error[:, 1] = 1e-3
+    error[1, 1, 4] = 12.0
+    data = MapData(table_of(('compensation', 'observer_feedback'), {'ka': [1.0, 20.0]}, {
+        'error': error, 'failure': np.where(error > 1.0, 'error', '')}), {'ka': 'N*m'})
+    (text,) = [x for x in written(data, tmp_path).texts['p'] if x.startswith('observer_feedback ')]
+    assert text.endswith('In 1 run its error is the larger one, up to 1200 times as large in '
+                         'run 31, ka 20 N·m.')
+
+
+@pytest.mark.parametrize(('error', 'text'), [
+    (4.567e-5, '4.57e−5'), (1.234e-12, '1.23e−12'), (7.54, '7.54'), (12.3, '1.23e1'),
+    (np.nan, 'diverged')])
+def test_errors_in_the_table(error: float, text: str, tmp_path: Path) -> None:
+    data = MapData(table_of(('compensation',), {}, {
+        'error': [[[error]]], 'failure': [[['']]]}), {})
+    assert written(data, tmp_path).tables[0][1][-1] == f'{text}\n{text}'

@@ -1,0 +1,170 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Margins against the controller itself on robots that are written here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import exp
+from typing import Any
+
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.package_share import find_config
+from ctc_chattering.control.controller import Controller
+from ctc_chattering.control.controller_config import ControllerConfig
+from ctc_chattering.errors import CtcError
+from ctc_chattering.numerics.linear_algebra import Array
+from ctc_chattering.runs.score import score
+from ctc_chattering.runs.spec import read_spec
+from ctc_chattering.runs.stability import Frozen, Loops, loops_of, stable
+import numpy as np
+import pytest
+from scipy.linalg import expm  # type: ignore[import-untyped]
+
+#: A model of two joints that are coupled [kg·m²], the period and the lag of the drives [s].
+MASS, H, LAG = np.array([[3.0, 0.8], [0.8, 0.5]]), 1e-3, 2e-3
+#: The law, told all but the model.
+REAL_ARM = {'law': 'observer_feedback', 'kp': [1e4] * 2, 'kv': [200.0] * 2, 'ka': [1e6] * 2,
+            'estimator_bandwidth': 200.0, 'actuator_lag': [2e-3] * 2, 'input_delay': 1}
+
+
+def loops(controller: dict[str, Any], lag: float = 0.0, delay: int = 0, **plant: Any) -> Loops:
+    return loops_of(parameter_file.load(find_config('friction'), {
+        'controller': controller,
+        'plant': {'actuator_lag': [lag] * 2, 'input_delay': delay, **plant}}))
+
+
+def period(inverse: Array, lag: float) -> Array:
+    """Return q, dq and torque a period later, shape (6, 8), of those and the command."""
+    two, flow = np.eye(2), np.zeros((8, 8))
+    flow[:2, 2:4], flow[2:4, 4:6] = two, inverse
+    flow[4:6, 4:6], flow[4:6, 6:] = -two / lag, two / lag
+    found: Array = expm(H * flow)[:6]
+    return found
+
+
+def errors(config: ControllerConfig, periods: Iterable[Array]) -> Array:
+    """Return |e| of each sample of a robot whose periods are given, in a motion of 1 rad/s."""
+    controller, found = Controller(config, Frozen(MASS)), []
+    x, transit = np.array([1e-9, 0.0, 1.0, 1.0, 0.0, 0.0]), [np.zeros(2)] * config.input_delay
+    for k, each in enumerate(periods):
+        q, dq, *_ = x.reshape(3, 2).tolist()
+        points = [([H * (k + j)] * 2, [1.0, 1.0], [0.0, 0.0]) for j in range(len(transit) + 1)]
+        sample = controller.step(q, dq, *points[0], ahead=points[1:])
+        transit.append(np.array(sample.tau))
+        x = each @ np.concatenate([x, transit.pop(0)])
+        found.append(float(np.abs(x[:2] - H * (k + 1)).max()))
+    return np.array(found)
+
+
+def robot(ratios: Array, rng: np.random.Generator) -> Array:
+    """Return M⁻¹ such that M̂ M⁻¹ has these eigenvalues, in random directions."""
+    half = np.linalg.inv(np.linalg.cholesky(MASS))
+    turn, _ = np.linalg.qr(rng.standard_normal((2, 2)))
+    inverse: Array = half.T @ turn @ np.diag(ratios) @ turn.T @ half
+    return inverse
+
+
+def test_poles_are_the_growth_of_the_controller_itself() -> None:
+    """Within the bounds of one eigenvalue errors decay, beyond them they grow, at that rate."""
+    found, config = loops(REAL_ARM, LAG, 1), ControllerConfig().changed(REAL_ARM)
+    span, rng = found.ratios(), np.random.default_rng(1)
+    assert span is not None
+    for worst, grows in ((1.08 * span.high, True), (0.92 * span.high, False),
+                         (0.9 * span.low, True)):
+        e = errors(config, [period(robot(np.array([worst, 1.0]), rng), LAG)] * 200)
+        rate = (e[150:].max() / e[80:130].max()) ** (1.0 / 70.0)
+        assert (rate > 1.0) == grows
+        assert rate == pytest.approx(found.radius(worst), abs=5e-3)
+
+
+def test_errors_that_vary_within_the_guarantee_decay() -> None:
+    """A robot that is another one at each sample, at the ends of what is guaranteed."""
+    found, config = loops(REAL_ARM, LAG, 1), ControllerConfig().changed(REAL_ARM)
+    span, exact, rng = found.guaranteed(), found.ratios(), np.random.default_rng(2)
+    assert span is not None
+    assert exact is not None
+    assert exact.low < span.low < 0.8 < 1.25 < span.high < exact.high
+    e = errors(config, [period(robot(np.where(rng.random(2) < 0.5, *span), rng), LAG)
+                        for _ in range(200)])
+    assert e[-30:].max() < 1e-2 * e[:30].max()
+
+
+@pytest.mark.slow
+def test_the_real_arm_is_stable_where_the_theorem_says() -> None:
+    """The two-link arm, which is not linear, in its motion with friction, around the bounds."""
+    setup = read_spec(find_config('stability', folder='maps')).setup
+    law = {**REAL_ARM, 'ka': [60.0, 30.0], 'estimator_bandwidth': 100.0}
+    found = loops(law, LAG, 1)
+    exact, guaranteed = found.ratios(), found.guaranteed()
+    assert exact is not None
+    assert guaranteed is not None
+    for ratio, stays in ((0.92 * exact.low, False), (1.05 * guaranteed.low, True),
+                         (0.95 * guaranteed.high, True), (0.95 * exact.high, True),
+                         (1.05 * exact.high, False)):
+        error = score(setup.changed({
+            'controller': {**law, 'inertia_scale': ratio},
+            'plant': {'actuator_lag': [LAG] * 2}}), (4.0, 6.0)).error
+        assert (error < 3e-3) == stays, (ratio, error)
+
+
+@pytest.mark.parametrize(('switching', 'bandwidth', 'most'), [
+    ('implicit', 1.0, 2.0), ('implicit_observer', 200.0, 4.0 / (3.0 - exp(-0.2)))])
+def test_bounds_that_have_a_closed_form(switching: str, bandwidth: float, most: float) -> None:
+    """docs/theory.md has those of the paper's term, for slow gains and filter."""
+    span = loops({'switching': switching, 'observer_bandwidth': bandwidth, 'kp': [1e-2] * 2,
+                  'kv': [0.2] * 2, 'lambda': 1e-2}).ratios()
+    assert span is not None
+    assert span.high == pytest.approx(most, rel=2e-3)
+
+
+def test_the_error_gain_bounds_what_a_bounded_torque_does() -> None:
+    """The worst torque is the sign of the response, reversed; a constant one does less."""
+    found = loops({'law': 'compensation', 'kp': [1e4] * 2, 'kv': [200.0] * 2})
+    assert found.error_gain() == pytest.approx(1e-4, rel=0.05)  # Critically damped: 1 / kp.
+    assert found.error_gain(50.0) == np.inf
+    assert 1e-4 < loops(REAL_ARM, LAG, 1).error_gain() < 1e-3
+
+
+def test_settings_that_differ_between_joints() -> None:
+    """With the same numbers on both joints, all M̂ give what one joint gives."""
+    one = loops(REAL_ARM, LAG, 1)
+    nearly = loops({**REAL_ARM, 'kp': [1e4, 1.0001e4]}, 2e-3, 1)
+    assert (len(one.laws), len(nearly.laws)) == (1, 5)
+    assert nearly.radius() == pytest.approx(one.radius(), abs=1e-3)
+    assert nearly.radius(1.5) == pytest.approx(one.radius(1.5), abs=1e-3)
+    assert nearly.all[0].scaled(2.0).closed(1.3) == pytest.approx(nearly.all[0].closed(1.3))
+
+
+def test_lags_and_delays() -> None:
+    found = loops(REAL_ARM, LAG, 1)
+    span = found.lags()
+    assert span is not None
+    assert span.low == 0.0
+    assert found.with_drives(lag=0.99 * span.high).radius() < 1.0
+    assert found.with_drives(lag=1.01 * span.high).radius() > 1.0
+    assert 1 in found.delays()
+    assert 9 not in found.delays()
+    assert stable(lambda x: abs(x), 2.0, np.array([0.0, 2.0])) is None
+
+
+def test_what_is_refused() -> None:
+    with pytest.raises(CtcError, match='chattering sign is not linear'):
+        loops({'switching': 'sign'})
+    with pytest.raises(CtcError, match='law pd_gravity: its torque is not in proportion to M'):
+        loops({'law': 'pd_gravity'})
+    with pytest.raises(CtcError, match='velocity_sensor: filtered is not allowed'):
+        loops({'law': 'compensation'}, velocity_sensor='filtered', velocity_cutoff=500.0)
+    assert loops(REAL_ARM, velocity_sensor='filtered', velocity_cutoff=500.0).radius() < 1.0

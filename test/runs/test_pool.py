@@ -1,0 +1,135 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Chunks over processes: all of them come, a bounded number at a time, or one line says why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import signal
+import socket
+import threading
+import time
+from typing import Any
+
+from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.runs import pool
+from ctc_chattering.runs.pool import computed, in_parallel, processes, threads, workers
+from distributed import LocalCluster
+import pytest
+from scheduler_tasks import add, die, die_once, fail, late, until_there
+
+
+@pytest.fixture(scope='module')
+def client() -> Iterator[Any]:
+    with workers(1) as made:
+        yield made
+
+
+def named(count: int, what: str) -> list[tuple[str, int]]:
+    return [(f'{what}-{k}', k) for k in range(count)]
+
+
+class Counted(list[Any]):
+    """A list that counts how much of it has been taken."""
+
+    taken = 0
+
+    def __iter__(self) -> Iterator[Any]:
+        for item in super().__iter__():
+            self.taken += 1
+            yield item
+
+
+def test_every_result_comes_and_few_tasks_are_in_flight(client: Any) -> None:
+    tasks, found = Counted(named(50, 'add')), {}
+    for name, result in computed(client, add, (100, 1000), tasks):
+        found[name] = result
+        assert tasks.taken - len(found) < 4 * threads(client)
+    assert found == {f'add-{k}': 1100 + k for k in range(50)}
+
+
+def test_what_a_task_raises_is_raised_here(client: Any) -> None:
+    with pytest.raises(ParameterError, match=r'ka: -1\.0 is not allowed; allowed: a number'):
+        list(computed(client, fail, ('ours',), named(3, 'ours')))
+    with pytest.raises(CtcError, match=r'^a worker failed: ZeroDivisionError: a division by'):
+        list(computed(client, fail, ('other',), named(3, 'other')))
+    assert len(list(computed(client, add, (1, 2), named(3, 'more')))) == 3
+
+
+def test_results_come_in_the_order_of_their_tasks() -> None:
+    """Check several calls of one map, the first task of which ends last, and none at all."""
+    with processes(2) as each:
+        assert list(each(late, [0.2, 0.0, 0.1])) == [0.2, 0.0, 0.1]
+        assert list(each(late, [0.01, 0.0])) == [0.01, 0.0]
+    assert list(in_parallel(late, [0.0, 0.01], 1)) == [0.0, 0.01]
+    assert list(in_parallel(late, [], 2)) == []
+
+
+def test_the_task_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
+    """Check with the only worker killed, which holds what all tasks share; another replaces it."""
+    (name, process), = computed(client, die_once, (str(tmp_path),), [('dies', 7)])
+    assert name == 'dies'
+    assert process != int((tmp_path / '7').read_text())
+
+
+def test_without_workers_a_line_says_so(tmp_path: Path) -> None:
+    """Begin with none, lose the only one while it computes, and go on each time."""
+    lines = list[str]()
+    with LocalCluster(n_workers=0, processes=False, protocol='tcp', dashboard_address=None
+                      ) as cluster, workers(1, cluster.scheduler_address) as client:
+        def show(line: str) -> None:
+            lines.append(line)
+            (tmp_path / f'{len(lines)}').touch()
+            cluster.scale(1)
+
+        def lose() -> None:
+            while not (tmp_path / 'begun').exists():
+                time.sleep(0.01)
+            cluster.scale(0)
+
+        threading.Thread(target=lose).start()
+        tasks = [('waits', str(tmp_path / '2'))]
+        assert list(computed(client, until_there, (str(tmp_path / 'begun'),), tasks, show)) == [
+            ('waits', 2)]
+        assert lines == [f'waiting for workers at {cluster.scheduler_address}'] * 2
+
+
+def test_workers_leave_interrupts_to_this_process(client: Any) -> None:
+    """Check the mask of a worker, which is now one that replaced another."""
+    (mask,) = client.run(lambda: signal.pthread_sigmask(signal.SIG_BLOCK, ())).values()
+    assert signal.SIGINT in mask
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+@pytest.mark.slow
+def test_a_task_that_kills_every_worker_ends_the_map() -> None:
+    with (workers(2) as client, pytest.raises(CtcError, match='4 workers were killed while')):
+        list(computed(client, die, (), named(1, 'die')))
+
+
+@pytest.mark.parametrize('address', ['nowhere', 'tcp://127.0.0.1:'])
+def test_what_is_no_address(address: str) -> None:
+    with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
+        workers(1, address).__enter__()
+
+
+def test_no_scheduler_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pool, '_CONNECT', 0.2)
+    with socket.socket() as free:
+        free.bind(('127.0.0.1', 0))
+        address = f'tcp://127.0.0.1:{free.getsockname()[1]}'
+        with pytest.raises(CtcError, match=f'--scheduler {address}: no scheduler answers: '):
+            workers(1, address).__enter__()

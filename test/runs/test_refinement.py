@@ -1,0 +1,137 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Refined maps: the boundary of the whole grid with a tenth of the runs, and the same rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.runs import store
+from ctc_chattering.runs.map_data import MapData
+from ctc_chattering.runs.points import FAILS, PASSES, Refinement, Runs, UNKNOWN, wanted
+from ctc_chattering.runs.store import Directory
+from map_specs import runs
+import numpy as np
+import pyarrow
+from scipy.ndimage import distance_transform_edt  # type: ignore[import-untyped]
+
+AXIS: dict[str, Any] = {'parameter': 'plant.coulomb_friction', 'range': [1, 33], 'count': 33}
+KA: dict[str, Any] = {'parameter': 'controller.ka', 'range': [1, 33], 'count': 33}
+
+
+def refined(fails: Callable[..., Any], shape: tuple[int, ...], coarse: tuple[int, ...]) -> Any:
+    """Return the state of a grid in which a rule says what fails, when nothing is wanted."""
+    state = np.full(shape, UNKNOWN, np.int8)
+    while (more := wanted(state, coarse)).any():
+        state[more] = np.where(fails(*np.nonzero(more)), FAILS, PASSES)
+    return state
+
+
+def filled(state: Any, along: tuple[float, ...] = (1.0, 1.0)) -> Any:
+    """Return the state with each unknown point as the nearest known one."""
+    return state[tuple(distance_transform_edt(
+        state == UNKNOWN, along, return_distances=False, return_indices=True))]
+
+
+def within(x: Any, y: Any) -> Any:
+    """Return whether points are in a circle that the grid cuts, and not in one within it."""
+    return ((x - 80) ** 2 + (y - 99) ** 2 < 140 ** 2) & (
+        (x - 120) ** 2 + (y - 120) ** 2 > 40 ** 2)
+
+
+def test_a_boundary_takes_a_tenth_of_the_runs() -> None:
+    """Each of 66049 points is on its side of two circles, and fewer than 6605 were run."""
+    state = refined(within, (257, 257), (16, 16))
+    assert (filled(state) == within(*np.indices((257, 257)))).all()
+    assert (state != UNKNOWN).sum() < 257 ** 2 / 10
+
+
+def test_an_axis_of_values_is_not_refined() -> None:
+    """Every value of it has the coarse grid, and a boundary of its own."""
+    def rule(x: Any, k: Any, y: Any) -> Any:
+        return x + y < 20 * (k + 1)
+
+    state = refined(rule, (33, 3, 33), (8, 1, 8))
+    assert (filled(state, (1.0, 1e6, 1.0)) == rule(*np.indices((33, 3, 33)))).all()
+    assert (state[::8, :, ::8] != UNKNOWN).all()
+    assert (state != UNKNOWN).sum() < state.size / 3
+
+
+def test_a_boundary_between_two_points_of_the_coarse_grid_is_followed_from_elsewhere() -> None:
+    """A tongue narrower than a cell that begins in a mixed one; an island alone is not found."""
+    def tongue(x: Any, y: Any) -> Any:
+        return (np.abs(y - 20) < 2) & (x < 27)
+
+    assert (filled(refined(lambda x, y: tongue(x, y) | (x < 3), (33, 33), (8, 8)))
+            == tongue(*np.indices((33, 33))) | (np.indices((33, 33))[0] < 3)).all()
+    island = refined(tongue, (33, 33), (8, 8))
+    assert (island != FAILS).all()
+    assert (island != UNKNOWN).sum() == 25
+
+
+def rows(made: Runs, numbers: Any) -> pyarrow.Table:
+    """Return rows of runs that fail where friction exceeds ka, for one law twice that."""
+    def failure(x: dict[str, Any]) -> str:
+        return 'error' * bool(x['friction'] > x['ka'] * (1 + (x['law'] == 'chattering')))
+    return pyarrow.Table.from_pylist([
+        {**which, 'failure': failure(which), 'error': 1.0} for which in map(
+            made.columns, numbers)], store.schema(made.spec))
+
+
+def mapped(made: Runs, directory: Directory, computed: list[Any]) -> pyarrow.Table:
+    """Refine a map as `ctc map` does, chunks in reverse; return its rows."""
+    refinement, parts = Refinement(made), []
+    while (some := refinement.numbers()):
+        chunks = store.chunks(made, some)
+        for part in reversed([x for x in chunks if directory.rows(x, print) is None]):
+            directory.write(part, rows(made, part))
+            computed.append(part)
+        mine = pyarrow.concat_tables([directory.rows(x, print) for x in chunks])
+        refinement.take(partial(lambda x: x, mine))
+        parts.append(mine)
+    return directory.merge(parts)
+
+
+def test_rows_are_those_of_the_whole_map_and_are_not_computed_again(tmp_path: Path) -> None:
+    made = runs(axes={'friction': AXIS, 'ka': KA}, refine=3, laws=['compensation', 'chattering'])
+    about, first, again = store.about(made), list[Any](), list[Any]()
+    directory = Directory(tmp_path, about, store.schema(made.spec))
+    table = mapped(made, directory, first)
+    before = (tmp_path / 'map.parquet').read_bytes()
+    next(tmp_path.glob('shards/*.parquet')).unlink()
+    assert mapped(made, Directory(
+        tmp_path, about, store.schema(made.spec)), again).equals(table)
+    assert (tmp_path / 'map.parquet').read_bytes() == before
+    assert len(again) == 1 < len(first)
+    number = table['run'].to_numpy()
+    assert (np.diff(number) > 0).all()
+    assert len(number) < len(made) / 3
+    assert table.equals(rows(made, number.tolist()))
+    data = MapData(table, {'friction': 'N*m', 'ka': 'N*m'}, ['model'],
+                   refined=['friction', 'ka'])
+    expected = np.greater.outer(np.arange(1, 34), np.arange(1, 34))
+    assert (data.probability[0] == expected).all()
+    assert (data.runs == 2).all()
+
+
+def test_a_map_that_is_not_refined_is_one_part() -> None:
+    made = runs()
+    refinement = Refinement(made)
+    assert refinement.numbers() == range(24)
+    refinement.take(lambda: None)
+    assert not refinement.numbers()

@@ -1,0 +1,122 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Runs: their order by enumeration, and their setups as if their values stood in the file."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+import pickle
+
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.configuration.loop_setup import Setup
+from ctc_chattering.errors import CtcError
+from ctc_chattering.runs.recommended import recommended_setup
+from map_specs import ON_TRACK, runs
+import pytest
+
+FRICTION = Path(__file__).parents[2] / 'config' / 'friction.yaml'
+
+
+def test_the_order_is_point_law_repeat() -> None:
+    found = runs()
+    assert len(found) == 24
+    expected = list(itertools.product((2, 5, 10), (1e-3, 2e-3), (
+        ('compensation', 'compensation', ''), ('chattering implicit', 'chattering', 'implicit')),
+        (0, 1)))
+    for run, (friction, rate, (variant, law, switching), repeat) in enumerate(expected):
+        assert found.columns(run) == {
+            'run': run, 'point': run // 4, 'repeat': repeat, 'seed': 7 + repeat,
+            'variant': variant, 'law': law, 'switching': switching, 'friction': friction,
+            'rate': rate, 'model': found.draws[repeat, 0]}
+        place = found.place(run)
+        assert found.number(place.indices, place.variant, place.repeat) == run
+
+
+def test_without_axes_there_is_one_point() -> None:
+    found = runs(axes=None)
+    assert [found.place(run)[:2] for run in range(len(found))] == [(0, ())] * 4
+    assert found.number((), 1, 1) == 3
+
+
+@pytest.mark.parametrize('run', [0, 6, 23])
+def test_a_setup_is_that_of_a_file_with_these_values(run: int) -> None:
+    """Compare with the file loaded with all values as overrides."""
+    found = pickle.loads(pickle.dumps(runs()))
+    row = found.columns(run)
+    model = row['model']
+    law = {'law': 'compensation'} if row['law'] == 'compensation' else {
+        'law': 'chattering', 'switching': 'implicit'}
+    assert found.setup(run) == parameter_file.load(FRICTION, {
+        '/**': {'control_period': row['rate']},
+        'plant': {**ON_TRACK, 'velocity_noise': [1e-3, 1e-3], 'duration': 0.1, 'compiled': False,
+                  'coulomb_friction': [row['friction']] * 2, 'noise_seed': row['seed']},
+        'controller': {**law, 'inertia_scale': model, 'gravity_scale': model}})
+
+
+def test_axes_win_over_laws_and_factors_multiply_what_laws_have() -> None:
+    soft = {'law': 'chattering', 'ka': [15.0, 20.0], 'name': 'soft'}
+    axis = {'parameter': 'controller.ka', 'values': [2]}
+    for more, ka in (({}, (2.0, 2.0)), ({'factor': True}, (30.0, 40.0))):
+        found = runs(laws=['compensation', soft], axes={'ka': {**axis, **more}})
+        assert [found.setup(run).controller.ka for run in (2, 3)] == [ka, ka]
+
+
+def settings(setup: Setup) -> list[object]:
+    c = setup.controller
+    return [c.law, c.kp, c.kv, c.ka, c.estimator_bandwidth, c.actuator_lag]
+
+
+def test_what_is_recommended_knows_the_axes_that_the_controller_knows() -> None:
+    """Check a lag that only the plant has, a rate that all have, and a gain of an axis."""
+    law = {'law': 'observer_feedback', 'recommended': True}
+    lag = {'parameter': 'plant.actuator_lag', 'values': [1e-3, 5e-3]}
+    period = {'parameter': 'control_period', 'values': [1e-3, 1e-2]}
+    found = runs(laws=[law], axes={'lag': lag, 'rate': period}, uncertain=None, repeats=1)
+    file = found.spec.setup
+    for run, (x, rate) in enumerate(itertools.product(lag['values'], (1e-3, 1e-2))):
+        setup = found.setup(run)
+        known = file.changed({
+            node: {'control_period': rate} for node in ('plant', 'controller', 'reference')})
+        assert settings(setup) == settings(recommended_setup(known, 'observer_feedback'))
+        assert setup.plant.actuator_lag == (x, x)
+        assert setup.values['controller']['kp'] == setup.controller.kp
+    assert settings(found.setup(0)) != settings(found.setup(1))
+    gain = {'parameter': 'controller.ka', 'values': [3, 4]}
+    found = runs(laws=[law], axes={'ka': gain}, uncertain=None, repeats=1)
+    made = recommended_setup(found.spec.setup, 'observer_feedback').controller
+    assert [found.setup(run).controller.ka for run in (0, 1)] == [(3.0, 3.0), (4.0, 4.0)]
+    assert found.setup(1).controller.kp == made.kp
+
+
+def test_a_draw_that_is_not_allowed_is_refused_when_it_comes() -> None:
+    far = {'parameter': 'plant.viscous_friction', 'normal': [0.0, 1.0]}
+    found = runs(axes=None, laws=['compensation'], uncertain={'far': far}, repeats=16)
+    negative = [run for run in range(16) if found.draws[run, 0] < 0.0]
+    assert len(negative) == 8
+    with pytest.raises(CtcError, match='viscous_friction'):
+        found.setup(negative[0])
+
+
+def test_an_example_is_a_run_without_its_draw() -> None:
+    """Check one at the first point, and one whose values contradict each other there."""
+    made = runs(uncertain=None, repeats=1)
+    assert made.example(1) == made.setup(1).changed({'plant': {'noise_seed': 0}})
+    friction = {'parameter': 'plant.coulomb_friction', 'values': [1e9]}
+    axes = {'level': friction, 'factor': {**friction, 'values': [2.0], 'factor': True}}
+    made = runs(axes=axes, uncertain=None)
+    with pytest.raises(CtcError, match='coulomb_friction'):
+        made.setup(0)
+    assert made.example(0).controller.law == 'compensation'

@@ -1,0 +1,228 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The store of a map: chunks and their keys, whole files of one map, merged in order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ctc_chattering.errors import CtcError, MachineError
+from ctc_chattering.runs import store
+from ctc_chattering.runs.points import evaluate, Runs
+from ctc_chattering.runs.store import Directory, read_about
+from map_specs import runs, SMALL
+import numpy as np
+import pyarrow
+from pyarrow import parquet
+import pytest
+
+SCHEMA = pyarrow.schema([('run', 'int64'), ('error', 'float64')])
+ABOUT = {'key': 'one', 'spec': {'a': 1}, 'versions': {'ctc_chattering': '1'}}
+
+
+def sizes(made: Runs) -> list[int]:
+    found = store.chunks(made)
+    assert [run for chunk in found for run in chunk] == list(range(len(made)))
+    return [len(chunk) for chunk in found]
+
+
+def test_a_chunk_has_so_many_control_steps() -> None:
+    """Check 4e6 / n² steps of two laws, and that one run is the least."""
+    long = {'duration': 100.0, 'axes': None, 'uncertain': None, 'repeats': 1000}
+    assert sizes(runs(**long)) == [10] * 200
+    assert sizes(runs(**{**long, 'duration': 1000.0}, laws=['compensation'])) == [1] * 1000
+
+
+@pytest.mark.parametrize(('count', 'expected'), [
+    (1, [1]), (24, [1] * 24), (64, [1] * 64), (100, [2] * 50), (160, [3] * 53 + [1])])
+def test_few_runs_give_work_to_many_workers(count: int, expected: list[int]) -> None:
+    """Check 64 chunks at most, and no less than half as many where there are as many runs."""
+    few = {'axes': None, 'uncertain': None, 'repeats': count, 'laws': ['compensation']}
+    assert sizes(runs(**few)) == expected
+
+
+def test_rows_are_those_of_their_runs() -> None:
+    made = runs()
+    table = store.compute(made, store.version(), range(5, 9))
+    assert table.schema == store.schema(made.spec)
+    for run, row in zip(range(5, 9), table.to_pylist()):
+        assert row == {**made.columns(run), **evaluate(
+            made.setup(run), made.spec.window, made.spec.failure)}
+
+
+def test_a_refused_run_is_a_row() -> None:
+    far = {'far': {'parameter': 'plant.viscous_friction', 'normal': [0.0, 1.0]}}
+    made = runs(axes=None, laws=['compensation'], uncertain=far, repeats=4)
+    rows = store.compute(made, store.version(), range(4)).to_pylist()
+    assert [row['failure'] for row in rows] == [
+        'refused' if x < 0.0 else '' for x in made.draws[:, 0]]
+    reason = next(row['reason'] for row in rows if row['failure'])
+    assert reason.startswith('plant: viscous_friction: ')
+
+
+def test_another_version_does_not_compute() -> None:
+    with pytest.raises(CtcError, match=r'a worker has version .* not 0\.0\.0; install'):
+        store.compute(runs(), '0.0.0', range(1))
+
+
+def test_every_module_of_the_package_is_in_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Change one byte of any of the modules that were once left out."""
+    whole = store.version.__wrapped__()
+    for name in ('controller/error_limit.py', 'arguments.py', 'analysis/compilation.py'):
+        read = Path.read_bytes
+        monkeypatch.setattr(Path, 'read_bytes', lambda path, name=name: read(path) + (
+            b'#' if path.as_posix().endswith(name) else b''))
+        assert store.version.__wrapped__() != whole
+        monkeypatch.undo()
+
+
+CHANGES: list[dict[str, Any]] = [
+    {'params_file': 'disturbance'}, {'duration': 0.2}, {'window': [0.02, 0.1]},
+    {'overrides': {}}, {'laws': ['compensation', 'chattering sign']}, {'seed': 8},
+    {'laws': ['compensation', {'law': 'chattering', 'switching': 'implicit', 'ka': [1.0, 1.0]}]},
+    {'axes': {**SMALL['axes'], 'rate': {'parameter': 'control_period', 'values': [1e-3]}}},
+    {'axes': dict(reversed(SMALL['axes'].items()))}, {'sampling': 'random'}, {'repeats': 3},
+    {'failure': {'error_above': 1.0}},
+    {'uncertain': {'model': {**SMALL['uncertain']['model'], 'uniform': [0.8, 1.1]}}},
+    {'uncertain': {'other': SMALL['uncertain']['model']}}]
+
+
+def test_keys_change_with_everything_that_matters(tmp_path: Path) -> None:
+    keys = [store.about(runs(**change))['key'] for change in [{}, *CHANGES]]
+    made = Directory(tmp_path, ABOUT, SCHEMA)
+    keys += [made.name(chunk) for chunk in (range(2), range(3), range(1, 3))]
+    assert len(set(keys)) == len(keys)
+    assert store.about(runs())['key'] == keys[0]
+
+
+def test_files_matter_by_what_they_contain(tmp_path: Path) -> None:
+    """Check waypoints under the same path."""
+    keys = set()
+    for end in (3.0, 3.1):
+        path = tmp_path / 'motion.yaml'
+        path.write_text(f'joint_names: [joint1, joint2]\npoints:\n'
+                        f'- {{positions: [{end}, 1.5], time_from_start: 1.0}}\n')
+        made = runs(overrides={'reference': {'trajectory_file': str(path)}})
+        keys.add(store.about(made)['key'])
+    assert len(keys) == 2
+    panda = runs(params_file='panda', overrides={}, axes=None, laws=['compensation'])
+    assert set(store.about(panda)['spec']['descriptions']) == {'plant', 'controller', 'reference'}
+
+
+def rows(*runs: int) -> Any:
+    return pyarrow.Table.from_pylist([{'run': k, 'error': k or None} for k in runs], SCHEMA)
+
+
+def only(made: Directory) -> Path:
+    (path,) = (made.path / 'shards').glob('*.parquet')
+    return path
+
+
+def test_rows_come_in_the_order_of_the_runs(tmp_path: Path) -> None:
+    made = Directory(tmp_path / 'map', ABOUT, SCHEMA)
+    table = made.merge([rows(2, 3), rows(0, 1)])
+    assert table == parquet.read_table(tmp_path / 'map' / 'map.parquet')
+    assert table.to_pylist() == [{'run': k, 'error': k or None} for k in range(4)]
+
+
+def test_a_chunk_that_is_damaged_is_computed_again(tmp_path: Path) -> None:
+    """Flip bits of pages and of the footer, and cut the file; the file as it was is read."""
+    made, lines = Directory(tmp_path, ABOUT, SCHEMA), list[str]()
+    values = np.random.default_rng(0).random(500)
+    made.write(range(500), pyarrow.table({'run': np.arange(500), 'error': values}, SCHEMA))
+    path = only(made)
+    content = path.read_bytes()
+    column = parquet.ParquetFile(path).metadata.row_group(0).column(1)
+    middle = (column.dictionary_page_offset or column.data_page_offset) + (
+        column.total_compressed_size // 2)
+    for place in (middle, middle + 100, len(content) - 1, len(content) - 6):
+        changed = bytearray(content)
+        changed[place] ^= 1
+        path.write_bytes(changed)
+        assert made.rows(range(500), lines.append) is None
+        assert lines.pop().startswith(f'{path}: damaged, ')
+    path.write_bytes(content[:-9])
+    assert made.rows(range(500), lines.append) is None
+    path.write_bytes(content)
+    assert made.rows(range(500), print) is not None
+
+
+@pytest.mark.parametrize('there', [(0, 1, 3), (0, 1)])
+def test_rows_are_those_of_the_chunk(tmp_path: Path, there: tuple[int, ...]) -> None:
+    """Check whole files with other runs, and with other columns, than they must have."""
+    made, lines = Directory(tmp_path, ABOUT, SCHEMA), list[str]()
+    for table in (rows(*there), rows(0, 1, 2).append_column('more', pyarrow.array((0, 1, 2)))):
+        made.write(range(3), table)
+        assert made.rows(range(3), lines.append) is None
+        assert 'it has other rows or columns' in lines.pop()
+    assert made.rows(range(1), print) is None
+
+
+def test_what_cannot_be_read_is_an_error_of_the_machine(tmp_path: Path) -> None:
+    """Check with a directory in place of the file."""
+    made = Directory(tmp_path, ABOUT, SCHEMA)
+    made.write(range(1), rows(0))
+    path = only(made)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(MachineError, match='cannot be read: IsADirectoryError'):
+        made.rows(range(1), print)
+
+
+def test_what_was_begun_and_killed_is_no_shard(tmp_path: Path) -> None:
+    """Check that the remains of a killed process are neither read nor kept."""
+    made = Directory(tmp_path, ABOUT, SCHEMA)
+    made.write(range(1), rows(0))
+    remains = made.path / 'shards' / '.a.parquet.123'
+    remains.write_bytes(b'half of a f')
+    made.merge([made.rows(range(1), print)])
+    assert list((tmp_path / 'shards').iterdir()) == [only(made)]
+
+
+def test_a_map_goes_on_and_another_is_refused(tmp_path: Path) -> None:
+    Directory(tmp_path, ABOUT, SCHEMA).write(range(1), rows(0))
+    assert Directory(tmp_path, ABOUT, SCHEMA).rows(range(1), print) is not None
+    for more, other in (({}, 'of another spec'),
+                        ({'versions': {'ctc_chattering': '0'}}, 'of another version')):
+        with pytest.raises(CtcError, match=f'a map {other}.* another --out, or --overwrite'):
+            Directory(tmp_path, {**ABOUT, **more, 'key': 'two'}, SCHEMA)
+    (tmp_path / 'mine.txt').touch()
+    made = Directory(tmp_path, {**ABOUT, 'key': 'two'}, SCHEMA, overwrite=True)
+    assert made.rows(range(1), print) is None
+    assert read_about(tmp_path)['key'] == 'two'
+    assert (tmp_path / 'mine.txt').exists()
+
+
+def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / 'map.parquet').touch()
+    with pytest.raises(CtcError, match=r'map\.parquet: exists already'):
+        Directory(tmp_path, ABOUT, SCHEMA)
+    assert not (tmp_path / 'map.json').exists()
+
+
+@pytest.mark.parametrize('content', [b'', b'PAR1 and no more', b'[1]'])
+def test_a_damaged_list_of_contents_is_named(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / 'map.json').write_bytes(content)
+    with pytest.raises(CtcError, match=r'map\.json: cannot be read|a map of another'):
+        Directory(tmp_path, ABOUT, SCHEMA)
+
+
+def test_columns_have_units(tmp_path: Path) -> None:
+    made = runs()
+    directory = Directory(tmp_path, store.about(made), store.schema(made.spec))
+    directory.merge([store.compute(made, store.version(), range(2))])
+    found = parquet.read_schema(tmp_path / 'map.parquet')
+    assert found.field('error').metadata == {b'unit': b'rad'}

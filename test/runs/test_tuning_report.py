@@ -1,0 +1,148 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A search for gains in words: counts, tables, notes."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ctc_chattering.runs import tune_page as report
+from ctc_chattering.runs.score import Score
+from ctc_chattering.runs.search import Limits, over_draws, Range, Trial
+from ctc_chattering.runs.spec import read_uncertain
+from ctc_chattering.runs.tune import Tuning
+import pytest
+from tunings import short_tuning
+
+GONE = Score(failure='no torque at t = 1 s')
+
+
+def trial(*torques: float, rate: float = 0.0, diverged: int = 0) -> Trial:
+    runs = [Score((1.0,), variation=(1.0,), peak=(x,), peak_rate=(rate,)) for x in torques]
+    return Trial({}, over_draws(runs + [GONE] * diverged, Limits((10.0,), (100.0,)), 100.0))
+
+
+def test_trials_are_counted_under_each_limit_that_they_violate() -> None:
+    trials = [trial(1.0), trial(20.0, 1.0), trial(20.0, rate=200.0), trial(1.0, diverged=1)]
+    assert report.trials_text(trials) == (
+        'in some run 1 diverge, 2 exceed the torque limit, 1 exceed the limit of the torque '
+        'rate; 1 of 4 keep all limits')
+    assert report.trials_text(trials[:1]) == 'all within the limits'
+    assert report.violations_text(trials[1].score) == 'torque: 1 of 2'
+    assert report.violations_text(trials[0].score) == ''
+
+
+def test_the_closest_trial_is_that_with_the_least_excess() -> None:
+    trials = [trial(20.0), trial(13.0), trial(1.0, rate=150.0)]
+    assert report.closest(trials) == (
+        'trial 1 comes closest: it exceeds the limit of the torque by 30%')
+    assert report.closest([trials[2], trial(1.0, 1.0, 1.0, diverged=1)]) == (
+        'trial 1 comes closest: 25% of its runs diverge, the first: no torque at t = 1 s')
+
+
+@pytest.mark.parametrize(('tree', 'text'), [
+    ({'parameter': 'plant.coulomb_friction', 'uniform': [0.5, 2], 'factor': True},
+     'x times 0.5 to 2'),
+    ({'parameter': 'plant.velocity_noise', 'log_uniform': [1e-4, 1e-3]},
+     'x 0.0001 to 0.001 rad/s, logarithmic'),
+    ({'parameter': 'plant.input_delay', 'choice': [0, 1, 2]}, 'x 0 or 1 or 2'),
+    ({'parameter': 'plant.payload', 'normal': [1, 0.1]}, 'x normal, mean 1, deviation 0.1 kg')])
+def test_what_is_drawn_in_words(tree: dict[str, object], text: str) -> None:
+    assert report.uncertain_text(read_uncertain('x', tree)) == text
+
+
+def test_the_table_has_the_gains_of_all_candidates() -> None:
+    tuning = short_tuning()
+    head, *rows = report.table_of(tuning)
+    assert {len(row) for row in rows} == {len(head)}
+    assert head[:6] == ['gains', 'kp', 'kv', 'lambda', 'ka', 'observer_bandwidth']
+    assert [row[0] for row in rows] == [
+        *(x.name for x in tuning.others),
+        *(f'{x.name}{" *" if x is tuning.best else ""}' for x in tuning.points)]
+    assert rows[0][1:6] == ['100', '50', '10', '10', '']  # No observer under sign.
+    assert rows[1][1:6] == ['100', '50', '10', '10', '200']
+    assert (rows[2][3], rows[2][5]) == ('', '')  # Neither filter nor this observer.
+    point = tuning.points[-1]
+    assert rows[-1][6:8] == [f'{point.drawn.error:.3g}', f'{point.fresh.error:.3g}']
+    assert float(rows[-1][1]) == point.values['kp'][0]
+
+
+def test_the_headline_compares_fresh_draws_with_the_gains_of_the_file() -> None:
+    tuning = short_tuning()
+    best = tuning.best
+    assert best is not None
+    old, new = tuning.others[0].fresh, best.fresh
+    words = report.headline(tuning).split()
+    for word, ratio in ((words[0], new.error / old.error),
+                        (words[words.index('and') + 1], new.variation / old.variation)):
+        top, _, below = word.partition('/')
+        assert float(top) / float(below or 1.0) == pytest.approx(ratio, rel=0.1)
+
+
+def test_a_search_without_a_point_says_so() -> None:
+    tuning = short_tuning(torque_limit=1.0)
+    assert report.headline(tuning) == 'No trial keeps the limits'
+    assert tuning.best is None
+    (note,) = report.notes(tuning)
+    assert note.startswith('no trial keeps the limits; trial ')
+    assert 'exceeds the limit of the torque by' in note
+    assert note in report.text(tuning)
+
+
+def test_settings_of_another_law_that_are_better_are_in_the_headline() -> None:
+    tuning = short_tuning()
+    best = tuning.best
+    assert best is not None
+    for scale, named in ((1.0, False), (0.5, True)):
+        better = best.fresh._replace(error=scale * best.fresh.error)
+        other = tuning.others[2]._replace(fresh=better)
+        found = dataclasses.replace(tuning, others=(*tuning.others[:2], other))
+        assert report.headline(found).endswith(
+            '; recommended observer_feedback, not tuned, has 0.5 times the error and 1 times the '
+            'torque variation of these') == named
+    beyond = better._replace(violating={**better.violating, 'torque': 1})
+    found = dataclasses.replace(tuning, others=(tuning.others[2]._replace(fresh=beyond),))
+    assert 'not tuned' not in report.headline(found)
+
+
+def test_settings_that_no_point_beats_are_recommended() -> None:
+    tuning = short_tuning()
+    found = dataclasses.replace(tuning, best=tuning.others[1])
+    assert list(report.notes(found)) == [
+        'no point of the front is better than recommended chattering implicit_observer, which '
+        'tuned.yaml has']
+    assert [row[0] for row in report.table_of(found) if row[0].endswith('*')] == [
+        'recommended chattering implicit_observer *']
+    assert report.headline(dataclasses.replace(tuning, best=tuning.others[0])).startswith(
+        'The gains of the file remain')
+
+
+def with_range(tuning: Tuning, low: float, high: float) -> Tuning:
+    """Return a search as if `pole` had had another range."""
+    ranges = {**tuning.spec.ranges, 'pole': Range(low, high)}
+    return dataclasses.replace(tuning, spec=dataclasses.replace(tuning.spec, ranges=ranges))
+
+
+def test_a_number_at_the_end_of_its_range_is_noted() -> None:
+    tuning = short_tuning()
+    best = tuning.best
+    assert best in tuning.points
+    pole = tuning.trials[tuning.front[tuning.points.index(best)]].numbers['pole']
+    for low, high, end in ((pole / 1.01, 1e4, 'low'), (0.1, pole * 1.01, 'high')):
+        notes = list(report.notes(with_range(tuning, low, high)))
+        assert any(f'pole of point {best.name} is at the {end} end of its range' in x
+                   for x in notes)
+    for low, high in ((pole, pole), (0.1, 1e4)):
+        assert not any('pole' in x for x in report.notes(with_range(tuning, low, high)))

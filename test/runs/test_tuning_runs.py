@@ -1,0 +1,143 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Candidates over draws: numbers of runs, the same draws for all, jobs, the recommended point."""
+
+from __future__ import annotations
+
+import dataclasses
+from math import inf
+
+from ctc_chattering.runs.pool import processes
+from ctc_chattering.runs.recommended import recommended_setup
+from ctc_chattering.runs.score import Score
+from ctc_chattering.runs.search import Limits, over_draws
+from ctc_chattering.runs.tune import (
+    Candidate,
+    Evaluation,
+    recommended_of,
+    references,
+    scores_of,
+    searched,
+    setups,
+    Tuning,
+)
+from ctc_chattering.simulation.closed_loop import simulate
+import numpy as np
+import pytest
+from tunings import short_spec, short_tuning
+
+
+def test_the_numbers_of_a_run_are_those_of_its_samples() -> None:
+    setup = short_spec().setup
+    (found,) = scores_of((0.25, 0.5), [setup])
+    run = simulate(setup.plant, setup.controller, setup.reference, truth=True)
+    inside = run.t >= 0.25 - 1e-9
+    e, tau = (run.q_d - run.q)[inside], run.tau[inside]
+    assert found.error == pytest.approx(np.sqrt((e ** 2).mean(axis=0)).max())
+    steps = np.abs(np.diff(tau, axis=0)).sum(axis=0) / 0.25
+    assert found.most_variation == pytest.approx(steps.max())
+    assert found.peak == pytest.approx(np.abs(run.tau).max(axis=0))
+    assert found.peak_rate == pytest.approx(np.abs(np.diff(run.tau, axis=0)).max(axis=0) / 5e-3)
+    assert not found.failure
+
+
+def test_a_run_that_diverges_says_why() -> None:
+    setup = short_spec(overrides={'controller': {'error_limit': [1e-8, 1e-8]}}).setup
+    (found,) = scores_of((0.25, 0.5), [setup])
+    assert (found.error, found.peak) == (inf, ())
+    assert 'exceeds error_limit' in found.failure
+
+
+def test_a_candidate_is_evaluated_on_every_draw() -> None:
+    found = short_spec()
+    draws, values = found.draws(), {'kp': [50.0, 60.0]}
+    (mine, other) = Evaluation(found, 100.0, map).scores(
+        [values, {}], draws)
+    assert list(mine.runs) == scores_of(found.window, [dataclasses.replace(
+        setup, controller=setup.controller.changed(values)) for setup in draws.setups])
+    assert mine.error == max(x.error for x in mine.runs)
+    assert other.runs != mine.runs
+
+
+@pytest.fixture
+def tuning() -> Tuning:
+    return short_tuning()
+
+
+@pytest.mark.slow
+def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -> None:
+    with processes(2) as each:
+        again = searched(Evaluation(tuning.spec, 100.0, each), 12, 1)
+    assert (again.trials, again.points, again.others, again.best) == (
+        tuning.trials, tuning.points, tuning.others, tuning.best)
+
+
+def test_the_first_trials_are_the_gains_of_the_file_and_the_recommended(tuning: Tuning) -> None:
+    assert tuning.trials[0].numbers == pytest.approx(
+        {'pole': 10.0, 'damping': 2.5, 'lambda': 10.0, 'ka': 1.0, 'observer_bandwidth': 1200.0})
+    assert tuning.trials[1].numbers['observer_bandwidth'] == pytest.approx(200.0)
+
+
+def test_the_points_are_validated_on_all_fresh_draws(tuning: Tuning) -> None:
+    assert len(tuning.fresh.setups) == 8
+    assert tuning.points
+    for x in (*tuning.points, *tuning.others):
+        assert len(x.drawn.runs) == 2
+        assert len(x.fresh.runs) == 8
+    for k, x in zip(tuning.front, tuning.points):
+        assert x.drawn == tuning.trials[k].score
+    errors = [x.drawn.error for x in tuning.points]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_others_are_the_file_and_the_recommended_settings(tuning: Tuning) -> None:
+    found = references(tuning.spec)
+    assert [x.name for x in tuning.others] == list(found) == [
+        'file chattering sign', 'recommended chattering implicit_observer',
+        'recommended observer_feedback']
+    for name, file in zip(found, (tuning.spec.file, *(
+            recommended_setup(tuning.spec.file, law)
+            for law in ('chattering', 'observer_feedback')))):
+        assert tuning.spec.setup.controller.changed(found[name]) == file.controller
+
+
+def test_all_laws_that_run_are_compiled_first() -> None:
+    """Check the law that is tuned, and those that it is compared with."""
+    assert [(x.controller.law, x.controller.switching_in_force)
+            for x in setups(short_spec())] == [
+        ('chattering', 'implicit_observer'), ('chattering', 'sign'),
+        ('chattering', 'implicit_observer'), ('observer_feedback', '')]
+
+
+def candidate(error: float, variation: float, torque: float) -> Candidate:
+    run = Score((error,), variation=(variation,), peak=(torque,), peak_rate=(0.0,))
+    found = over_draws([run], Limits((1.0,), (inf,)), 100.0)
+    return Candidate('', {}, found, found)
+
+
+def test_the_recommended_of_keeps_the_limits_on_fresh_draws() -> None:
+    """Check the products 6, 4 and 5, of which the second is beyond a limit."""
+    points = [candidate(3.0, 2.0, 0.5), candidate(2.0, 2.0, 1.5), candidate(1.0, 5.0, 0.5)]
+    assert recommended_of(points) is points[2]
+    assert recommended_of(points[:2]) is points[0]
+    assert recommended_of([points[1]]) is points[1]
+    assert recommended_of([]) is None
+
+
+def test_limits_that_nothing_keeps_leave_no_front() -> None:
+    result = short_tuning(torque_limit=1.0)
+    assert (result.points, result.best, result.front) == ((), None, ())
+    assert len(result.trials) == 12
+    assert [x.fresh.allowed for x in result.others] == [False] * 3
