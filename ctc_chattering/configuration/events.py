@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from operator import itemgetter
 
 from ctc_chattering.configuration.yaml_file import parse_value
+from ctc_chattering.controller.settings_check import change_steps
 from ctc_chattering.errors import CtcError, ParameterError
 from ctc_chattering.parameters import Config
 from ctc_chattering.simulation.closed_loop import Event
@@ -65,6 +66,11 @@ def parse_events(lines: Sequence[str], configs: Mapping[str, Config]) -> tuple[E
     current = dict(configs)
     result = []
     for time, node, name, value in events:
-        current[node] = current[node].changed({name: value})
-        result.append(Event(time, node, {name: current[node].as_mapping()[name]}))
+        before, current[node] = current[node], current[node].changed({name: value})
+        spec = before.parameters()[name]
+        old, new = (getattr(config, spec.field) for config in (before, current[node]))
+        # A file that names a large change confirms it.
+        steps = change_steps(spec, old, new, len(before.joint_names)
+                             ) if node == 'controller' else [new]
+        result += [Event(time, node, {name: step}) for step in steps]
     return tuple(result)

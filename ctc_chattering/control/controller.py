@@ -33,7 +33,7 @@ from ctc_chattering.dynamics.arm import Arm, arm_of
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.dynamics.scaled_model import Scaled
-from ctc_chattering.errors import CtcError, ParameterError
+from ctc_chattering.errors import CtcError, ParameterError, refused_as
 from ctc_chattering.numerics.linear_algebra import Array, Vector
 from ctc_chattering.numerics.machine_code import MACHINE_CODE, PLAIN_PYTHON
 from ctc_chattering.numerics.time_grid import period_ns, seconds
@@ -131,6 +131,18 @@ class Controller:
     def _made(config: ControllerConfig) -> Law:
         return law_class(config.law).made(config, seconds(period_ns(config.control_period)))
 
+    def _successor(self, config: ControllerConfig) -> tuple[Law, Any]:
+        """Return the law of a configuration, with what it goes on from."""
+        law = self._made(config)
+        known = {**self._others, self.config.law: (self.law, self.law_memory)}
+        before, memory = known.get(config.law, (law, law.initial()))
+        return law, law.reconfigured(memory, before)
+
+    def check(self, config: ControllerConfig) -> None:
+        """Raise `CtcError` if the law of a configuration cannot be made, or cannot take over."""
+        with refused_as(f'the law {config.law} cannot be made'):
+            self._successor(config)
+
     @checked(config=ControllerConfig)
     def configure(self, config: ControllerConfig) -> None:
         """
@@ -139,12 +151,11 @@ class Controller:
         The filter state ξ is preserved, so that v has no step (unless b itself changes), and
         so are integrals and estimates. `handover` says how another law takes over.
         """
+        law, memory = self._successor(config)
         self._take_back()
-        law = self._made(config)
         self._others[self.config.law] = self.law, self._law_memory
-        before, known = self._others.pop(config.law, (law, law.initial()))
-        self.law, self._law_memory = law, law.reconfigured(known, before)
-        self.config = config
+        self._others.pop(config.law, None)
+        self.config, self.law, self._law_memory = config, law, memory
         self.settings = control_settings(config, self.model.effort_limits)
         self._context = Context(
             self.settings, Models(self.model, self.model, self.model), self.transit)

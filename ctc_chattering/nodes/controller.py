@@ -22,7 +22,7 @@ from ctc_chattering.configuration.loop_setup import Values
 from ctc_chattering.configuration.node_parameters import ControllerSettings
 from ctc_chattering.control.controller import Controller, ControllerConfig
 from ctc_chattering.controller.loop import Answer, ControlLoop, JointSample
-from ctc_chattering.controller.settings_check import missing_limits
+from ctc_chattering.controller.settings_check import check_change, missing_limits
 from ctc_chattering.controller.state_machine import Mode
 from ctc_chattering.dynamics.registry import model_of
 from ctc_chattering.errors import RejectedMessage
@@ -190,6 +190,12 @@ class ControllerNode(LoopNode[ControllerConfig, ControllerSettings]):
         response.success = True
         response.message = 'reset' if self._loop.reset() else 'was not tripped'
         return response
+
+    def check(self, config: ControllerConfig) -> None:
+        """Refuse a law that cannot be made, and a change that is too large."""
+        check_change(self.config, config)
+        if self._loop.law is not None:
+            self._loop.law.check(config)
 
     def on_change(self) -> None:
         """Have the law take what has been set."""

@@ -349,7 +349,7 @@ def test_check_model(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('arguments', 'words'), [
-    (['--model', 'puma'], ['model', 'puma', 'two_link | urdf | package.module:Class']),
+    (['--model', 'puma'], ['model', 'puma', 'two_link | urdf | package.module:Name']),
     (['--model', 'urdf'], ['--urdf']), (['--urdf', 'nowhere.urdf'], ['nowhere.urdf']),
     (['--model', 'two_link', '--urdf', 'README.md'], ['--urdf', 'two_link']),
     (['--urdf', 'README.md'], ['description', 'not XML']),

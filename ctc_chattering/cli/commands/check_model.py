@@ -37,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ctc check-model`."""
     parser.add_argument(
         '--model', metavar='NAME',
-        help='two_link, urdf, or package.module:Class; default: urdf if --urdf is given, else '
+        help='two_link, urdf, or package.module:Name; default: urdf if --urdf is given, else '
              'two_link')
     parser.add_argument('--urdf', metavar='FILE',
                         help='URDF of the model urdf: a path or package://NAME/PATH')

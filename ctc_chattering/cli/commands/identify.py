@@ -45,7 +45,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--urdf', metavar='FILE',
                         help="URDF, a path or package://NAME/PATH, default: the bag's")
     parser.add_argument('--model', metavar='NAME',
-                        help="two_link, urdf, or package.module:Class, default: the bag's")
+                        help="two_link, urdf, or package.module:Name, default: the bag's")
     parser.add_argument('--joints', metavar='A,B,C',
                         help="joints in the order of the commands, default: the bag's")
     parser.add_argument('--gravity', type=float, metavar='G',
@@ -102,7 +102,7 @@ def _motions(options: argparse.Namespace, urdf: str) -> list[RecordedMotion]:
     from ctc_chattering.bags.motion import read_motion
 
     joints = tuple(filter(None, (options.joints or '').split(',')))
-    motions = [read_motion(bag, joints, urdf, options.states, options.commands)
+    motions = [read_motion(bag, joints, urdf, options.states, options.commands, options.model or '')
                for bag in (*options.bags, *filter(None, [options.validate]))]
     for motion in motions:
         for note in motion.notes:
