@@ -221,6 +221,14 @@ def log_axis(ax: Axes, y: Array) -> None:
             note(ax, 'axis cut below')
 
 
+def beyond(ax: Axes, text: str, looks: Sequence[dict[str, Any]]) -> None:
+    """Put marks without a place in the axes into a row at their top, on the right."""
+    if looks:
+        for k, look in enumerate(looks, 1):
+            ax.plot([1.0 - 0.045 * k], [0.95], transform=ax.transAxes, **{**look, 'zorder': 6})
+        label(ax, 0.98 - 0.045 * len(looks), 0.95, f'{text}:', ha='right', va='center')
+
+
 def decades(ax: Axes, axis: str, values: Iterable[float]) -> None:
     """Let a logarithmic axis begin and end at whole decades, with labels at these only."""
     positive = [x for x in values if 0.0 < x < np.inf]

@@ -79,10 +79,11 @@ class Listing(NamedTuple):
 
 
 class PlottedRun(NamedTuple):
-    """A run of plots: its name, and the file with its samples."""
+    """A run of plots: its name, the file with its samples, and its colour, ``#rrggbb``."""
 
     name: str
     path: Path
+    colour: str
 
 
 class SignalPlots(NamedTuple):
@@ -193,8 +194,8 @@ def _part(item: Item, root: Path, numbers: Iterator[int], anchors: Iterator[int]
         part['data'] = {
             'joints': item.joints, 'units': item.units, 'mark': item.mark,
             'settled': item.settled, 'signals': item.signals, 'runs': [
-                {'name': x.name, 'key': x.path.stem, 'path': markup.url(_relative(x.path, root))}
-                for x in item.runs]}
+                {'name': x.name, 'key': x.path.stem, 'colour': x.colour,
+                 'path': markup.url(_relative(x.path, root))} for x in item.runs]}
     if isinstance(item, Table):
         part['spans'] = list(_spans(item.rows))
     if isinstance(item, Folded):

@@ -28,7 +28,7 @@ from ctc_chattering.analysis.metrics import BAND
 from ctc_chattering.analysis.output import finite
 from ctc_chattering.analysis.page import Card, Cards, Folded, Note, Section, SignalPlots
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.run_names import colours, gains, names
+from ctc_chattering.analysis.run_names import colours, gains, LAW_COLOURS, names
 from ctc_chattering.analysis.tables import Table
 
 #: Columns of the table, per run and per joint: key, heading, unit.
@@ -39,6 +39,7 @@ JOINT_COLUMNS = (('rms_error_rad', 'RMS error', 'rad'), ('rms_torque_nm', 'RMS t
                  ('max_torque_step_nm', 'Largest torque step', 'N·m'),
                  ('max_torque_rate_nm_per_s', 'Largest torque rate', 'N·m/s'))
 _LARGEST = 'max_error_norm1_rad'
+_BASE = 'compensation'
 _TITLE = 'Computed torque plus compensation plus chattering'
 _LEAD = ('A robot arm with friction that the controller does not know, under computed torque\n'
          'plus compensation, under the same law plus a chattering term Ka sgn(v), or under '
@@ -96,9 +97,10 @@ def _gain(pair: Pair) -> Card:
     result, run, base = pair
     unit, law = result.position_units[0], result.law
     return Card(run['name'], _factor(base[_LARGEST], run[_LARGEST]), [fragment(
-        'Largest error: <b class="compensation">{{ a | number }} {{ unit }}</b> under '
-        'compensation → <b class="{{ law }}">{{ b | number }} {{ unit }}</b> with {{ law }}.',
-        a=base[_LARGEST], b=run[_LARGEST], unit=unit, law=law)], [
+        'Largest error: <b class="law" style="--law: {{ first }}">{{ a | number }} {{ unit }}</b> '
+        'under {{ base }} → <b class="law" style="--law: {{ colour }}">{{ b | number }} '
+        '{{ unit }}</b> with {{ law }}.', a=base[_LARGEST], b=run[_LARGEST], unit=unit, law=law,
+        base=_BASE, first=LAW_COLOURS[_BASE], colour=LAW_COLOURS[law])], [
         f'{heading}: ' + '; '.join(
             f'{name} {_factor(before, after)}' for name, before, after in zip(
                 result.joint_names, base[key], run[key]))
@@ -156,9 +158,9 @@ def _pairs(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> list[Pa
     whole = [(result, run) for result, run in zip(results, runs)
              if not result.changes and run[_LARGEST] is not None]
     base = {result.experiment: run for result, run in reversed(whole)
-            if result.law == 'compensation'}
+            if result.law == _BASE}
     return [(result, run, base[result.experiment]) for result, run in whole
-            if result.law != 'compensation' and result.experiment in base]
+            if result.law != _BASE and result.experiment in base]
 
 
 def _headline(pairs: Sequence[Pair]) -> str:
@@ -176,6 +178,8 @@ def _reachings(results: Sequence[Result], runs: Sequence[dict[str, Any]]) -> Ite
         if result.changes and reached is not None and reached > result.changes[-1][0]:
             time, law = result.changes[-1]
             yield Card(run['name'], f'{reached - time:#.2g} s', [fragment(
-                'after the change to <b class="{{ law }}">{{ law }}</b> at t&nbsp;=&nbsp;'
+                'after the change to <b class="law" style="--law: {{ colour }}">{{ law }}</b> at '
+                't&nbsp;=&nbsp;'
                 '{{ time }}&nbsp;s the filtered error v of every joint is within {{ band }}&nbsp;'
-                'rad/s, and stays there.', law=law, time=f'{time:g}', band=f'{BAND:g}')])
+                'rad/s, and stays there.', law=law, time=f'{time:g}',
+                band=f'{BAND:g}', colour=LAW_COLOURS.get(law, ''))])

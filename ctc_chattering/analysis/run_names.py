@@ -24,12 +24,14 @@ from ctc_chattering.analysis.number_format import number_text
 from ctc_chattering.analysis.result import Result
 from ctc_chattering.control.controller import LAWS
 
-#: Further colours, for runs of one experiment under the same law.
-_FURTHER = ('#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7', '#8C1D40',
-            '#009E9E', '#1B1B1B')
-#: Colour of each law, and of a run under several (after Okabe and Ito).
-LAW_COLOURS = dict(zip(LAWS, cycle(('#D55E00', '#0072B2', *_FURTHER))))
-MIXED = '#007A5A'
+#: Colour of each law, the same in all figures and pages, and of a run under several (after
+#: Okabe and Ito).
+LAW_COLOURS = dict(zip(LAWS, cycle((
+    '#D55E00', '#0072B2', '#B0428A', '#B8860B', '#56A0D3', '#6B4E2E', '#7F7F7F', '#7B5EA7',
+    '#8C1D40', '#009E9E', '#007A5A'))))
+MIXED = '#1B1B1B'
+#: Part of white, or of black where it is negative, in the colours of further runs under one law.
+_SHADES = (0.0, 0.45, -0.45, 0.25, -0.25, 0.65)
 #: Parameters that are added to names which would be equal, and their symbols.
 _SIGNS = {'ka': 'Ka', 'kp': 'Kp', 'kv': 'Kv', 'lambda': 'λ', 'b': 'b', 'control_period': 'h',
           'boundary_layer': 'layer', 'observer_bandwidth': 'bandwidth',
@@ -72,15 +74,21 @@ def names(results: Sequence[Result]) -> list[str]:
 
 
 def colours(results: Sequence[Result]) -> list[str]:
-    """Return a colour for each run: that of its law, once per experiment and law."""
-    used: dict[str, set[str]] = {}
-    found: list[str] = []
-    for result in results:
-        taken = used.setdefault(result.experiment, set())
-        choice = next((c for c in (colour(result), *_FURTHER) if c not in taken),
-                      _FURTHER[len(found) % len(_FURTHER)])
-        taken.add(choice)
-        found.append(choice)
+    """Return a colour for each run: that of its law, in shades for several of an experiment."""
+    return shaded([colour(x) for x in results], [x.experiment for x in results])
+
+
+def shaded(colours: Sequence[str], groups: Sequence[object] = ()) -> list[str]:
+    """Return colours, ``#rrggbb``, of which equal ones of a group become different shades."""
+    before: Counter[tuple[object, str]] = Counter()
+    found = []
+    for group, text in zip(groups or [None] * len(colours), colours):
+        share = _SHADES[before[group, text] % len(_SHADES)]
+        before[group, text] += 1
+        end = 255.0 if share > 0.0 else 0.0
+        found.append('#' + ''.join(
+            f'{round((1.0 - abs(share)) * int(text[i:i + 2], 16) + abs(share) * end):02X}'
+            for i in (1, 3, 5)))
     return found
 
 

@@ -24,7 +24,7 @@ from ctc_chattering.analysis.interactive_plots import coded, PARTS, signals_of
 from ctc_chattering.analysis.output import file_stem, write_text
 from ctc_chattering.analysis.page import PlottedRun, SignalPlots
 from ctc_chattering.analysis.result import Result
-from ctc_chattering.analysis.run_names import names
+from ctc_chattering.analysis.run_names import colours, names
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -51,29 +51,30 @@ def write_samples(results: Sequence[Result], directory: Path) -> list[SignalPlot
         If a file cannot be written.
 
     """
-    groups: dict[tuple[str, ...], list[tuple[Result, str]]] = {}
-    for result, name in zip(results, names(results)):
+    groups: dict[tuple[str, ...], list[tuple[Result, str, str]]] = {}
+    for result, name, colour in zip(results, names(results), colours(results)):
         groups.setdefault((result.experiment, *result.joint_names, *result.position_units),
-                          []).append((result, name))
+                          []).append((result, name, colour))
     used: set[str] = set()
     return [_written(group, directory, used) for group in groups.values()]
 
 
-def _written(group: Sequence[tuple[Result, str]], directory: Path, used: set[str]) -> SignalPlots:
+def _written(group: Sequence[tuple[Result, str, str]], directory: Path, used: set[str]
+             ) -> SignalPlots:
     """Write the samples of runs that are plotted together."""
     first, runs, long = group[0][0], [], []
-    for result, name in group:
+    for result, name, colour in group:
         # The page has q_d from q and e; beside each other, runs have no parts of the torque.
         left_out = ('q_d', *(PARTS if len(group) > 1 else ()))
         t, signals = decimated(result.run.t, {
             x: rows for x, rows in signals_of(result).items() if x not in left_out}, MOST)
         path = directory / f'{file_stem(name, used)}.js'
         write_text(path, f'ctcSamples[{json.dumps(path.stem)}] = "{coded(t, signals)}";\n')
-        runs.append(PlottedRun(name.removeprefix(f'{result.experiment}: '), path))
+        runs.append(PlottedRun(name.removeprefix(f'{result.experiment}: '), path, colour))
         long += [name] if len(t) < len(result.run.t) else []
     # Not the start, with its large errors.
     settled = min(first.window[0], 0.4 * float(first.run.t[-1]))
-    marks = {time for result, _ in group for time, _ in result.marks}
+    marks = {time for result, _, _ in group for time, _ in result.marks}
     text = ('Error e = q_d − q, torque sent, V and further signals of every sample. While times '
             f'after {2.0 * settled:.3g} s are shown, axes are scaled without the first '
             f'{settled:.3g} s.')

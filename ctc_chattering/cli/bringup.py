@@ -71,7 +71,7 @@ def bringup(arguments: Sequence[str]) -> int:
         for node, values in ros_arguments.bringup_values(ros).items():
             over.setdefault(node, {}).update(values)
         plant = parameter_file.load(file, over).plant
-    with Progress(plant.experiment, plant.duration) as progress:
+    with Progress(f'experiment {plant.experiment}:', plant.duration) as progress:
         try:
             run_graph(file, over, options.record, ['--ros-args', *ros.rest], progress,
                       progress.write, options.live)

@@ -106,7 +106,7 @@ def _simulated(setup: Setup) -> tuple[Result | None, str]:
         reached = t
         bar(t)
 
-    with Progress(setup.plant.experiment, setup.plant.duration) as bar:
+    with Progress(f'experiment {setup.plant.experiment}:', setup.plant.duration) as bar:
         try:
             result = simulate(setup, progress)
             bar(setup.plant.duration)

@@ -78,7 +78,7 @@ class Progress:
 
     def _draw(self) -> None:
         """Print all items, until the end or until the output is closed."""
-        form = ('{desc} {bar} {n:.1f}/{total:.1f} s [{elapsed}]' if self._total
+        form = ('{desc} {bar} {n:.1f} of {total:g} s [{elapsed}]' if self._total
                 else '{desc} {n:.1f} s')
         bar = None
         with suppress(OSError):

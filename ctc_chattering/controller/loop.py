@@ -117,6 +117,8 @@ class ControlLoop:
         #: The torque sent last; None where nothing has been sent, or a last one of 0.
         self._held: Vector | None = None
         self._tripped = ''
+        #: Whether a torque was ever sent: before that, gaps of the states are those of the start.
+        self._begun = False
 
     def take_reference(self, times: Sequence[int], points: Sequence[Point]) -> None:
         """Add a chunk of the reference: instants [ns] and points."""
@@ -151,11 +153,12 @@ class ControlLoop:
                 if self._pending is None and self._held is not None:
                     self._send(self._held)
                 raise RejectedMessage(verdict)  # A plant that waits sends it again, and so do we.
-            raise RejectedMessage(verdict, self._stamps.reason(verdict, state.t))
+            raise RejectedMessage(
+                verdict, self._stamps.reason(verdict, state.t) if self._begun else '')
         goes_on = verdict == stamps.NEXT and not self.watchdog.out
         begins_again = verdict == stamps.RESTART and self.last is not None
-        self.watchdog.feed(now)
-        if self.last is not None and not goes_on:
+        self.watchdog.feed(now, self._begun)
+        if self._begun and not goes_on:
             self.health.restart()
             self._restart_law(bumpless=not simulated)
         if begins_again:
@@ -194,7 +197,7 @@ class ControlLoop:
             self._trip(trip)
             return None
         self._send(sample.tau)
-        self._held, self._pending = sample.tau, None
+        self._held, self._pending, self._begun = sample.tau, None, True
         self._note(state.t, sample, law.config)
         return Answer(state, points[0], sample)
 

@@ -75,8 +75,8 @@ class Watchdog:
         self._last = self._logged = 0
         self._fresh = self._reported = False
 
-    def feed(self, now: int) -> None:
-        """Note a message at `now` [ns], which ends an outage."""
+    def feed(self, now: int, begun: bool = True) -> None:
+        """Note a message at `now` [ns]; a short outage that it ends is reported once `begun`."""
         silence, self._last, self._fresh = now - self._last, now, True
         if not self.out:
             return
@@ -85,7 +85,7 @@ class Watchdog:
             self._reported = False
             self._log.info(
                 f'{self._name}: {self._kind}s again, after {seconds(silence):.1f} s')
-        elif now - self._logged > _BETWEEN:
+        elif begun and now - self._logged > _BETWEEN:
             self._logged = now
             self._log.warning(
                 f'{self._name}: no {self._kind} for {seconds(silence):.3f} s; '

@@ -112,10 +112,12 @@ class HealthMonitor:
     def __str__(self) -> str:
         """Return the rates and the likely cause on one line."""
         detail = f' ({self._detail})' if self._detail else ''
-        events = f'{self.events_per_second:.2g} {self._events} per second, '
+        events, percent = self.events_per_second, round(100.0 * self.fraction)
+        found = [f'{events:.2g} {self._events} per second'] if events else []
+        if percent or not found:
+            found.append(f'{percent} % {self._part}{detail}')
         cause = self.cause or f'{BUSY}; control_period is {1e3 * seconds(self._period):g} ms'
-        return (f'{events if self._events else ""}{100.0 * self.fraction:.0f} % '
-                f'{self._part}{detail}: {cause}')
+        return f'{", ".join(found)}: {cause}'
 
 
 class SampleRate:

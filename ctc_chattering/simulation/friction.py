@@ -76,7 +76,7 @@ class NoFriction(NamedTuple):
     none: float = 0.0
 
     @classmethod
-    def made(cls, joint_names: Sequence[str]) -> NoFriction:
+    def made(cls, _joint_names: Sequence[str]) -> NoFriction:
         """Return the friction of a robot with these joints."""
         return cls()
 

@@ -40,11 +40,11 @@ def label(variant: Variant) -> str:
 
 
 def styles(variants: Sequence[Variant]) -> dict[Variant, dict[str, Any]]:
-    """Return colour of the law and mark of each variant."""
-    markers = {law: cycle('osD^v') for law in LAW_COLOURS}
-    return {x: {'color': LAW_COLOURS[x.law], 'markeredgecolor': 'white', 'linestyle': '',
-                'marker': '*' if x.settings == RECOMMENDED else next(markers[x.law]),
-                'markersize': 15 if x.settings == RECOMMENDED else 8}
+    """Return colour of the law and mark of each variant; hollow, so that no mark hides others."""
+    markers = cycle('osD^v<>pPXhd8')
+    return {x: {'color': LAW_COLOURS[x.law], 'markerfacecolor': 'none', 'linestyle': '',
+                'marker': '*' if x.settings == RECOMMENDED else next(markers),
+                'markersize': 15 if x.settings == RECOMMENDED else 8, 'markeredgewidth': 1.8}
             for x in dict.fromkeys(variants)}
 
 
@@ -84,6 +84,7 @@ def trade_off(outcomes: Sequence[Outcome], title: str) -> Figure:
             if not x.score.failure:
                 ax.plot([_mean(x.score.variation)], [_mean(x.score.rms)],
                         **look[x.task.variant])
+        drawing.beyond(ax, 'diverged', [look[x.task.variant] for x in group if x.score.failure])
         for axis, key in (('x', 'variation'), ('y', 'rms')):
             drawing.decades(ax, axis, [_mean(getattr(x.score, key)) for x in group
                                        if not x.score.failure])

@@ -33,6 +33,7 @@ from ctc_chattering.analysis.page import (
     write_page,
 )
 from ctc_chattering.analysis.report import write_page as write_page_of_runs
+from ctc_chattering.analysis.run_names import LAW_COLOURS
 from ctc_chattering.analysis.run_samples import write_samples
 from ctc_chattering.analysis.tables import bold, Table
 from made_up_runs import made_up
@@ -102,12 +103,12 @@ def test_names_reach_the_plots_as_they_are(tmp_path: Path) -> None:
     path = tmp_path / 'index.html'
     write_page(path, HOSTILE, HOSTILE, [Section(HOSTILE, [SignalPlots(
         HOSTILE, HOSTILE, [HOSTILE], ['rad'],
-        [PlottedRun(HOSTILE, tmp_path / 'samples' / 'a b.js')], ['e'], 1.0)])])
+        [PlottedRun(HOSTILE, tmp_path / 'samples' / 'a b.js', '#123456')], ['e'], 1.0)])])
     text = path.read_text(encoding='utf-8')
     assert '<script>alert' not in text and 'onerror=' not in text
     found = json.loads(CommandPage(path).plots)
     assert found['joints'] == [HOSTILE] and found['runs'] == [
-        {'name': HOSTILE, 'key': 'a b', 'path': 'samples/a%20b.js'}]
+        {'name': HOSTILE, 'key': 'a b', 'colour': '#123456', 'path': 'samples/a%20b.js'}]
 
 
 @pytest.mark.browser
@@ -126,6 +127,17 @@ def test_the_page_of_runs_in_a_browser(tmp_path: Path) -> None:
         page.locator('.signals').scroll_into_view_if_needed()
         eventually(lambda: len(inked(page)) > 8 and min(inked(page)) > 100, 'plots', page)
         assert page.evaluate('document.documentElement.scrollWidth') == 390
+        assert page.evaluate('[...document.querySelectorAll("section > .scroll")].every(x => '
+                             'x.style.getPropertyValue("--right") === "2.5rem")')
+        page.emulate_media(color_scheme='light')
+        strokes = ('[...document.querySelectorAll(".ctc-key line")].map('
+                   'x => x.getAttribute("stroke"))')
+        eventually(lambda: {*page.evaluate(strokes)} == {
+            LAW_COLOURS['compensation'], LAW_COLOURS['chattering']}, 'colours', page)
+        page.get_by_text('torque less that of the first run').click()
+        less = page.locator('.ctc-panel', has_text='torque less that of the first run')
+        eventually(lambda: less.count() == 7, 'differences', page)
+        assert less.first.locator('.ctc-key').count() == 1
         assert page.locator('.ctc-panel').first.inner_text().count(HOSTILE[:9]) == 0
         folded = page.locator('main details').last
         assert folded.get_attribute('open') is None

@@ -60,6 +60,7 @@ def test_colours_differ_within_an_experiment() -> None:
     found = colours([*results, dataclasses.replace(results[0], experiment='other')])
     assert found[:2] == [LAW_COLOURS['chattering'], LAW_COLOURS['compensation']]
     assert len(set(found[:4])) == 4
+    assert not {*found[2:4]} & {*LAW_COLOURS.values()}  # Shades, no other law's colour.
     assert found[4] == found[0]
 
 

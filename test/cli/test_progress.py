@@ -43,7 +43,7 @@ def test_a_run_prints_its_begin_and_its_end(capfd: pytest.CaptureFixture[str]) -
     assert '\r' not in said.err and said.err.endswith('\n')
     lines = said.err.splitlines()
     assert 1 <= len(lines) <= 3
-    assert lines[-1].startswith('friction 2.0/2.0 s [')
+    assert lines[-1].startswith('friction 2.0 of 2 s [')
     assert said.out == '1 s: law compensation\n'
 
 

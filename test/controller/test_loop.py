@@ -161,6 +161,22 @@ def test_silence_ends_the_torques_and_the_next_state_restarts_the_law() -> None:
     assert at_once.state(31) == law((0.1, 0.2), first=31, bumpless=True)
 
 
+@pytest.mark.parametrize('begun', [False, True])
+def test_gaps_of_the_start_are_no_faults(begun: bool) -> None:
+    """Let states jump and pause, before the reference is heard, and after a torque."""
+    robot = Robot(False)
+    robot.reference(0, 1000 if begun else 0)
+    robot.state(0)
+    assert bool(robot.sent) == begun
+    with pytest.raises(RejectedMessage) as jump:
+        robot.loop.take_state(JointSample(100 * MS, ZERO, ZERO), 1 * MS, False)
+    assert bool(str(jump.value)) == begun
+    robot.silence(1100)
+    robot.state(1101)
+    assert any('no state for 1.101 s' in line for line in robot.log.lines) == begun
+    assert robot.loop.health.restarts == int(begun)
+
+
 def test_a_reference_that_is_late_is_held_and_followed_again() -> None:
     robot = Robot(simulated=False)
     robot.reference(0, 50)

@@ -106,6 +106,7 @@ def test_shows_the_graph_and_changes_it(graph: Probe) -> None:
         eventually(lambda: page.locator('.ctc-numbers').count() and level(page) == 0,
                    'a green light', page)
         eventually(lambda: min(inked(tab), default=0) > 300, 'plots', page)
+        assert 'token' in url and tab.url == url.partition('?')[0]
         for law in ('compensation', 'chattering', 'compensation'):
             _click(graph, laws, tab, law)
         eventually(lambda: 'compensation' in said(page), 'the law on the page', page)

@@ -23,9 +23,9 @@ import re
 from typing import Any
 import xml.etree.ElementTree as ET
 
-from ctc_chattering.live.layouts import foxglove, plotjuggler
 from ctc_chattering.ros.messages import message_type
 from ctc_chattering.ros.topics import TOPICS
+from layouts import foxglove, plotjuggler
 import pytest
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

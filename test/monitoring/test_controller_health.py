@@ -84,8 +84,8 @@ def test_the_level_is_that_of_the_last_reports(events: int, part: int, level: in
         assert health.level == (level if k else 0)
     assert health.events_per_second == events
     assert health.fraction == pytest.approx(part / 1000)
-    assert str(health).startswith(
-        f'{events} restarts per second, {part / 10:.0f} % of the states refused (stale): this')
+    rate, refused = f'{events} restarts per second', f'{part / 10:.0f} % of the states refused'
+    assert str(health).startswith(f'{rate}: this' if events else f'{refused} (stale): this')
     assert str(health).endswith('control_period is 1 ms')
     for k in range(5, 8):
         health.note(k * SECOND, 4 * events, 4 * part, k * 1000, '')

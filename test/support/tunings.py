@@ -31,7 +31,7 @@ def short_spec(**more: Any) -> TuneSpec:
         'overrides': {'/**': {'control_period': 5e-3},
                       'plant': {'integration_step': 5e-3, 'compiled': False}},
         'uncertain': {'friction': {'parameter': 'plant.coulomb_friction', 'uniform': [5, 15]}},
-        **more}, Path('spec.yaml'))
+        **more, 'tune': {'law': 'chattering', **more.get('tune', {})}}, Path('spec.yaml'))
 
 
 @lru_cache(4)

@@ -33,7 +33,7 @@ async function mount(element) {
     await Promise.all(runs.map(run => ctcSamples[run.key] || loaded(run.path)));
     element.textContent = '';
     const plots = ctcPlots.mount(element, { joints, units, runs: runs.map(
-      run => ({ name: run.name, packed: ctcSamples[run.key] })) }, { signals, settled });
+      run => ({ name: run.name, colour: run.colour, packed: ctcSamples[run.key] })) }, { signals, settled });
     if (mark !== null) plots.mark(mark);
   } catch (error) {
     element.replaceChildren(Object.assign(document.createElement('p'), { textContent: error.message }));
@@ -44,3 +44,14 @@ const seen = new IntersectionObserver(entries => {
     if (isIntersecting) { seen.unobserve(target); mount(target); }
 }, { rootMargin: '300px' });
 for (const element of document.querySelectorAll('.signals')) seen.observe(element);
+// What scrolls sideways fades where there is more.
+const wide = new ResizeObserver(entries => entries.forEach(({ target }) => fade(target)));
+function fade(element) {
+  const left = element.scrollLeft, more = element.scrollWidth - element.clientWidth - left;
+  element.style.setProperty('--left', left > 1 ? '2.5rem' : '0px');
+  element.style.setProperty('--right', more > 1 ? '2.5rem' : '0px');
+}
+for (const element of document.querySelectorAll('.scroll')) {
+  element.addEventListener('scroll', () => fade(element));
+  wide.observe(element);
+}

@@ -14,6 +14,8 @@ const KINDS = {
   V: { title: 'log₁₀ of V', unit: 'J', lines: ['logV'], common: true, whole: true },
   torque: { title: 'torque', unit: 't', lines: ['torque', 'effort', 'nominal',
     'compensation', 'robust'] },
+  difference: { title: 'torque less that of the first run', unit: 't', lines: ['torque'],
+    between: true },
   rate: { title: 'torque rate', unit: 't/s', lines: ['rate'] },
   spectrum_e: { title: 'log₁₀ of spectrum of error', unit: 'p', lines: ['e'], spectrum: true },
   spectrum_torque: { title: 'log₁₀ of spectrum of torque', unit: 't', lines: ['applied'],
@@ -25,6 +27,9 @@ const dark = matchMedia('(prefers-color-scheme: dark)');
 const isDark = () => (document.documentElement.dataset.theme || (dark.matches ? 'dark' : ''))
   === 'dark';
 const colour = i => COLOURS[isDark() ? 'dark' : 'light'][i % 7];
+// A colour that suits light ground, lighter on dark ground.
+const onGround = hex => !isDark() ? hex : '#' + [1, 3, 5].map(i => Math.round(
+  0.6 * parseInt(hex.slice(i, i + 2), 16) + 0.4 * 255).toString(16).padStart(2, '0')).join('');
 
 function made(tag, parent, name, text) {
   const element = document.createElement(tag);
@@ -53,7 +58,7 @@ class Panel {
       const key = made('span', this.head, 'ctc-key');
       const alone = this.lines.length === 1 && !line.name && !line.label;
       if (!alone) key.innerHTML = '<svg width="26" height="8"><line x2="26" y1="4" y2="4" stroke-width="2"'
-        + ` stroke="${colour(line.colour)}" stroke-dasharray="${line.dash}"/></svg>`;
+        + ` stroke="${line.ink}" stroke-dasharray="${line.dash}"/></svg>`;
       if (line.name) made('span', key, 'ctc-name', line.name).title = line.name;
       key.append((line.name && line.label ? ' ' : '') + line.label);
       return made('span', key, line.long ? 'ctc-value ctc-long' : 'ctc-value');
@@ -87,10 +92,12 @@ class Panel {
     const { runs, data } = this.plots, kind = KINDS[this.kind], found = [];
     const several = runs.length > 1, overlaid = this.joints.length > 1;
     const signals = kind.lines.filter(signal => runs.some(run => run.has(signal)));
-    runs.forEach((run, r) => run.shown && this.joints.forEach(joint => signals.forEach(
+    const shown = runs.filter(run => run.shown);
+    if (kind.between) this.base = shown.shift();
+    shown.forEach(run => this.joints.forEach(joint => signals.forEach(
       (signal, s) => run.has(signal) && found.push({
         run, joint, signal, long: signal === 'q' || signal === 'q_d',
-        colour: several ? r : overlaid ? joint : s, dash: DASHES[s],
+        ink: several ? run.ink : colour(overlaid ? joint : s), dash: DASHES[s],
         name: several && s === 0 ? run.name : '',
         label: (overlaid ? data.joints[joint] : '') + (kind.lines.length > 1 ? signal : ''),
       }))));
@@ -108,7 +115,8 @@ class Panel {
   update() {
     const [from, to] = this.plots.range();
     for (const line of this.lines) {
-      const { t, at } = line.run.values(line.signal, line.joint);
+      const { t, at } = this.base ? difference(line.run.values(line.signal, line.joint),
+        this.base.values(line.signal, line.joint)) : line.run.values(line.signal, line.joint);
       if (KINDS[this.kind].spectrum) {
         const [i, j] = [first(t, from), first(t, to)];
         const values = Float64Array.from({ length: j - i }, (_, k) => at(i + k));
@@ -161,7 +169,7 @@ class Panel {
   paint(ctx, bbox, ratio) {
     ctx.lineWidth = 1.4 * ratio;
     for (const line of this.lines) {
-      ctx.strokeStyle = ctx.fillStyle = colour(line.colour);
+      ctx.strokeStyle = ctx.fillStyle = line.ink;
       ctx.setLineDash(line.dash.map(x => x * ratio));
       this.trace(line, ctx, bbox, ratio);
     }
@@ -222,6 +230,13 @@ class Panel {
       this.keys[i].textContent = k < 0 ? '' : written(line.at(k), line.long);
     });
   }
+}
+// A signal less another one at the same times; nothing where the other has no sample.
+function difference(one, other) {
+  return { t: one.t, at: i => {
+    const k = nearest(other.t, one.t[i]);
+    return Math.abs(other.t[k] - one.t[i]) < 1e-6 ? one.at(i) - other.at(k) : NaN;
+  } };
 }
 // The median of the time between two samples, of some of them.
 function usual(t, begin, end) {

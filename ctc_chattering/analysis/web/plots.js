@@ -6,7 +6,8 @@
 // are drawn, too, each in its colour); units are those of the positions, by default rad.
 // run = {name: 'chattering', t: [...], signals: {e: [[...], ...], V: [[...]], ...}}: times [s],
 // and for each signal one column for each joint, V one in all. Arrays may be plain or typed.
-// Instead of t and signals a run may have packed: '...', which `coded` of Python writes.
+// A run may have its colour, '#rrggbb'. Instead of t and signals it may have packed: '...', which
+// `coded` of Python writes.
 // Signals: q, q_d, dq, e, v, V, torque, nominal, compensation, robust, effort; each may miss, and
 // what is not there cannot be chosen. q, q_d or e follows from the other two. Torque rate, log10
 // of V and spectra are computed here. Every sample is drawn: where there are more samples than
@@ -77,8 +78,9 @@ class Plots {
     for (const panel of this.panels) panel.u.destroy();
     this.element.replaceChildren();
     this.panels = [];
-    this.known = Object.keys(KINDS).filter(kind => KINDS[kind].lines.some(
-      signal => this.runs.some(run => run.has(signal))));
+    this.runs.forEach((run, r) => { run.ink = run.colour ? onGround(run.colour) : colour(r); });
+    this.known = Object.keys(KINDS).filter(kind => this.runs.length > !!KINDS[kind].between
+      && KINDS[kind].lines.some(signal => this.runs.some(run => run.has(signal))));
     this.bars();
     const shown = this.known.filter(kind => this.chosen.signals.includes(kind));
     const joints = this.joints;
@@ -117,10 +119,9 @@ class Plots {
     }
     if (this.runs.length > 1) {
       const runs = bar('runs');
-      this.runs.forEach((run, r) => {
+      for (const run of this.runs)
         chip(runs, run.name, run.shown, on => { run.shown = on; this.build(); })
-          .style.borderBottom = `3px solid ${colour(r)}`;
-      });
+          .style.borderBottom = `3px solid ${run.ink}`;
     }
     const tools = bar('');
     tools.firstChild.remove();
@@ -251,7 +252,7 @@ function picture(plots) {
       ctx.fillText(element.textContent, place.left, place.top + 12);
     };
     write(panel.title, style.color, 600);
-    panel.keys.forEach((key, i) => write(key.parentElement, colour(panel.lines[i].colour), 400));
+    panel.keys.forEach((key, i) => write(key.parentElement, panel.lines[i].ink, 400));
   }
   return canvas;
 }

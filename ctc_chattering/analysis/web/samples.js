@@ -122,8 +122,9 @@ class Track {
   }
 }
 class Run {
-  constructor({ name, t, signals, packed }) {
+  constructor({ name, colour: own, t, signals, packed }) {
     this.name = name || '';
+    this.colour = own;
     this.shown = true;
     this.tracks = [];
     if (packed) this.take(unpacked(bytes(packed)));

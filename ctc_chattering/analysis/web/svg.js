@@ -69,7 +69,7 @@ function vectors(plots) {
     const title = place(panel.title);
     write(title.x, title.y + 12, panel.title.textContent, { 'font-weight': 600 });
     panel.keys.forEach(({ parentElement: key }, i) => {
-      const at = place(key), sample = key.querySelector('svg'), ink = colour(panel.lines[i].colour);
+      const at = place(key), sample = key.querySelector('svg'), { ink } = panel.lines[i];
       if (sample) line(at.x, at.y + 8, at.x + 26, at.y + 8, { stroke: ink, 'stroke-width': 2,
         'stroke-dasharray': panel.lines[i].dash.join(' ') });
       write(at.x + (sample ? 30 : 0), at.y + 12, key.textContent, { fill: ink });

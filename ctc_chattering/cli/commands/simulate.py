@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
         prepare(options.out, (METRICS, _SAMPLES), options.overwrite)
     if way(setup) == PLAIN and can_be_compiled(setup):
         say(HOW_TO_COMPILE)
-    with Progress(setup.plant.experiment, setup.plant.duration) as progress:
+    with Progress(f'experiment {setup.plant.experiment}:', setup.plant.duration) as progress:
         result = simulate(setup, progress)
         progress(setup.plant.duration)
     if options.out is not None:

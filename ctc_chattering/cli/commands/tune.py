@@ -52,7 +52,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                        help='output of ctc identify; its intervals are the uncertainty')
     for name, values in (('law', LAWS), ('switching', SWITCHINGS)):
         parser.add_argument(f'--{name}', metavar='X', help=(
-            "default: the spec's, or " + ('chattering' if name == 'law' else 'implicit_observer')
+            "default: the spec's, or " + (
+                'observer_feedback' if name == 'law' else 'implicit_observer')
             + f"; {' | '.join(values)}"))
     for name, text in (('torque-limit', 'largest torque [N·m]'),
                        ('torque-rate', 'largest change of the torque sent [N·m/s]')):
@@ -98,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
                       show=partial(print, flush=True), progress=progress)
     write_tuning(tuning, out, options.format, options.said)
     print(report.text(tuning))
-    if tuning.knee is None:
+    if tuning.best is None:
         raise CtcError(f'no trial keeps the limits; {report.closest(tuning.trials)}; '
                        f'see {out / PAGE}')
     print()

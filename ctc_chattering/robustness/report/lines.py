@@ -23,6 +23,7 @@ from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.legends import legend_of
+from ctc_chattering.analysis.run_names import LAW_COLOURS, MIXED, shaded
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.robustness.report.axis import GridAxis
 from ctc_chattering.robustness.report.boundary import LEVEL, wilson
@@ -32,21 +33,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 import numpy as np
 
-#: After Okabe and Ito; the first is that of law `compensation` in all figures.
-_COLOURS = ('#0072B2', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#6B4E2E', '#7B5EA7',
-            '#7F7F7F')
-_BASE_COLOUR = '#D55E00'
 _MARKED: dict[str, Any] = {'linewidth': 1.4, 'markersize': 4.5, 'markeredgecolor': 'white',
                            'markeredgewidth': 0.5}
 
 
 def styles(data: MapData) -> list[dict[str, Any]]:
-    """Return colour, marker and dashes of each variant, distinct without colour as well."""
-    colours, markers = cycle(_COLOURS), cycle('o^Dv<P>X')
-    dashes = cycle(['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))])
-    return [{'color': _BASE_COLOUR, 'marker': 's', 'linestyle': '-'} if v == data.base else
-            {'color': next(colours), 'marker': next(markers), 'linestyle': next(dashes)}
-            for v in range(len(data.variants))]
+    """Return the law's colour, marker and dashes of each variant, distinct without colour, too."""
+    return [{'color': colour, 'marker': marker, 'linestyle': dashes} for colour, marker, dashes in
+            zip(shaded([LAW_COLOURS.get(law, MIXED) for law in data.laws]), cycle('so^Dv<P>X'),
+                cycle(['-', (0, (5, 1.5)), (0, (2.5, 1.2)), '-.', (0, (1, 1))]))]
 
 
 def lines(data: MapData) -> Figure:

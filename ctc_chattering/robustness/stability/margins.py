@@ -52,6 +52,7 @@ from ctc_chattering.robustness.stability.sampled_loop import (
 )
 from ctc_chattering.studies.recommended import desired_points
 import numpy as np
+from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
 #: Eigenvalues of M̂ M⁻¹ that are looked at, and centres c of (MG1).
 RATIOS = np.geomspace(0.01, 100.0, 200)
@@ -114,16 +115,24 @@ class Loops:
         return stable(self.radius, 1.0, RATIOS)
 
     def guaranteed(self) -> StableRange | None:
-        """Return the widest interval of (MG1), as a quotient, around 1; None for none."""
-        found = None
-        for c in _CENTRES:
-            if self.radius(c) < 1.0:
-                d = min(1.0 / peak_gain(y.closed(c), y.B, y.C)
-                        for y in (x.scaled(_SCALE) for x in self.all))
-                if 0.0 < c - d < 1.0 < c + d and (
-                        found is None or (c + d) / (c - d) > found.high / found.low):
-                    found = StableRange(c - d, c + d)
-        return found
+        """Return the interval of (MG1) whose nearer end is farthest from 1, by ratio; or None."""
+        loops = [x.scaled(_SCALE) for x in self.all]
+
+        def interval(c: float) -> StableRange:
+            d = min(1.0 / peak_gain(x.closed(c), x.B, x.C) for x in loops) if (
+                self.radius(c) < 1.0) else 0.0
+            return StableRange(c - d, c + d)
+
+        def nearer(c: float) -> float:
+            """Return the factor from 1 to the nearer end, below 1 if 1 is outside."""
+            low, high = interval(c)
+            return min(high, 1.0 / max(low, 1e-9))
+
+        best = int(np.argmax([nearer(c) for c in _CENTRES]))
+        found = minimize_scalar(lambda c: -nearer(c), bounds=_CENTRES[[
+            max(best - 1, 0), min(best + 1, len(_CENTRES) - 1)]], method='bounded',
+            options={'xatol': 1e-4})
+        return interval(float(found.x)) if found.fun < -1.0 else None
 
     def lags(self, ratio: float = 1.0) -> StableRange | None:
         """

@@ -32,7 +32,7 @@ import numpy as np
 #: M̂ M⁻¹ for which lags and delays are said.
 RATIOS = (1.0, 0.8, 1.25)
 #: Of the figure: eigenvalues of M̂ M⁻¹, lags, and those of the guarantee.
-_WIDE, _HIGH, _GUARANTEED = 80, 50, 16
+_WIDE, _HIGH, _GUARANTEED = 80, 50, 40
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +155,7 @@ def region(loops: Loops, found: Margins) -> Iterator[tuple[str, Figure, str]]:
     ratio, lag = np.geomspace(0.2, 5.0, _WIDE), np.linspace(0.0, most, _HIGH)
     radius = np.array([[at.radius(x) for x in ratio.tolist()] for at in (
         loops.with_drives(lag=y) for y in lag.tolist())])
-    figure, grid = drawing.sheet('Stable region', 1, (3.0, 1.0), 3.4)
+    figure, grid = drawing.sheet('Stable region', 1, (1.0,), 3.6)
     ax = drawing.panel(figure, grid[0, 0], '', 'lag of the drives [ms]')
     ax.contourf(ratio, 1e3 * lag, radius, [0.0, 1.0], colors=['#cfe3f3'])
     ax.contour(ratio, 1e3 * lag, radius, [1.0], colors=['#0072B2'], linewidths=1.6)

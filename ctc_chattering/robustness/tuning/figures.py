@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from ctc_chattering.analysis import drawing
 from ctc_chattering.analysis.legends import legend_of
@@ -87,16 +88,23 @@ def _trials(ax: Axes, tuning: Tuning) -> None:
 
 def _marks(ax: Axes, tuning: Tuning) -> None:
     """Draw the recommended point and the others, on fresh draws."""
-    if tuning.knee is not None:
-        ax.plot(*_place(tuning.points[tuning.knee], True), '*', color=_KNEE, markersize=17,
+    gone: list[dict[str, Any]] = []
+    if tuning.best is not None:
+        ax.plot(*_place(tuning.best, True), '*', color=_KNEE, markersize=17,
                 markeredgecolor='white', zorder=5, label='recommended point')
     for candidate, colour, marker in zip(tuning.others, _OTHERS, 'sDP'):
         broken = ', '.join(x for x in CONSTRAINTS if candidate.fresh.violating[x])
-        ax.plot(*_place(candidate, True), marker, color=colour, markersize=9, linestyle='',
-                markeredgecolor='white', zorder=4,
-                label=candidate.name + (f' (violates: {broken})' if broken else ''))
+        look: dict[str, Any] = {
+            'marker': marker, 'color': colour, 'markersize': 9, 'linestyle': '', 'zorder': 4,
+            'markerfacecolor': 'none', 'markeredgewidth': 1.8,
+            'label': candidate.name + (f' (violates: {broken})' if broken else '')}
+        if np.isfinite(_place(candidate, True)).all():
+            ax.plot(*_place(candidate, True), **look)
+        else:
+            gone.append(look)
+    drawing.beyond(ax, 'without a finite error', gone)
     for k, candidate in enumerate(tuning.points):
-        if k in (0, len(tuning.points) - 1, tuning.knee):
+        if k in (0, len(tuning.points) - 1) or candidate is tuning.best:
             ax.annotate(candidate.name, _place(candidate, False), xytext=(5, 4),
                         textcoords='offset points', fontsize=9, color=_DRAWN, zorder=6)
 
@@ -137,8 +145,9 @@ def gains_figure(tuning: Tuning) -> Figure:
         limits = tuning.spec.ranges[name]
         y = [tuning.trials[i].numbers[name] for i in tuning.front]
         ax.plot(x, y, 'o', color=_DRAWN, markersize=5)
-        if tuning.knee is not None:
-            ax.plot(x[tuning.knee], y[tuning.knee], '*', color=_KNEE, markersize=14,
+        if tuning.best in tuning.points:
+            best = tuning.points.index(tuning.best)
+            ax.plot(x[best], y[best], '*', color=_KNEE, markersize=14,
                     markeredgecolor='white')
         ax.set(xlabel='torque variation [N·m/s]', xscale='log', yscale='log',
                ylim=(limits.low / 1.2, limits.high * 1.2))
@@ -155,8 +164,8 @@ def draws_figure(tuning: Tuning) -> Figure:
     figure, grid = drawing.sheet('Error over what is uncertain, fresh draws',
                                  -(-len(spec.uncertain) // columns), (1.0,) * columns, 2.4)
     shown = [(tuning.others[0], _OTHERS[0], 's', 3.0)]
-    if tuning.knee is not None:
-        shown.append((tuning.points[tuning.knee], _KNEE, 'o', 4.0))
+    if tuning.best is not None:
+        shown.append((tuning.best, _KNEE, 'o', 4.0))
     for k, quantity in enumerate(spec.uncertain):
         unit = f' [{quantity.unit}]' if quantity.unit else ' [factor]' if quantity.factor else ''
         ax = drawing.panel(figure, grid[k // columns, k % columns], quantity.name,
@@ -170,7 +179,7 @@ def draws_figure(tuning: Tuning) -> Figure:
         for candidate, colour, marker, size in shown:
             ax.plot([row[k] for row in fresh.values], [x.error for x in candidate.fresh.runs],
                     marker, color=colour, markersize=size, alpha=0.7,
-                    label='gains of the file' if candidate in tuning.others else
+                    label='gains of the file' if colour in _OTHERS else
                     'recommended point')
     legend_of(figure.axes[0])
     return figure
@@ -197,8 +206,9 @@ def _all(tuning: Tuning) -> Iterator[tuple[str, Figure, str]]:
         'above or to the right of the front, the search has fitted its own draws.')
     if tuning.points:
         yield 'numbers', gains_figure(tuning), (
-            'What was searched, at each point of the front. Star: recommended. Dashed: ends of '
-            'the range that is searched. At an end the range may be too narrow.')
+            'What was searched, at each point of the front. Star: recommended, if it is '
+            'on the front. Dashed: ends of the range that is searched. At an end the range may be '
+            'too narrow.')
     if tuning.spec.uncertain:
         yield 'draws', draws_figure(tuning), (
             'A dot a draw: which uncertain quantity makes the error.')

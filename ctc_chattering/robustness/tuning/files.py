@@ -67,9 +67,8 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
     out = prepare(Path(out), NAMES)
     for point in tuning.points:
         write_parameters(tuning.spec, point, out / POINTS / f'{point.name}.yaml')
-    recommended = report.best(tuning)
-    if recommended:
-        write_parameters(tuning.spec, recommended, out / TUNED)
+    if tuning.best:
+        write_parameters(tuning.spec, tuning.best, out / TUNED)
     write_text(out / NUMBERS, json.dumps(
         finite(as_mapping(tuning)), indent=1, ensure_ascii=False) + '\n')
     write_text(out / FRONT, to_csv(tuning))
@@ -79,10 +78,10 @@ def write_tuning(tuning: Tuning, out: str | Path, extra: str = 'svg', command: s
 def write_page(tuning: Tuning, figures: Sequence[FigureFile], path: Path, command: str = ''
                ) -> None:
     """Write the page; raise `CtcError` if that cannot be done."""
-    files = {TUNED: 'parameter file of the recommended point', POINTS: 'of all points of the '
+    files = {TUNED: 'parameter file of what is recommended', POINTS: 'of all points of the '
              'front', FRONT: 'their numbers', NUMBERS: 'all trials'}
     links = [(name, f'{name} ({what})') for name, what in files.items()
-             if tuning.knee is not None or name == NUMBERS]
+             if tuning.best or name == NUMBERS]
     notes = [page.Note(text) for text in (*report.notes(tuning), *tuning.spec.notes)]
     numbers, run = _tables(tuning)
     page.write_page(path, report.headline(tuning), _LEAD, [
@@ -112,7 +111,6 @@ def write_parameters(spec: TuneSpec, point: Candidate, path: Path) -> None:
 def as_mapping(tuning: Tuning) -> dict[str, Any]:
     """Return everything as JSON has it."""
     spec, config = tuning.spec, tuning.spec.setup.controller
-    recommended = report.best(tuning)
     return {
         'name': spec.name, 'law': config.law, 'switching': config.switching_in_force or None,
         'percentile': tuning.percentile, 'seed': tuning.seed,
@@ -126,7 +124,7 @@ def as_mapping(tuning: Tuning) -> dict[str, Any]:
             for x in spec.uncertain],
         'draws': {'search': _draws(spec.draws()), 'fresh': _draws(tuning.fresh)},
         'search': {name: [x.low, x.high] for name, x in spec.ranges.items()},
-        'recommended_point': recommended and recommended.name,
+        'recommended': tuning.best and tuning.best.name,
         'front': [{'trial': k, **_candidate(x)} for k, x in zip(tuning.front, tuning.points)],
         'references': [_candidate(x) for x in tuning.others],
         'trials': [{'trial': k, 'numbers': x.numbers, **_score(x.score)}
@@ -155,7 +153,7 @@ def to_csv(tuning: Tuning) -> str:
     rows = []
     for k, x in enumerate(tuning.points):
         numbers = tuning.trials[tuning.front[k]].numbers
-        row: dict[str, object] = {'point': x.name, 'recommended': int(k == tuning.knee), **{
+        row: dict[str, object] = {'point': x.name, 'recommended': int(x is tuning.best), **{
             f'search_{name}': value for name, value in numbers.items()}}
         for name, value in x.values.items():
             row.update({f'{name}_{i}': y for i, y in enumerate(value, 1)} if isinstance(
@@ -173,8 +171,8 @@ def _tables(tuning: Tuning) -> tuple[Table, Table]:
     """Return the tables of the page: numbers, and what was run."""
     head, *rows = report.table(tuning)
     return Table('', head, rows, note=(
-        '* recommended: of the points that keep the limits on fresh draws, the one with the '
-        'smallest product of error and torque variation there. These are '
+        '* recommended: of all under the tuned law that keep the limits on fresh draws, the one '
+        'with the smallest product of error and torque variation there. These are '
         f'{report.part_of_runs(tuning.percentile)}; torque and rate are the largest of all fresh '
         'draws. A column fresh is on draws that the search has not seen.')
     ), Table('', (), list(report.facts(tuning)))

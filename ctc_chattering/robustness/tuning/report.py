@@ -95,8 +95,8 @@ def table(tuning: Tuning) -> list[list[str]]:
     gains = list(tuning.spec.gains(tuning.trials[0].numbers))
     rows = [['gains', *gains, 'error [rad]', 'fresh', 'variation [N·m/s]', 'fresh',
              'torque [N·m]', 'rate [N·m/s]', 'violates, fresh']]
-    for k, x in enumerate((*tuning.others, *tuning.points)):
-        name = f'{x.name} *' if k - len(tuning.others) == tuning.knee else x.name
+    for x in (*tuning.others, *tuning.points):
+        name = f'{x.name} *' if x is tuning.best else x.name
         rows.append([
             name, *_gains(x, gains, tuning), f'{x.drawn.error:.3g}', f'{x.fresh.error:.3g}',
             f'{x.drawn.variation:.4g}', f'{x.fresh.variation:.4g}',
@@ -114,30 +114,33 @@ def _gains(x: Candidate, names: Sequence[str], tuning: Tuning) -> list[str]:
 
 
 def headline(tuning: Tuning) -> str:
-    """Return what the recommended point changes against the gains of the file, fresh draws."""
-    if tuning.knee is None:
+    """Return what is recommended against the file's gains, and what is better, fresh draws."""
+    if tuning.best is None:
         return 'No trial keeps the limits'
-    new, old = tuning.points[tuning.knee].fresh, tuning.others[0].fresh
-    if old.error == inf:
-        return 'The gains of the file diverge, those of the recommended point do not'
-    return (f'{_ratio(old.error, new.error)} error and {_ratio(old.variation, new.variation)} '
-            'torque variation of the gains of the file')
+    new, old = tuning.best.fresh, tuning.others[0].fresh
+    text = ('The gains of the file diverge, what is recommended does not' if old.error == inf else
+            'The gains of the file remain' if tuning.best is tuning.others[0] else
+            _ratios(old, new) + ' of the gains of the file')
+    better = [x for x in tuning.others if x.fresh.allowed and _product(x) < _product(tuning.best)]
+    if better:
+        least = min(better, key=_product)
+        text += f'; {least.name}, not tuned, has {_ratios(new, least.fresh)} of these'
+    return text
 
 
 def notes(tuning: Tuning) -> Iterator[str]:
     """Yield what the user should know of the recommended point."""
-    if tuning.knee is None:
+    point = tuning.best
+    if point is None:
         yield f'no trial keeps the limits; {closest(tuning.trials)}'
         return
-    point, numbers = tuning.points[tuning.knee], tuning.trials[tuning.front[tuning.knee]].numbers
     if not point.fresh.allowed:
-        yield (f'point {point.name} violates limits on fresh draws ({violations_text(point.fresh)}'
-               '), as all points do')
-    for x in tuning.others:
-        if x.fresh.allowed and x.fresh.error * x.fresh.variation < (
-                point.fresh.error * point.fresh.variation):
-            yield (f'{x.name}: a smaller product of error and torque variation than point '
-                   f'{point.name} on fresh draws; --law and --switching tune others')
+        yield (f'{point.name} violates limits on fresh draws ({violations_text(point.fresh)}), as '
+               'all points do')
+    if point not in tuning.points:
+        yield f'no point of the front is better than {point.name}, which tuned.yaml has'
+        return
+    numbers = tuning.trials[tuning.front[tuning.points.index(point)]].numbers
     for name, limits in tuning.spec.ranges.items():
         for end, edge in (('low', limits.low), ('high', limits.high)):
             if limits.low < limits.high and 1.0 / _END < numbers[name] / edge < _END:
@@ -160,7 +163,7 @@ def closest(trials: Sequence[Trial]) -> str:
 def text(tuning: Tuning) -> str:
     """Return everything for a terminal."""
     head = columns([[f'{name}:', value] for name, value in facts(tuning)])
-    return '\n'.join([*head, '', *columns(table(tuning)), '', *(
+    return '\n'.join([*head, '', *columns(table(tuning)), '', headline(tuning), *(
         f'note: {note}' for note in (*notes(tuning), *tuning.spec.notes))]).rstrip()
 
 
@@ -171,9 +174,15 @@ def part_of_runs(percentile: float) -> str:
     return f'what {percentile:g} % of the draws do not exceed'
 
 
-def best(tuning: Tuning) -> Candidate | None:
-    """Return the recommended point."""
-    return None if tuning.knee is None else tuning.points[tuning.knee]
+def _product(x: Candidate) -> float:
+    """Return the product of error and torque variation on fresh draws."""
+    return x.fresh.error * x.fresh.variation
+
+
+def _ratios(before: OverDraws, after: OverDraws) -> str:
+    """Return by what factors error and torque variation differ."""
+    return (f'{_ratio(before.error, after.error)} error and '
+            f'{_ratio(before.variation, after.variation)} torque variation')
 
 
 def _ratio(before: float, after: float) -> str:

@@ -77,8 +77,9 @@ class Tuning:
         Trials that are not dominated, in the order of their torque variation.
     points : tuple of Candidate
         The same, validated.
-    knee : int or None
-        Index of the recommended point; None without a trial that keeps the limits.
+    best : Candidate or None
+        What is recommended: of the points, and of `others` under the law that is tuned; None
+        without a trial that keeps the limits.
     others : tuple of Candidate
         The gains of the file, and the recommended settings of laws.
     fresh : Draws
@@ -92,7 +93,7 @@ class Tuning:
     trials: tuple[Trial, ...]
     front: tuple[int, ...]
     points: tuple[Candidate, ...]
-    knee: int | None
+    best: Candidate | None
     others: tuple[Candidate, ...]
     fresh: Draws
 
@@ -157,6 +158,8 @@ def tune(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
     first = starts(spec.setup.controller, spec.setup.plant.coulomb_friction,
                    recommended(spec.setup))
     found: list[Trial] = []
+    others = references(spec)
+    of_others = evaluation.scores(others.values(), drawn)
 
     def answers(batch: list[Numbers]) -> Iterator[tuple[tuple[float, float], dict[str, float]]]:
         found.extend(map(Trial, batch, evaluation.scores(map(spec.gains, batch), drawn)))
@@ -166,14 +169,14 @@ def tune(evaluation: Evaluation, trials: int, seed: int) -> Tuning:
            _AT_RANDOM)
     chosen = front([trial.score for trial in found])
     values = [spec.gains(found[k].numbers) for k in chosen]
-    others = references(spec)
     validated = evaluation.scores([*values, *others.values()], fresh)
     points = tuple(map(Candidate, map(str, count(1)), values, (found[k].score for k in chosen),
                        validated))
-    rest = tuple(map(Candidate, others, others.values(),
-                     evaluation.scores(others.values(), drawn), validated[len(points):]))
-    return Tuning(spec, evaluation.percentile, seed, tuple(found),
-                  tuple(chosen), points, recommended_point(points), rest, fresh)
+    rest = tuple(map(Candidate, others, others.values(), of_others, validated[len(points):]))
+    config = spec.setup.controller
+    mine = [x for x in rest if points and config.changed(x.values).law == config.law]
+    return Tuning(spec, evaluation.percentile, seed, tuple(found), tuple(chosen), points,
+                  recommended_of([*points, *mine]), rest, fresh)
 
 
 def _within(numbers: Mapping[str, float], ranges: Mapping[str, Range]) -> dict[str, float]:
@@ -181,10 +184,10 @@ def _within(numbers: Mapping[str, float], ranges: Mapping[str, Range]) -> dict[s
     return {name: min(max(numbers[name], x.low), x.high) for name, x in ranges.items()}
 
 
-def recommended_point(points: Sequence[Candidate]) -> int | None:
-    """Return the knee on fresh draws, of the points that keep the limits there, or of all."""
-    kept = [k for k, x in enumerate(points) if x.fresh.allowed] or list(range(len(points)))
-    return kept[knee([points[k].fresh for k in kept])] if kept else None
+def recommended_of(candidates: Sequence[Candidate]) -> Candidate | None:
+    """Return the knee on fresh draws, of those that keep the limits there, or of all."""
+    kept = [x for x in candidates if x.fresh.allowed] or list(candidates)
+    return kept[knee([x.fresh for x in kept])] if kept else None
 
 
 def references(spec: TuneSpec) -> dict[str, dict[str, Any]]:

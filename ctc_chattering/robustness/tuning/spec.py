@@ -52,6 +52,8 @@ _FRESH = 4
 _START = 2.0
 #: Numbers that are searched only where the spec asks for it. `b` scales v; the paper has 1.
 _ASKED = ('b',)
+#: Law that is tuned where nothing says which.
+_LAW = 'observer_feedback'
 #: Keys of the section `tune`, and of a spec of `ctc map` that have no meaning here.
 _KEYS = ('law', 'switching', 'torque_limit', 'torque_rate_limit', 'search')
 _OF_MAP = ('axes', 'laws', 'failure', 'refine')
@@ -174,7 +176,7 @@ def parse_tune(tree: object, path: Path, more: Sequence[Uncertain] = ()) -> Tune
     uncertain = (*spec.uncertain, *more) if more or 'uncertain' in given else usual(spec.setup)
     section = mapping('tune', given.get('tune') or {}, _KEYS)
     file = _plain(spec.setup)
-    law = {'law': section.get('law', 'chattering')}
+    law = {'law': section.get('law', _LAW)}
     if 'switching' in section or law['law'] == 'chattering':
         law['switching'] = section.get('switching', 'implicit_observer')
     try:

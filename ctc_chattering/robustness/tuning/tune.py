@@ -76,14 +76,15 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
     show : callable
         Takes lines about what is compiled.
     progress : callable, optional
-        Called with the number of runs that are done, and of all.
+        Called with the number of runs that are done, and of all: first of the search, then of
+        the validation.
 
     Returns
     -------
     Tuning
         The ``points`` of the front of error against torque variation, each with ``values``, the
-        parameters of the controller; ``knee`` is the index of the recommended one, None if none
-        keeps the limits. For `write_tuning`.
+        parameters of the controller; ``best`` is the recommended one, None if none keeps the
+        limits. For `write_tuning`.
 
     Raises
     ------
@@ -97,20 +98,22 @@ def tune(spec: TuneSpec | Mapping[str, Any] | str | Path, trials: int = 200,
         raise ParameterError('percentile', percentile, 'a number > 0 and <= 100')
     found = tune_spec(spec, identified)
     compile_setups(runs.setups(found), show)
-    with _map(jobs, trials * found.repeats.repeats, progress) as each:
+    count = trials + len(runs.references(found))
+    with _map(jobs, count * found.repeats.repeats, progress) as each:
         return runs.tune(Evaluation(found, percentile, each), trials, found.repeats.seed)
 
 
 @contextmanager
 def _map(jobs: int, total: int, progress: Progress | None) -> Iterator[Callable[..., Any]]:
-    """Yield a map over processes that tells how many of the runs are done."""
+    """Yield a map over processes that tells how many of the runs are done, after them anew."""
     with processes(jobs) as each:
         done = 0
 
         def counted(function: Callable[[Any], list[Any]], tasks: list[list[Any]]
                     ) -> Iterator[list[Any]]:
             nonlocal done, total
-            total = max(total, done + sum(map(len, tasks)))
+            if done == total:
+                done, total = 0, sum(map(len, tasks))
             for found in each(function, tasks):
                 done += len(found)
                 if progress is not None:

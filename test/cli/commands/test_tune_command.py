@@ -32,6 +32,7 @@ repeats: 2
 uncertain:
   friction: {parameter: plant.coulomb_friction, uniform: [0.8, 1.2], factor: true}
 tune:
+  law: chattering
   torque_limit: 5000
   search: {pole: [5, 50]}
 """

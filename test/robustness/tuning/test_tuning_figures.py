@@ -39,8 +39,8 @@ def test_the_front_is_drawn_on_both_kinds_of_draws() -> None:
     for label, scores in (('front', [x.drawn for x in tuning.points]),
                           ('the same on fresh draws', [x.fresh for x in tuning.points])):
         assert drawn(ax, label) == [(x.variation, x.error) for x in scores]
-    assert tuning.knee is not None
-    best = tuning.points[tuning.knee].fresh
+    assert tuning.best is not None
+    best = tuning.best.fresh
     assert drawn(ax, 'recommended point') == [(best.variation, best.error)]
     for x in tuning.others:
         assert drawn(ax, x.name) == [(x.fresh.variation, x.fresh.error)]
@@ -70,10 +70,9 @@ def test_each_number_is_drawn_along_the_front_within_its_range() -> None:
 def test_errors_are_drawn_over_what_is_uncertain() -> None:
     tuning = short_tuning()
     (ax,) = draws_figure(tuning).axes
-    assert tuning.knee is not None
+    assert tuning.best is not None
     assert drawn(ax, 'recommended point') == [
-        (x, run.error) for (x,), run in zip(tuning.fresh.values,
-                                            tuning.points[tuning.knee].fresh.runs)]
+        (x, run.error) for (x,), run in zip(tuning.fresh.values, tuning.best.fresh.runs)]
     assert len(drawn(ax, 'gains of the file')) == 8
 
 

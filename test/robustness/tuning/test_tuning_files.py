@@ -44,8 +44,8 @@ def test_all_names_are_there(out: Path) -> None:
 
 
 def test_a_parameter_file_has_the_gains_of_its_point(out: Path, tuning: Tuning) -> None:
-    assert tuning.knee is not None
-    best = (out / 'front' / f'{tuning.knee + 1}.yaml').read_bytes()
+    assert tuning.best in tuning.points
+    best = (out / 'front' / f'{tuning.best.name}.yaml').read_bytes()
     assert (out / 'tuned.yaml').read_bytes() == best
     for point in tuning.points:
         setup = parameter_file.load(out / 'front' / f'{point.name}.yaml')
@@ -71,7 +71,7 @@ def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:
     found = json.loads((out / 'tune.json').read_text(), parse_constant=refuse)
     assert len(found['trials']) == len(tuning.trials)
     assert found['limits'] == {'torque_nm': [5e3, 5e3], 'torque_rate_nm_per_s': [None, None]}
-    assert found['recommended_point'] == str((tuning.knee or 0) + 1)
+    assert found['recommended'] == (tuning.best and tuning.best.name)
     for entry, trial in zip(found['trials'], tuning.trials):
         assert entry['numbers'] == trial.numbers
         assert entry['violating_runs'] == {k: n for k, n in trial.score.violating.items() if n}
@@ -82,7 +82,8 @@ def test_the_numbers_are_strict_json(out: Path, tuning: Tuning) -> None:
 def test_the_table_has_a_line_a_point(out: Path, tuning: Tuning) -> None:
     rows = list(csv.DictReader((out / 'front.csv').read_text().splitlines()))
     assert [x['point'] for x in rows] == [x.name for x in tuning.points]
-    assert [k for k, x in enumerate(rows) if x['recommended'] == '1'] == [tuning.knee]
+    assert tuning.best is not None
+    assert [x['point'] for x in rows if x['recommended'] == '1'] == [tuning.best.name]
     for row, point in zip(rows, tuning.points):
         assert float(row['fresh_error_rad']) == point.fresh.error
         assert [float(row[f'ka_{i}']) for i in (1, 2)] == point.values['ka']
@@ -108,4 +109,4 @@ def test_without_a_point_there_is_no_parameter_file_but_all_else(tmp_path: Path)
     page = (tmp_path / 'index.html').read_text()
     assert 'No trial keeps the limits' in page
     assert 'tuned.yaml' not in page
-    assert as_mapping(tuning)['recommended_point'] is None
+    assert as_mapping(tuning)['recommended'] is None

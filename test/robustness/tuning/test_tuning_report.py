@@ -71,7 +71,7 @@ def test_the_table_has_the_gains_of_all_candidates() -> None:
     assert head[:6] == ['gains', 'kp', 'kv', 'lambda', 'ka', 'observer_bandwidth']
     assert [row[0] for row in rows] == [
         *(x.name for x in tuning.others),
-        *(f'{k}{" *" if k - 1 == tuning.knee else ""}' for k in range(1, len(rows) - 2))]
+        *(f'{x.name}{" *" if x is tuning.best else ""}' for x in tuning.points)]
     assert rows[0][1:6] == ['100', '50', '10', '10', '']  # No observer under sign.
     assert rows[1][1:6] == ['100', '50', '10', '10', '200']
     assert (rows[2][3], rows[2][5]) == ('', '')  # Neither filter nor this observer.
@@ -82,7 +82,7 @@ def test_the_table_has_the_gains_of_all_candidates() -> None:
 
 def test_the_headline_compares_fresh_draws_with_the_gains_of_the_file() -> None:
     tuning = short_tuning()
-    best = report.best(tuning)
+    best = tuning.best
     assert best is not None
     old, new = tuning.others[0].fresh, best.fresh
     words = report.headline(tuning).split()
@@ -95,27 +95,39 @@ def test_the_headline_compares_fresh_draws_with_the_gains_of_the_file() -> None:
 def test_a_search_without_a_point_says_so() -> None:
     tuning = short_tuning(torque_limit=1.0)
     assert report.headline(tuning) == 'No trial keeps the limits'
-    assert report.best(tuning) is None
+    assert tuning.best is None
     (note,) = report.notes(tuning)
     assert note.startswith('no trial keeps the limits; trial ')
     assert 'exceeds the limit of the torque by' in note
     assert note in report.text(tuning)
 
 
-def test_settings_that_are_better_than_the_recommended_point_are_noted() -> None:
+def test_settings_of_another_law_that_are_better_are_in_the_headline() -> None:
     tuning = short_tuning()
-    best = report.best(tuning)
+    best = tuning.best
     assert best is not None
-    assert not any('smaller product' in x for x in report.notes(tuning))
-    for scale, noted in ((1.0, False), (0.999, True)):
+    for scale, named in ((1.0, False), (0.5, True)):
         better = best.fresh._replace(error=scale * best.fresh.error)
         other = tuning.others[2]._replace(fresh=better)
         found = dataclasses.replace(tuning, others=(*tuning.others[:2], other))
-        assert any(x.startswith('recommended observer_feedback: a smaller product')
-                   for x in report.notes(found)) == noted
+        assert report.headline(found).endswith(
+            '; recommended observer_feedback, not tuned, has 0.5 times the error and 1 times the '
+            'torque variation of these') == named
     beyond = better._replace(violating={**better.violating, 'torque': 1})
     found = dataclasses.replace(tuning, others=(tuning.others[2]._replace(fresh=beyond),))
-    assert not any('smaller product' in x for x in report.notes(found))
+    assert 'not tuned' not in report.headline(found)
+
+
+def test_settings_that_no_point_beats_are_recommended() -> None:
+    tuning = short_tuning()
+    found = dataclasses.replace(tuning, best=tuning.others[1])
+    assert list(report.notes(found)) == [
+        'no point of the front is better than recommended chattering implicit_observer, which '
+        'tuned.yaml has']
+    assert [row[0] for row in report.table(found) if row[0].endswith('*')] == [
+        'recommended chattering implicit_observer *']
+    assert report.headline(dataclasses.replace(tuning, best=tuning.others[0])).startswith(
+        'The gains of the file remain')
 
 
 def with_range(tuning: Tuning, low: float, high: float) -> Tuning:
@@ -126,11 +138,12 @@ def with_range(tuning: Tuning, low: float, high: float) -> Tuning:
 
 def test_a_number_at_the_end_of_its_range_is_noted() -> None:
     tuning = short_tuning()
-    assert tuning.knee is not None
-    pole = tuning.trials[tuning.front[tuning.knee]].numbers['pole']
+    best = tuning.best
+    assert best in tuning.points
+    pole = tuning.trials[tuning.front[tuning.points.index(best)]].numbers['pole']
     for low, high, end in ((pole / 1.01, 1e4, 'low'), (0.1, pole * 1.01, 'high')):
         notes = list(report.notes(with_range(tuning, low, high)))
-        assert any(f'pole of point {tuning.knee + 1} is at the {end} end of its range' in x
+        assert any(f'pole of point {best.name} is at the {end} end of its range' in x
                    for x in notes)
     for low, high in ((pole, pole), (0.1, 1e4)):
         assert not any('pole' in x for x in report.notes(with_range(tuning, low, high)))

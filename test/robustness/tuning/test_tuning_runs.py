@@ -22,7 +22,7 @@ from math import inf
 from ctc_chattering.robustness.tuning.runs import (
     Candidate,
     Evaluation,
-    recommended_point,
+    recommended_of,
     references,
     scores_of,
     setups,
@@ -80,8 +80,8 @@ def tuning() -> Tuning:
 def test_the_result_does_not_depend_on_the_number_of_processes(tuning: Tuning) -> None:
     with processes(2) as each:
         again = tune(Evaluation(tuning.spec, 100.0, each), 12, 1)
-    assert (again.trials, again.points, again.others, again.knee) == (
-        tuning.trials, tuning.points, tuning.others, tuning.knee)
+    assert (again.trials, again.points, again.others, again.best) == (
+        tuning.trials, tuning.points, tuning.others, tuning.best)
 
 
 def test_the_first_trials_are_the_gains_of_the_file_and_the_recommended(tuning: Tuning) -> None:
@@ -127,17 +127,17 @@ def candidate(error: float, variation: float, torque: float) -> Candidate:
     return Candidate('', {}, found, found)
 
 
-def test_the_recommended_point_keeps_the_limits_on_fresh_draws() -> None:
+def test_the_recommended_of_keeps_the_limits_on_fresh_draws() -> None:
     """Check the products 6, 4 and 5, of which the second is beyond a limit."""
     points = [candidate(3.0, 2.0, 0.5), candidate(2.0, 2.0, 1.5), candidate(1.0, 5.0, 0.5)]
-    assert recommended_point(points) == 2
-    assert recommended_point(points[:2]) == 0
-    assert recommended_point([points[1]]) == 0
-    assert recommended_point([]) is None
+    assert recommended_of(points) is points[2]
+    assert recommended_of(points[:2]) is points[0]
+    assert recommended_of([points[1]]) is points[1]
+    assert recommended_of([]) is None
 
 
 def test_limits_that_nothing_keeps_leave_no_front() -> None:
     result = short_tuning(torque_limit=1.0)
-    assert (result.points, result.knee, result.front) == ((), None, ())
+    assert (result.points, result.best, result.front) == ((), None, ())
     assert len(result.trials) == 12
     assert [x.fresh.allowed for x in result.others] == [False] * 3

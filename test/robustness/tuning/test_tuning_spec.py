@@ -37,11 +37,12 @@ def spec(tree: dict[str, Any] | None = None, **tune: Any) -> TuneSpec:
                       Path('spec.yaml'))
 
 
-def test_by_default_chattering_is_tuned_for_friction_model_lag_and_noise() -> None:
+def test_by_default_the_recommended_law_is_tuned_for_friction_model_lag_and_noise() -> None:
     found = spec()
     config = found.setup.controller
-    assert (config.law, config.switching) == ('chattering', 'implicit_observer')
-    assert list(found.ranges) == ['pole', 'damping', 'lambda', 'ka', 'observer_bandwidth']
+    assert config.law == 'observer_feedback'
+    assert set(found.ranges) == {
+        'pole', 'damping', 'ka', 'estimator_bandwidth', 'friction_learning'}
     assert {x.name: (x.factor, x.numbers) for x in found.uncertain} == {
         'model': (False, (0.9, 1.1)), 'friction': (True, (0.8, 1.2)),
         'lag': (False, (0.0, 2e-3)), 'noise': (False, (1e-4, 2e-3))}
@@ -100,14 +101,13 @@ def test_a_description_limits_the_torque() -> None:
 
 
 def test_ranges_are_those_of_the_law_or_of_the_spec() -> None:
-    found = spec(search={'pole': [10, 20], 'lambda': 5.0, 'b': [0.5, 2.0]})
+    found = spec(law='chattering', search={'pole': [10, 20], 'lambda': 5.0, 'b': [0.5, 2.0]})
     assert found.ranges['pole'][:2] == (10.0, 20.0)
     assert found.ranges['lambda'][:2] == (5.0, 5.0)
     assert found.ranges['b'][:2] == (0.5, 2.0)
     assert found.ranges['ka'] == SPACE['ka']
-    feedback = spec(law='observer_feedback')
-    assert set(feedback.ranges) == {
-        'pole', 'damping', 'ka', 'estimator_bandwidth', 'friction_learning'}
+    chattering = spec(law='chattering').setup.controller
+    assert chattering.switching == 'implicit_observer'
 
 
 @pytest.mark.parametrize('law', LAWS)
@@ -147,7 +147,8 @@ def test_the_values_to_be_written_have_the_duration_of_the_file() -> None:
     ({}, {'search': {'kp': [1, 2]}}, 'tune.search: .kp. is not allowed; .* pole, damping'),
     ({}, {'search': {'pole': [2, 1]}}, r'tune.search.pole: \[2, 1\] is not allowed; .* ascending'),
     ({}, {'search': {'pole': 0}}, r'tune.search.pole: \[0.0, 0.0\] is not allowed'),
-    ({}, {'search': {'b': [1, 1e4]}}, 'tune.search.b: 10000.0 is not allowed'),
+    ({}, {'law': 'chattering', 'search': {'b': [1, 1e4]}},
+     'tune.search.b: 10000.0 is not allowed'),
     ({'uncertain': {'gain': {'parameter': 'controller.ka', 'uniform': [1, 2]}}}, {},
      'uncertain.gain: controller.ka is tuned'),
     ({'uncertain': {'noise': {'parameter': 'plant.velocity_noise', 'uniform': [-1, 2]}}}, {},

@@ -17,7 +17,7 @@ Layouts of Foxglove and PlotJuggler for the topics of the graph.
 
 Those of the paper's arm are in `config/`; for other joints::
 
-    python -m ctc_chattering.live.layouts foxglove panda_joint1 panda_joint2 > panda.json
+    python test/support/layouts.py foxglove panda_joint1 panda_joint2 > panda.json
 """
 
 from __future__ import annotations
@@ -120,5 +120,5 @@ LAYOUTS: dict[str, Callable[[Sequence[str]], str]] = {
 
 if __name__ == '__main__':
     if len(sys.argv) < 3 or sys.argv[1] not in LAYOUTS:
-        sys.exit(f'usage: python -m {__spec__.name} {{{" | ".join(LAYOUTS)}}} JOINT ...')
+        sys.exit(f'usage: python {sys.argv[0]} {{{" | ".join(LAYOUTS)}}} JOINT ...')
     sys.stdout.write(LAYOUTS[sys.argv[1]](sys.argv[2:]))
