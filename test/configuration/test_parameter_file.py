@@ -264,7 +264,7 @@ def test_events() -> None:
     assert events() == []
     # What is too much at once for a running controller goes there in steps.
     assert events('1 controller lambda 1e6') == [
-        (1.0, 'controller', {'lambda': pytest.approx(x)}) for x in (464.159, 21544.3, 1e6)]
+        (1.0, 'controller', {'lambda': pytest.approx(x)}) for x in (464.1589, 21544.347, 1e6)]
 
 
 @pytest.mark.parametrize(('line', 'word'), [
