@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # Where Python keeps no compiled modules, each of some hundred processes compiles them.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo live docs test suite compiled test-load slow lint compare held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults dist clean
+.PHONY: demo live docs test suite compiled test-load slow lint compare rules held-out reproduced-table benchmark map-benchmark latency live-cost soak identification faults dist clean
 
 demo: $(READY)
 	@echo 'Six experiments of 10 s over ROS 2, faster than real time, then figures: about a minute.'
@@ -60,13 +60,16 @@ lint: $(READY)
 	$(BIN)/pydocstyle --config=setup.cfg --property-decorators=none
 	$(BIN)/mypy ctc_chattering test
 
-# Every law tuned for one condition, at equal torque variation, and judged in others: the tables
-# of docs/comparison.md. 400 CPU seconds, and what is to be compiled.
-TRIALS ?= 400
+# Every law with gains by rule in one condition, and judged in others: the tables of
+# docs/comparison.md, in a minute.
 compare: $(READY)
-	$(BIN)/ctc compare friction --condition real_arm --trials $(TRIALS) --held-out 24 \
+	$(BIN)/ctc compare friction --gains recommended --condition real_arm --held-out 24 \
 		--overwrite --out docs/comparison/two_link
 	$(BIN)/python test/support/comparison_page.py
+
+# Other numbers of the rules, on other draws; LAWS='pid_kalman' for some, minutes each.
+rules: $(READY)
+	$(BIN)/python test/studies/rule_study.py $(LAWS)
 
 # Held-out conditions for `observer_feedback` on independent plants, in some ten minutes; ARGS as
 # '--first 7000 --count 44 --label mine --rows FILE', rows that are there are not made again.

@@ -101,8 +101,8 @@ if TYPE_CHECKING:
     from ctc_chattering.dynamics.two_link import TwoLink as TwoLink
     from ctc_chattering.dynamics.urdf_model import UrdfModel as UrdfModel
     from ctc_chattering.errors import CtcError as CtcError
-    from ctc_chattering.identification.excite import excite as excite
-    from ctc_chattering.identification.excite import write_excitation as write_excitation
+    from ctc_chattering.identification.excitation.plan import excite as excite
+    from ctc_chattering.identification.excitation.plan import write_excitation as write_excitation
     from ctc_chattering.identification.identified_robot import IdentifiedRobot as IdentifiedRobot
     from ctc_chattering.identification.identified_robot import identify as identify
     from ctc_chattering.identification.identified_robot import write_identified as write_identified
@@ -152,7 +152,7 @@ _MODULES = {
     'dynamics.two_link': ('TwoLink',),
     'dynamics.urdf_model': ('UrdfModel',),
     'errors': ('CtcError',),
-    'identification.excite': ('excite', 'write_excitation'),
+    'identification.excitation.plan': ('excite', 'write_excitation'),
     'identification.identified_robot': ('IdentifiedRobot', 'identify', 'write_identified'),
     'numerics.compilable': ('dot', 'record'),
     'robustness.computation': ('compute_map',),

@@ -18,7 +18,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from numbers import Real
 from pathlib import Path
 
 from ctc_chattering.analysis.compilation import compile_setups
@@ -28,18 +27,16 @@ from ctc_chattering.control.controller_config import LAWS
 from ctc_chattering.errors import near, ParameterError
 from ctc_chattering.simulation.plant_config import PlantConfig
 from ctc_chattering.studies import comparison
-from ctc_chattering.studies.comparison import Outcome
+from ctc_chattering.studies.comparison import FILE, GAINS, Outcome
 from ctc_chattering.studies.conditions import check_conditions
 from ctc_chattering.studies.score import over_simulation, Runner
-from ctc_chattering.studies.search import require_optuna
-from ctc_chattering.studies.tuning import Budget
 
 
-@checked(**dict.fromkeys(('files', 'laws', 'conditions', 'backends'), Sequence), variation=Real,
+@checked(**dict.fromkeys(('files', 'laws', 'conditions', 'backends'), Sequence), gains=str,
          runner=Callable, show=Callable, progress=(Callable, type(None)))
 def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
-            conditions: Sequence[str] = (), backends: Sequence[str] = (), trials: int = 0,
-            variation: float = 1.5, held_out: int = 0, seed: int = 0, jobs: int = 1,
+            conditions: Sequence[str] = (), backends: Sequence[str] = (), gains: str = FILE,
+            held_out: int = 0, seed: int = 0, jobs: int = 1,
             runner: Runner = over_simulation, show: Callable[[str], None] = print,
             progress: Callable[[int, int], None] | None = None) -> list[Outcome]:
     """
@@ -56,15 +53,12 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
         robot can have.
     backends : sequence of {'builtin', 'mujoco'}
         Plants in place of those of the files.
-    trials : int
-        Trials with which every law is tuned; 0 for the gains of the file.
-    variation : float
-        Torque variation allowed to every law that is tuned, over that of ``observer_feedback`` as
-        recommended.
+    gains : {'file', 'recommended'}
+        Gains of the file, or of each law by its rule in what the controller knows.
     held_out : int
-        Further conditions, drawn by the seed, in which all laws are judged.
+        Further conditions, drawn, in which all laws are judged.
     seed : int
-        Of the trials and of the held-out conditions.
+        Of these.
     jobs : int
         Processes; with more than 1 a script needs ``if __name__ == '__main__'``.
     runner : callable
@@ -94,15 +88,12 @@ def compare(files: Sequence[str | Path], laws: Sequence[str] = LAWS,
     check_conditions(conditions)
     for name in backends:
         PlantConfig.parameters()['plant_backend'].check(name, 0)
-    if not variation > 0.0:
-        raise ParameterError('variation', variation, 'a number > 0')
-    trials, held_out = whole('trials', trials, 0), whole('held_out', held_out, 0)
-    seed, jobs = whole('seed', seed, 0), whole('jobs', jobs, 1)
+    if gains not in GAINS:
+        raise ParameterError('gains', gains, ' | '.join(GAINS))
+    held_out, seed, jobs = whole('held_out', held_out, 0), whole('seed', seed, 0), whole(
+        'jobs', jobs, 1)
     paths = [find_config(x) if isinstance(x, str) else x for x in files]
-    budget = Budget(trials, seed, variation) if trials else None
-    if budget:
-        require_optuna('trials')
-    todo = comparison.tasks(paths, backends or [None], conditions or [None], laws, budget,
+    todo = comparison.tasks(paths, backends or [None], conditions or [None], laws, gains,
                             held_out, seed)
     runs = comparison.compare(todo, jobs, runner)
     if runner is over_simulation:

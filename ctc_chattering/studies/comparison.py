@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""All laws on any robot and plant, under conditions, with given, recommended or tuned gains."""
+"""All laws on any robot and plant, under conditions, with gains of the file or by rule."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import dataclasses
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,19 +27,14 @@ from ctc_chattering.configuration.loop_setup import Overrides, Setup
 from ctc_chattering.control.controller import ControllerConfig, LAWS
 from ctc_chattering.control.switching import SWITCHINGS
 from ctc_chattering.errors import CtcError
-from ctc_chattering.studies import tuning
 from ctc_chattering.studies.conditions import ALL, Condition, condition, CONDITIONS
 from ctc_chattering.studies.held_out_conditions import held_out, HeldOut
 from ctc_chattering.studies.pool import in_parallel
-from ctc_chattering.studies.recommended import recommended
+from ctc_chattering.studies.recommended import by_rule
 from ctc_chattering.studies.score import over_simulation, Runner, Score, score, worst
-from ctc_chattering.studies.search import Numbers, search
-from ctc_chattering.studies.tuning import Budget
 
-#: Most trials at random.
-_AT_RANDOM = 40
 #: Where gains come from.
-FILE, RECOMMENDED, TUNED = 'file', 'recommended', 'tuned'
+GAINS = FILE, RECOMMENDED = 'file', 'recommended'
 
 
 class Variant(NamedTuple):
@@ -57,18 +52,17 @@ class Variant(NamedTuple):
 
 #: That to which all others are compared.
 BASE = Variant('compensation', '', FILE)
-#: That whose torque variation sets the limit of all others.
+#: That whose torque variation is the measure of all others'.
 BEST = Variant('observer_feedback', '', RECOMMENDED)
 
 
-def variants(laws: Sequence[str] = LAWS, tuned: bool = False) -> list[Variant]:
+def variants(laws: Sequence[str] = LAWS, gains: str = FILE) -> list[Variant]:
     """Return the rows of a table: `BASE`, all laws and switchings, and what is recommended."""
-    settings = TUNED if tuned else FILE
-    found = [Variant(law, switching, settings) for law in LAWS if law in laws for switching in (
+    found = [Variant(law, switching, gains) for law in LAWS if law in laws for switching in (
         SWITCHINGS if ControllerConfig(law=law).takes('switching') else ('',))]
     if 'observer_feedback' in laws:
         found.append(BEST)
-    return [BASE, *(x for x in found if x != BASE)]
+    return list(dict.fromkeys([BASE, *found]))
 
 
 class Task(NamedTuple):
@@ -78,13 +72,12 @@ class Task(NamedTuple):
     backend: str | None
     condition: Condition | None
     variant: Variant
-    budget: Budget | None
     held_out: tuple[HeldOut, ...] = ()
 
 
 def tasks(paths: Sequence[Path], backends: Sequence[str | None],
           conditions: Sequence[str | None], laws: Sequence[str] = LAWS,
-          budget: Budget | None = None, others: int = 0, seed: int = 0) -> list[Task]:
+          gains: str = FILE, others: int = 0, seed: int = 0) -> list[Task]:
     """
     Return what to run: every variant on every robot and plant under every condition.
 
@@ -94,16 +87,16 @@ def tasks(paths: Sequence[Path], backends: Sequence[str | None],
         Parameter files; backends of the plant, None for the file's.
     conditions : sequence of str or None
         Names, `ALL` for each that the robot can have, None for the robot as it is in the file.
-    laws, budget
-        As `variants` and `Task` have them.
+    laws, gains
+        As `variants` has them.
     others, seed : int
         How many held-out conditions, and the seed of their draws.
 
     """
-    return [Task(path, backend, chosen, variant, budget, held_out(others, seed))
+    return [Task(path, backend, chosen, variant, held_out(others, seed))
             for path in paths for backend in backends
             for chosen in _conditions(conditions, path, backend)
-            for variant in variants(laws, budget is not None)]
+            for variant in variants(laws, gains)]
 
 
 def _conditions(names: Sequence[str | None], path: Path, backend: str | None
@@ -144,8 +137,6 @@ class Outcome:
         The overrides of each run.
     score : Score
         The worst of the runs.
-    limit : tuple of float, shape (n,)
-        Torque variation that gains were to keep [N·m/s]; empty without a search.
     judged : tuple of Judged
         What the same gains do in each held-out condition.
 
@@ -157,7 +148,6 @@ class Outcome:
     joints: tuple[str, ...]
     runs: tuple[Overrides, ...]
     score: Score
-    limit: tuple[float, ...] = ()
     judged: tuple[Judged, ...] = ()
 
 
@@ -187,7 +177,7 @@ def compare(todo: Sequence[Task], jobs: int = 1, run: Runner = over_simulation
 
 
 def runs_of(task: Task) -> tuple[Overrides, ...]:
-    """Return the overrides of each run of a task, with the file's gains or the recommended."""
+    """Return the overrides of each run of a task, with the file's gains or those by rule."""
     plain = _plain(task.backend)
     setup = parameter_file.load(task.path, plain)
     under = task.condition.overrides(setup) if task.condition else ({},)
@@ -195,7 +185,7 @@ def runs_of(task: Task) -> tuple[Overrides, ...]:
     runs = tuple(merged(plain, x, law) for x in under)
     setups = [parameter_file.load(task.path, x) for x in runs]
     if task.variant.settings == RECOMMENDED:
-        runs = _with(runs, recommended(setups[0]))
+        runs = tuple(merged(x, {'controller': by_rule(setups[0])}) for x in runs)
     return runs
 
 
@@ -206,54 +196,25 @@ def setups(todo: Sequence[Task]) -> Iterator[Setup]:
 
 
 def evaluate(task: Task, run: Runner = over_simulation) -> Outcome:
-    """
-    Run a task, after a search for gains if its variant is to be tuned.
-
-    Raises
-    ------
-    CtcError
-        If `BASE` has no numbers, or a search no limit of the torque variation.
-
-    """
-    runs, values = runs_of(task), dict[str, Any]()
+    """Run a task; raise `CtcError` if `BASE` has no numbers."""
+    runs = runs_of(task)
     setup = parameter_file.load(task.path, runs[0])
-    limit: tuple[float, ...] = ()
-    if task.budget:
-        limit = _limit(task._replace(variant=BEST), run)
-        if task.variant.settings == TUNED:
-            values = _tuned(task, task.budget, limit, run)
-            runs = _with(runs, values)
     found = _scored(task.path, runs, run)
-    if task.variant == BASE:
-        _check(task, found)
+    if task.variant == BASE and found.failure:
+        raise CtcError(f'{task.path}: {found.failure}')
     return Outcome(
         task, setup.plant.experiment, setup.plant.plant_backend, setup.plant.joint_names, runs,
-        found, limit, tuple(_judged(task, x, values, run) for x in task.held_out))
+        found, tuple(_judged(task, x, run) for x in task.held_out))
 
 
-@lru_cache(maxsize=4)
-def _limit(task: Task, run: Runner) -> tuple[float, ...]:
-    """Return the torque variation allowed to all laws of a robot and condition."""
-    found = _scored(task.path, runs_of(task), run)
-    _check(task, found)
-    return tuple((task.budget.variation if task.budget else 1.0) * x for x in found.variation)
-
-
-def _judged(task: Task, other: HeldOut, values: dict[str, Any], run: Runner) -> Judged:
-    """Return what gains do in a condition for which they were not chosen."""
+def _judged(task: Task, other: HeldOut, run: Runner) -> Judged:
+    """Return what a law does in a condition for which it was not chosen."""
     plain = _plain(task.backend)
     under = other.overrides(parameter_file.load(task.path, plain))
     known = merged(plain, under, {'controller': task.variant.values})
     if task.variant.settings == RECOMMENDED:
-        values = recommended(parameter_file.load(task.path, known))
-    mine = merged(known, {'controller': values})
-    return Judged(other, mine, _scored(task.path, (mine,), run))
-
-
-def _check(task: Task, found: Score) -> None:
-    """Raise `CtcError` if there are no numbers to which others could be compared."""
-    if found.failure:
-        raise CtcError(f'{task.path}: {found.failure}')
+        known = merged(known, {'controller': by_rule(parameter_file.load(task.path, known))})
+    return Judged(other, known, _scored(task.path, (known,), run))
 
 
 def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
@@ -261,33 +222,8 @@ def _scored(path: Path, runs: Sequence[Overrides], run: Runner) -> Score:
     return worst(score(parameter_file.load(path, x), run=run) for x in runs)
 
 
-def _tuned(task: Task, budget: Budget, limit: tuple[float, ...], run: Runner
-           ) -> dict[str, Any]:
-    """Return the best gains that the budget finds, as parameters of the controller."""
-    runs = runs_of(task)
-    setup = parameter_file.load(task.path, runs[0])
-    config, friction = setup.controller, setup.plant.coulomb_friction
-    costs: list[tuple[bool, float]] = []
-
-    def answers(batch: list[Numbers]) -> Iterator[tuple[list[float], Numbers]]:
-        for numbers in batch:
-            found = _scored(task.path, _with(runs, tuning.gains(numbers, config, friction)), run)
-            costs.append(tuning.cost(found, limit))
-            yield [costs[-1][1]], {}
-
-    tried = search(answers, tuning.space(config),
-                   tuning.starts(config, friction, recommended(setup)), budget.trials, budget.seed,
-                   at_random=_AT_RANDOM, together=True)
-    return tuning.gains(tried[costs.index(min(costs))], config, friction)
-
-
 def merged(*parts: Overrides) -> Overrides:
     """Return overrides by node and parameter; later ones win."""
     nodes = dict.fromkeys(node for part in parts for node in part)
     return {node: {name: value for part in parts for name, value in part.get(node, {}).items()}
             for node in nodes}
-
-
-def _with(runs: tuple[Overrides, ...], values: dict[str, Any]) -> tuple[Overrides, ...]:
-    """Return runs with further parameters of the controller."""
-    return tuple(merged(x, {'controller': values}) for x in runs)

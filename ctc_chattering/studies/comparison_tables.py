@@ -62,19 +62,22 @@ def tables(outcomes: Sequence[Outcome]) -> Iterator[Table]:
 
 
 def _robustness(group: Sequence[Outcome]) -> Table:
-    """Return the table of held-out conditions, the law that survives most of them first."""
+    """
+    Return the table of held-out conditions, the law that survives most of them first.
+
+    Medians are over all conditions; one that is lost counts as the worst.
+    """
     best = next((x for x in group if x.task.variant == BEST), group[0])
 
     def row(outcome: Outcome) -> tuple[float, float, list[str]]:
         found = [x.score for x in outcome.judged]
-        errors = sorted(x.error for x in found if not x.failure)
+        errors = sorted(x.error for x in found)
+        lost = sum(bool(x.failure) for x in found)
         ratios = [median([a / b for a, b in zip(x.variation, y.score.variation)])
                   for x, y in zip(found, best.judged) if not x.failure and not y.score.failure]
-        head = [*outcome.task.variant, f'{len(errors)} of {len(found)}']
-        if not errors:
-            return 0.0, inf, [*head, '', '', '']
-        return -len(errors), median(errors), [
-            *head, f'{errors[-1]:.1e}', f'{median(errors):.1e}',
+        return lost, median(errors), [
+            *outcome.task.variant, f'{len(found) - lost} of {len(found)}',
+            *(f'{x:.1e}' if x < inf else 'lost' for x in (errors[-1], median(errors))),
             f'{median(ratios):.2g}' if ratios else '']
 
     return Table(
@@ -148,7 +151,7 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
     """Return one line per run and joint, with a header; numbers in full, empty if it diverged."""
     rows = []
     for x in outcomes:
-        task, budget, found = x.task, x.task.budget, x.score
+        task, found = x.task, x.score
         for i, joint in enumerate(x.joints):
             numbers = {name: getattr(found, key)[i] if getattr(found, key) else None
                        for name, key in _NUMBERS.items()}
@@ -156,8 +159,6 @@ def to_csv(outcomes: Sequence[Outcome]) -> str:
                 'experiment': x.experiment, 'backend': x.backend,
                 'condition': task.condition.name if task.condition else '',
                 **task.variant._asdict(), 'joint': joint, **numbers,
-                'variation_limit': x.limit[i] if x.limit else None,
-                'trials': budget and budget.trials, 'seed': budget and budget.seed,
                 'failure': found.failure, 'controller': json.dumps(
                     finite(x.runs[0].get('controller', {})), sort_keys=True),
                 'engine': found.engine})

@@ -32,7 +32,7 @@ inertia and gravity                                   0.85 to 1.15 times, each
 payload, with a URDF      up to 1 kg                  nothing
 sample period             0.5, 1 or 2 ms              as it is
 amplitude, frequency      0.4 to 0.75, 0.5 to 1.3 times
-start                     off the reference by up to 0.3 rad in every third, else smooth
+start                     smooth; off the reference by up to 0.3 rad in every third
 ========================= =========================== ==============================
 """
 
@@ -99,7 +99,6 @@ class HeldOut:
             'start_duration': max(setup.reference.start_duration, _START)}
         offset = rng.uniform(-0.3, 0.3, n)
         if self.index % 3 == 2:
-            motion['start_duration'] = 0.0
             plant['initial_position'] = [
                 float(c + a * np.sin(x) + d) for c, a, x, d in zip(
                     setup.reference.center, motion['amplitude'], motion['phase'], offset)]

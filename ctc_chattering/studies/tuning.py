@@ -13,13 +13,10 @@
 # limitations under the License.
 
 """
-The gains of a law as numbers to be searched, and their cost in a comparison.
+The gains of a law as numbers to be searched.
 
-The cost of gains is the mean over the joints of the logarithm of the RMS error, at equal torque
-variation: what exceeds a limit of the variation, the same for all laws, costs ten times as much,
-``ln e + 10 max(0, ln(V / V_0))``. Gains within the limit come before all others. The gains
-searched are numbers that suit robots of every size: where joints differ, a number times what the
-file has for each joint.
+They suit robots of every size: where joints differ, a number times what the file has for each
+joint.
 """
 
 from __future__ import annotations
@@ -29,23 +26,6 @@ import math
 from typing import Any, NamedTuple
 
 from ctc_chattering.control.controller import ControllerConfig
-from ctc_chattering.studies.score import Score
-
-#: Cost of gains with which a run diverges; larger than that of any run that does not.
-DIVERGED = 1e3
-#: Cost of a variation that exceeds its limit, over that of an error.
-_EXCESS = 10.0
-#: Smallest number of which the logarithm is taken.
-_TINY = 1e-12
-
-
-class Budget(NamedTuple):
-    """What each law may use: trials, the seed of Optuna's sampler, and torque variation."""
-
-    trials: int
-    seed: int = 0
-    #: Over that of `observer_feedback` with its recommended settings.
-    variation: float = 1.5
 
 
 class Range(NamedTuple):
@@ -79,8 +59,6 @@ SPACE: dict[str, Range] = {
     'estimator_bandwidth': Range(30.0, 600.0, (
         'pid_kalman', 'extended_state_observer', 'observer_feedback')),
     'friction_learning': Range(1.0, 100.0, ('observer_feedback',))}
-#: Laws that need the Coulomb friction.
-KNOW_FRICTION = ('slotine_li', 'friction_feedforward')
 
 
 def space(config: ControllerConfig) -> dict[str, Range]:
@@ -155,13 +133,3 @@ def _scales(name: str, product: float, config: ControllerConfig, friction: tuple
     n = len(config.joint_names)
     return {'ka': tuple(x or 1.0 for x in config.ka), 'ki': (product,) * n,
             'adaptation_gain': tuple(x or 1.0 for x in friction)}.get(name, (1.0,) * n)
-
-
-def cost(found: Score, limit: tuple[float, ...]) -> tuple[bool, float]:
-    """Return whether a variation exceeds its limit, shape (n,) [N·m/s], and the cost."""
-    if found.failure:
-        return True, DIVERGED
-    excess = [math.log(max(x, _TINY) / y) for x, y in zip(found.variation, limit)]
-    total = sum(math.log(max(x, _TINY)) + _EXCESS * max(y, 0.0)
-                for x, y in zip(found.rms, excess)) / len(limit)
-    return max(excess) > 0.0, min(total, DIVERGED) if math.isfinite(total) else DIVERGED

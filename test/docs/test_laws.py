@@ -30,7 +30,7 @@ from ctc_chattering.control.evaluation import FADE
 from ctc_chattering.control.laws.registry import law_class
 from ctc_chattering.errors import CtcError
 from ctc_chattering.studies.conditions import condition
-from ctc_chattering.studies.recommended import integral_pole, recommended_setup
+from ctc_chattering.studies.recommended import by_rule, recommended_setup
 import numpy as np
 import pytest
 
@@ -98,7 +98,8 @@ def triple_pole(p: float) -> dict[str, Any]:
 def test_the_pole_of_integral_on_the_paper_s_arm(factor: float) -> None:
     """The rule is stable, where one without F / R is not."""
     p = 0.24 / (2e-3 + 1e-3 * (1 + 1) + 9.9 / 1000.0)
-    assert integral_pole(like_a_real_arm(4.0, factor, {})) == pytest.approx(p)
+    known = like_a_real_arm(4.0, factor, {'law': 'integral', 'friction_level': [9.9, 9.9]})
+    assert by_rule(known)['ki'] == pytest.approx([p ** 3] * 2)
     assert f'this is {p:.0f} rad/s' in PAGE
     run = simulate(like_a_real_arm(4.0, factor, triple_pole(p))).run
     assert np.abs(run.q_d - run.q)[2500:].max() < 0.05

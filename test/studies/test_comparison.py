@@ -39,16 +39,14 @@ from ctc_chattering.studies.comparison import (
     setups,
     Task,
     tasks,
-    TUNED,
     Variant,
     variants,
 )
 from ctc_chattering.studies.comparison_files import write_parameters
 from ctc_chattering.studies.conditions import CONDITIONS
 from ctc_chattering.studies.held_out_conditions import held_out, LOST
-from ctc_chattering.studies.recommended import recommended
+from ctc_chattering.studies.recommended import by_rule, recommended
 from ctc_chattering.studies.score import over_simulation, PER_JOINT, Score
-from ctc_chattering.studies.tuning import Budget, cost
 from ctc_commands import ctc, ctc_process, refused
 import numpy as np
 from processes import CONFIG
@@ -234,7 +232,7 @@ def test_every_law_that_runs_is_compiled_first() -> None:
 def made_up(variant: Variant, rms: float, variation: float, failure: str = '') -> Outcome:
     """Return the outcome of a made-up run of the two-link arm."""
     found = Score((rms, 2.0 * rms), (), (variation, 50.0), (1.0, 2.0), (1e3, 2e3), (9.0, 3.0))
-    task = Task(CONFIG / 'friction.yaml', None, None, variant, None)
+    task = Task(CONFIG / 'friction.yaml', None, None, variant)
     return Outcome(task, 'friction', 'builtin', ('joint1', 'joint2'), ({},),
                    Score(failure=failure) if failure else found)
 
@@ -242,9 +240,9 @@ def made_up(variant: Variant, rms: float, variation: float, failure: str = '') -
 def test_the_smallest_of_a_column_is_bold_whoever_has_it() -> None:
     """Check it among numbers that look the same as well, and one that diverged."""
     text = comparison_tables.to_markdown([
-        made_up(BASE, 1e-2, 100.0), made_up(Variant('integral', '', 'tuned'), 1.0001e-3, 300.0),
-        made_up(Variant('pd_gravity', '', 'tuned'), 1e-3, 200.0),
-        made_up(Variant('slotine_li', '', 'tuned'), 1e-9, 1.0, 'the motion diverged')])
+        made_up(BASE, 1e-2, 100.0), made_up(Variant('integral', '', 'file'), 1.0001e-3, 300.0),
+        made_up(Variant('pd_gravity', '', 'file'), 1e-3, 200.0),
+        made_up(Variant('slotine_li', '', 'file'), 1e-9, 1.0, 'the motion diverged')])
     rows = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[:9] if '|' in line}
     changes = {cells(line)[0]: cells(line)[3:] for line in text.splitlines()[9:] if '|' in line}
     assert rows['compensation'] == ['1.0e-02', '2.0e-02', '', '**9**']
@@ -270,7 +268,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_condition_has_the_worst_of_its_runs(arm: Path) -> None:
     run = Recorder()
-    task = Task(arm, None, CONDITIONS['model_error'], Variant('integral', '', 'file'), None)
+    task = Task(arm, None, CONDITIONS['model_error'], Variant('integral', '', 'file'))
     found = measured(evaluate(task, run))
     rms = []
     for result, factor in zip(run.results, (0.9, 1.1), strict=True):
@@ -290,19 +288,14 @@ def test_a_condition_is_measured_by_the_true_error(arm: Path) -> None:
     assert seen.run.q == pytest.approx(0.01 * np.round(seen.run.q / 0.01), abs=1e-9)
 
 
-@pytest.mark.slow
-def test_tuned_gains_are_the_best_of_their_trials_and_reproducible(arm: Path) -> None:
-    """Check, in one process and two, that the cost is that of the gains which are returned."""
-    todo = tasks([arm], [None], ['clean'], ['compensation', 'integral'], Budget(3, 1))
+def test_the_number_of_processes_changes_nothing(arm: Path) -> None:
+    todo = tasks([arm], [None], ['clean'], ['compensation', 'integral'], RECOMMENDED)
     outcomes = list(compare(todo, 1))
     assert list(compare(todo, 2)) == outcomes
-    assert [x.task.variant.settings for x in outcomes] == ['file', TUNED, TUNED]
+    assert [x.task.variant.settings for x in outcomes] == ['file', RECOMMENDED, RECOMMENDED]
     for outcome in outcomes:
-        assert outcome.limit == outcomes[0].limit
         again = simulated_with(arm, outcome.runs[0]).metrics()
         assert tuple(again['rms_error_rad']) == measured(outcome).rms
-    first, tuned = (cost(measured(x), x.limit) for x in outcomes[:2])
-    assert tuned <= first  # The first trial has the gains of the file.
 
 
 @pytest.mark.slow
@@ -325,7 +318,7 @@ def test_compiled_and_plain_runs_measure_the_same(arm: Path) -> None:
 
 def test_tables_and_lines_say_what_simulated(arm: Path) -> None:
     """Check titles and lines, and that a run over ROS is neither compiled nor plain."""
-    outcomes = [evaluate(Task(arm, None, None, BASE, None))]
+    outcomes = [evaluate(Task(arm, None, None, BASE))]
     titles = [x for x in comparison_tables.to_markdown(outcomes).splitlines() if x[:2] == '**']
     ways = [PLAIN] * 2
     assert [x.rpartition('; ')[2] for x in titles] == ways
@@ -352,11 +345,11 @@ def test_without_numba_plain_python_compares(
 
 
 def test_files_of_parameters_give_the_same_run(arm: Path, tmp_path: Path) -> None:
-    task = Task(arm, None, CONDITIONS['real_arm'], Variant('slotine_li', '', TUNED), Budget(1))
+    task = Task(arm, None, CONDITIONS['real_arm'], Variant('slotine_li', '', RECOMMENDED))
     outcome = evaluate(task)
     paths = write_parameters([outcome], tmp_path)
     assert [x.name for x in paths] == [
-        f'friction_builtin_real_arm_slotine_li_tuned_model_{x}.yaml' for x in ('0.9', '1.1')]
+        f'friction_builtin_real_arm_slotine_li_recommended_model_{x}.yaml' for x in ('0.9', '1.1')]
     for path, run in zip(paths, outcome.runs):
         one, other = simulated_with(path, {}).run, simulated_with(arm, run).run
         assert (one.tau == other.tau).all()
@@ -373,21 +366,11 @@ def test_a_law_that_diverges_is_said_to_the_others_remain(arm: Path) -> None:
     assert [x.score.failure for x in outcomes] == ['', 'the motion diverged', '']
     assert '| integral |  | file | diverged |' in comparison_tables.to_markdown(outcomes)
     csv = comparison_tables.to_csv(outcomes).splitlines()
-    assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,,,,the motion')
+    assert csv[3].startswith('friction,builtin,clean,integral,,file,joint1,,,,,,,the motion')
 
 
-def test_without_a_limit_of_the_variation_nothing_is_tuned(arm: Path) -> None:
-    """Check a row that is tuned, where the law that sets the limit has no numbers."""
-    def run(_: Setup) -> Result:
-        raise CtcError('the motion diverged')
-
-    task = Task(arm, None, None, Variant('integral', '', TUNED), Budget(1))
-    with pytest.raises(CtcError, match=r'arm\.yaml: the motion diverged'):
-        evaluate(task, run)
-
-
-def test_held_out_conditions_have_the_gains_of_the_search(arm: Path) -> None:
-    """Check the share that survives, errors of these, and the gains; a law without numbers."""
+def test_held_out_conditions_have_the_gains_of_the_rule_there(arm: Path) -> None:
+    """Check what survives, medians with a lost run as the worst, and the gains of each draw."""
     result = over_simulation(parameter_file.load(arm))
 
     def run(setup: Setup) -> Result:
@@ -398,22 +381,20 @@ def test_held_out_conditions_have_the_gains_of_the_search(arm: Path) -> None:
         return result
 
     seen: list[Setup] = []
-    todo = tasks([arm], [None], ['clean'], ['integral'], Budget(2), 3, 3)
+    todo = tasks([arm], [None], ['clean'], ['integral'], RECOMMENDED, 3, 3)
     outcomes = list(compare(todo, 1, run))
-    tuned = outcomes[1]
-    assert [x.condition for x in tuned.judged] == list(held_out(3, 3))
-    assert [x.score.failure for x in tuned.judged] == ['', 'the motion diverged', '']
-    gains = {name: tuned.runs[0]['controller'][name] for name in ('kp', 'kv', 'ki')}
-    for judged, setup in zip(tuned.judged, seen[3:6], strict=True):
-        assert {name: judged.run['controller'][name] for name in gains} == gains
-        assert list(setup.controller.ki) == gains['ki']
+    mine = outcomes[1]
+    assert [x.condition for x in mine.judged] == list(held_out(3, 3))
+    assert [x.score.failure for x in mine.judged] == ['', 'the motion diverged', '']
+    for judged, setup in zip(mine.judged, seen[3:6], strict=True):
+        rule = by_rule(setup)
+        assert {name: judged.run['controller'][name] for name in rule} == rule
         assert setup.plant.actuator_lag == tuple(judged.run['plant']['actuator_lag'])
     text = comparison_tables.to_markdown(outcomes)
     (row,) = [cells(x) for x in text.splitlines() if '2 of 3' in x]
-    errors = sorted(x.score.error for x in tuned.judged if not x.score.failure)
-    assert row[:4] == ['integral', '', 'tuned', '2 of 3']
-    assert [float(x) for x in row[4:6]] == pytest.approx(
-        [errors[1], 0.5 * sum(errors)], rel=0.06)
+    assert row[:5] == ['integral', '', RECOMMENDED, '2 of 3', 'lost']
+    assert float(row[5]) == pytest.approx(
+        sorted(x.score.error for x in mine.judged)[1], rel=0.06)
     lines = comparison_tables.held_out_csv(outcomes).splitlines()
     assert len(lines) == 1 + 3 * len(outcomes)
 
@@ -429,7 +410,7 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     """With files, figures and a page; the same table from the same seed."""
     out = tmp_path / 'out'
     arguments = ('compare', arm, '--condition', 'clean', '--condition', 'lag', '--laws',
-                 'pd_gravity', '--trials', '2', '--seed', '5', '--jobs', '1')
+                 'pd_gravity', '--gains', 'recommended', '--jobs', '1')
     result = ctc(*arguments, '--out', out)
     assert result.returncode == 0, result.stderr
     text = (out / 'compare.md').read_text(encoding='utf-8')
@@ -459,10 +440,8 @@ def test_the_command_prints_the_table_and_writes_it_once(arm: Path, tmp_path: Pa
     ([CONFIG / 'friction.yaml', '--backend', 'mujoco'], ['plant_backend mujoco', 'description']),
     (['friction', '--condition', 'rain'], ['no condition is called rain', 'real_arm']),
     (['friction', '--laws', 'integral,sliding'], ['no law is called sliding', 'slotine_li']),
-    (['friction', '--variation', '0'], ['--variation', 'a number > 0']),
     (['friction', '--held-out', '-1'], ['--held-out', 'from 0 on']),
-    (['friction', '--trials', '0'], ['--trials', 'from 1 on']),
-    (['friction', '--trials', '3', '--ros'], ['--trials and --ros exclude each other'])])
+    (['friction', '--gains', 'good'], ['--gains', 'good', 'recommended'])])
 def test_what_cannot_be_compared_is_refused_in_one_line(
         arguments: list[object], words: list[str]) -> None:
     result = ctc('compare', *arguments)

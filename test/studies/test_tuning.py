@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from math import e, log, pi
+from math import log, pi
 import random
 import sys
 
@@ -25,18 +25,18 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.control.controller import ControllerConfig
 from ctc_chattering.errors import UsageError
 from ctc_chattering.studies import tuning
-from ctc_chattering.studies.comparison import Variant, variants
-from ctc_chattering.studies.recommended import recommended
+from ctc_chattering.studies.comparison import FILE, Variant, variants
+from ctc_chattering.studies.recommended import by_rule, recommended, RULES
 from ctc_chattering.studies.score import Score, worst
 from ctc_chattering.studies.search import Numbers, require_optuna, search
-from ctc_chattering.studies.tuning import cost, DIVERGED, gains, Range, space
+from ctc_chattering.studies.tuning import gains, Range, space
 import numpy as np
 from processes import CONFIG
 import pytest
 
 RANGES = {'x': Range(0.1, 1e3), 'y': Range(1e-3, 10.0)}
 FRICTION = (9.9, 4.0)
-TUNED = [x for x in variants(tuned=True) if x.settings == 'tuned']
+TUNED = [x for x in variants() if x.settings == FILE]
 
 
 def bowl(numbers: dict[str, float]) -> float:
@@ -89,23 +89,6 @@ def test_a_single_trial_is_the_first_one() -> None:
 
 def measurement(rms: float, variation: float, rate: float) -> Score:
     return Score((rms, 2.0 * rms), (), (variation,) * 2, (1.0, 1.0), (rate,) * 2, (5.0, 5.0))
-
-
-def test_the_cost_is_the_mean_logarithm_of_the_error_at_equal_variation() -> None:
-    """Check what exceeds the limit on either joint, and what diverged."""
-    limit = (100.0, 100.0)
-    mean = log(1e-3) + 0.5 * log(2.0)
-    for found, most, over, right in (
-            (measurement(1e-3, 100.0, 50.0), limit, False, mean),
-            (measurement(1e-3, 10.0, 5e9), limit, False, mean),
-            (measurement(1e-3, 100.0 * e, 50.0), limit, True, mean + 10.0),
-            (measurement(1e-3, 100.0, 50.0), (100.0, 100.0 / e), True, mean + 5.0)):
-        assert cost(found, most)[0] is over
-        assert cost(found, most)[1] == pytest.approx(right)
-    assert cost(measurement(float('inf'), 1.0, 1.0), limit)[1] == DIVERGED
-    assert cost(measurement(float('nan'), 1.0, 1.0), limit)[1] == DIVERGED
-    assert cost(Score(failure='the motion diverged'), limit) == (True, DIVERGED)
-    assert cost(measurement(0.0, 0.0, 0.0), limit)[0] is False
 
 
 def test_the_worst_of_runs_counts_joint_by_joint() -> None:
@@ -168,9 +151,9 @@ def test_without_optuna_it_is_said_how_to_get_it(
     monkeypatch.setitem(sys.modules, 'optuna', None)
     with pytest.raises(UsageError, match=r'pip install optuna'):
         require_optuna('it')
-    assert main(['compare', 'friction', '--trials', '2']) == 2
+    assert main(['tune', '--params-file', 'friction']) == 2
     assert capsys.readouterr().err == (
-        "ctc compare: --trials needs Optuna: pip install optuna, or '.[tune]' from the checkout\n")
+        "ctc tune: ctc tune needs Optuna: pip install optuna, or '.[tune]' from the checkout\n")
 
 
 def test_recommended_settings_follow_lag_delay_and_the_model() -> None:
@@ -193,3 +176,24 @@ def test_recommended_settings_follow_lag_delay_and_the_model() -> None:
     tau2 = (0.76 + 0.51 * c2 + 0.62) * acc + 0.51 * s2 * v * v + g * 0.63 * np.sin(q1 + q2)
     assert recommended(known)['ka'] == pytest.approx(
         [10.0 + 0.2 * np.abs(tau1).max(), 10.0 + 0.2 * np.abs(tau2).max()], rel=0.01)
+
+
+def test_gains_by_rule_follow_what_the_controller_knows() -> None:
+    """Check pid_kalman by hand, and that every law becomes slower with a larger delay."""
+    known = {'actuator_lag': [2e-3, 1e-3], 'input_delay': 1, 'friction_level': [9.9, 9.9],
+             'torque_rate_limit': [5e3, 1e3]}
+    late, reversal = 2e-3 + 1e-3 * 2, 9.9 / 1e3
+    p = 0.41 / (late + 0.7 * reversal)
+    for law in (*RULES, 'observer_feedback'):
+        setups = [parameter_file.load(CONFIG / 'friction.yaml', {
+            'controller': {**known, 'law': law, 'input_delay': delay}}) for delay in (1, 5)]
+        found, slower = map(by_rule, setups)
+        assert max(slower['kp']) < min(found['kp'])
+        for setup, values in zip(setups, (found, slower)):
+            assert setup.controller.changed(values).law == law
+        if law == 'pid_kalman':
+            assert {x: found[x] for x in ('kp', 'kv', 'ki')} == {
+                'kp': pytest.approx([3.3 * p ** 2] * 2), 'kv': pytest.approx([2.4 * p] * 2),
+                'ki': pytest.approx([1.5 * p ** 3] * 2)}
+            assert found['estimator_bandwidth'] == pytest.approx(8.6 * p)
+            assert found['friction_lead'] == pytest.approx(1.25 * late + 0.45 * reversal)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 import csv
 import json
+from math import inf
 from pathlib import Path
 import re
 from statistics import median
@@ -28,11 +29,13 @@ PAGE, README = DOCS / 'comparison.md', DOCS.parent / 'README.md'
 #: A block of a page, and the directory in docs/ that it shows.
 _BLOCK = re.compile(r'(<!-- tables: (\S+) -->\n).*?(<!-- end of tables -->)', re.DOTALL)
 #: Rows of README: law, switching, settings.
-_ROWS = (('observer_feedback', '', 'recommended'), ('extended_state_observer', '', 'tuned'),
-         ('pid_kalman', '', 'tuned'), ('chattering', 'implicit_observer', 'tuned'),
+_ROWS = (('observer_feedback', '', 'recommended'), ('extended_state_observer', '', 'recommended'),
+         ('pid_kalman', '', 'recommended'), ('chattering', 'implicit_observer', 'recommended'),
          ('compensation', '', 'file'))
-_HEADS = ('law', 'held-out conditions survived', 'their median error [rad]',
-          'RMS e₁, e₂ where tuned [rad]', 'torque variation there [N·m/s]')
+_HEADS = ('law', 'held-out conditions survived', 'median error [rad]',
+          'RMS e₁, e₂ in the condition above [rad]', 'torque variation there [N·m/s]')
+#: Settings in words.
+_WORDS = {'file': 'gains of the paper', 'recommended': ''}
 
 
 def filled(page: str) -> str:
@@ -61,11 +64,12 @@ def _short(directory: str) -> str:
 def _row(directory: str, variant: tuple[str, str, str]) -> tuple[str, ...]:
     law, switching, settings = variant
     judged = list(_lines(directory, 'held_out.csv', variant))
-    errors = [max(json.loads(x['rms_error'])) for x in judged if not x['failure']]
+    errors = [inf if x['failure'] else max(json.loads(x['rms_error'])) for x in judged]
     joints = list(_lines(directory, 'compare.csv', variant))
     name = ', '.join(filter(None, (law, f'`{switching}`' if switching else '',
-                                   'gains of the paper' if settings == 'file' else settings)))
-    return (name, f'{len(errors)} of {len(judged)}', f'{median(errors):.1e}' if errors else '',
+                                   _WORDS[settings])))
+    return (name, f'{sum(x < inf for x in errors)} of {len(judged)}',
+            f'{median(errors):.1e}' if median(errors) < inf else 'lost',
             ', '.join(f'{float(x["rms_error"]):.1e}' for x in joints),
             ', '.join(f'{float(f"""{float(x["torque_variation_per_s"]):.2g}"""):.0f}'
                       for x in joints))

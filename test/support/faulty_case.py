@@ -23,6 +23,7 @@ from ctc_chattering.analysis.recording import Recording
 from ctc_chattering.trajectory.waypoints import Route
 from faulty_robots import Faulty
 import numpy as np
+from rigid_bodies import Array
 
 Rng = np.random.Generator
 
@@ -46,6 +47,8 @@ class Case:
         What the lab makes of the usual motion.
     believed : str
         The arm whose description the user gives, if it is another one.
+    own_delay : ndarray, shape (n,)
+        Samples by which commands of a joint act later than those of the others.
 
     """
 
@@ -55,6 +58,7 @@ class Case:
     bag: bool = False
     slower: Callable[[Route], Route] | None = None
     believed: str = ''
+    own_delay: Array | float = 0.0
 
 
 Made = Callable[[Faulty, Rng, float], Faulty | Case]

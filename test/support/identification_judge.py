@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+import re
 import tempfile
 import time
 from typing import Any, NamedTuple
@@ -27,9 +28,10 @@ from ctc_chattering.bags.motion import read_motion
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import make_model
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.regression.estimate import Estimate
+from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.finding import Severity
 from ctc_chattering.identification.regression.identify import Identification, identify
+from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.model_errors import candidates
 from ctc_chattering.identification.report.corrected_model import (
     corrected_description,
@@ -47,7 +49,9 @@ import numpy as np
 from rigid_bodies import Array
 
 #: A number is wrong if it is off by this many halves of its interval, and by this part.
-_HALVES, _PART = 2.0, 0.02
+_HALVES, _PART = 1.5, 0.05
+#: The same of noise, which has no interval.
+_NOISE = 0.2
 #: Faults under which no mass differs from that of the model.
 _MASSES_ARE_RIGHT = ('centres', 'forearm', 'payload', 'everything', 'wrong_robot')
 
@@ -162,13 +166,29 @@ def numbers(one: Case, found: Identification, seen: Played, duration: float) -> 
         yield from _number(f'gravity {"xyz"[k]}', -1, x, pull, 9.81)
     for i, friction in enumerate(found.friction):
         coulomb = float(true['coulomb'][1, i])
-        for name, scale in (('coulomb', 0.0), ('viscous', 0.0), ('stribeck', coulomb),
-                            ('load', coulomb / through[i])):
+        for name, scale in (('coulomb', 0.0), ('forwards', 0.0), ('backwards', 0.0),
+                            ('viscous', 0.0), ('load', coulomb / through[i])):
             yield from _number(name, i, getattr(friction, name), true[name][:, i], scale)
+        yield from _slow_friction(i, friction, true, coulomb)
+        noise, size = found.noise[i].value, _NOISE * float(true['noise'][0, i])
+        if noise is not None:
+            yield Number('velocity noise', i, noise - size, noise + size,
+                         (float(true['noise'][0, i]),) * 2, size)
         for name, floor in (('scale', 0.0), ('rotor', 1e-3), ('rate', 0.0)):
             estimates = getattr(found, name)
             if estimates:
                 yield from _number(name, i, estimates[i], true[name][:, i], floor)
+
+
+def _slow_friction(i: int, friction: JointFriction, true: dict[str, Any], coulomb: float
+                   ) -> Iterator[Number]:
+    """Yield Stribeck friction; where there is said to be none, also that, down to its bound."""
+    x, speed = friction.stribeck, float(true['stribeck_velocity'][0, i])
+    bound = re.match(r'none above ([\d.e-]+) rad/s', x.reason)
+    none = x.reason == NONE or (bound is not None and speed > float(bound.group(1)))
+    if x.value is None and none:
+        x = Estimate(0.0, 1e-9)
+    yield from _number('stribeck', i, x, true['stribeck'][:, i], coulomb)
 
 
 def _number(name: str, i: int, x: Estimate, truth: Array, scale: float) -> Iterator[Number]:
@@ -183,7 +203,7 @@ def timings(one: Case, found: Identification) -> Iterator[tuple[str, bool, bool,
     known = found.timing if found.timing.source == 'command' else found.timing.commands
     if known is None:
         return
-    true, lags = one.robot.delay, one.robot.physics.lag
+    true, lags = one.robot.delay, truths(one, 1.0)['lag'][0]
     if true not in known.delays:
         yield f'delays {list(known.delays)}, truth {true}', False, True, -1
         return

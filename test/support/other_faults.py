@@ -190,6 +190,63 @@ def _slow_velocities(robot: Faulty, _rng: Rng, _duration: float) -> Case:
         x, dq=lfilter([part], [1.0, part - 1.0], x.dq, axis=0)))
 
 
+def _creeping(robot: Faulty, rng: Rng, _duration: float) -> Faulty:
+    """Return friction that rises below speeds at which the usual motion hardly is."""
+    return robot.with_physics(stribeck=rng.uniform(0.3, 0.9, robot.n) * robot.physics.coulomb,
+                              stribeck_speed=rng.uniform(4e-3, 0.02, robot.n))
+
+
+def _velocity_times(factor: float, one: bool = False) -> Made:
+    """Return velocities in another unit, or with the other sign; of one joint or of all."""
+    def fault(robot: Faulty, rng: Rng, _duration: float) -> Case:
+        size = np.full(robot.n, factor)
+        if one:
+            size = np.where(np.arange(robot.n) == rng.integers(robot.n), factor, 1.0)
+
+        def alter(x: Recording) -> Recording:
+            assert x.dq is not None
+            return dataclasses.replace(x, dq=x.dq * size)
+        return Case(robot, 'none', alter)
+    return fault
+
+
+def _joint_delay(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return commands of which one joint's act some samples later than the others'."""
+    i, late = int(rng.integers(robot.n)), int(rng.integers(2, 6))
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        command = x.command.copy()
+        command[:-late, i] = x.command[late:, i]
+        return dataclasses.replace(x, command=command)
+    return Case(robot, 'none', alter, own_delay=np.eye(robot.n)[i] * late)
+
+
+def _dead_band(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return drives that do nothing for small commands, and less for larger ones."""
+    band = rng.uniform(0.08, 0.15, robot.n) * robot.physics.coulomb
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        return dataclasses.replace(x, command=x.command + band * np.sign(x.command))
+    return Case(robot, 'none', alter)
+
+
+def _fading_torque(robot: Faulty, rng: Rng, _duration: float) -> Case:
+    """Return motors whose torque per command falls with the torque, as iron saturates."""
+    most = np.abs(_usual(robot)).max(axis=0)
+    part = rng.uniform(0.1, 0.25, robot.n)
+
+    def alter(x: Recording) -> Recording:
+        assert x.command is not None
+        # Torque c (1 - a |c|) of a command c; the command for a torque is what is recorded.
+        a = part / most
+        size = np.minimum(np.abs(x.command), 0.24 / a)
+        return dataclasses.replace(x, command=np.sign(x.command) * (
+            1.0 - np.sqrt(1.0 - 4.0 * a * size)) / (2.0 * a))
+    return Case(robot, 'none', alter)
+
+
 #: What may be wrong besides, by name.
 OTHER_FAULTS: Mapping[str, Made] = {
     'asymmetric': _asymmetric, 'quadratic': _quadratic, 'end_stop': _end_stop,
@@ -198,4 +255,7 @@ OTHER_FAULTS: Mapping[str, Made] = {
     'half_rate': _half_rate, 'no_velocities': _no_velocities, 'two_degrees': _two_degrees,
     'slow_motion': _slow_motion, 'coarse_stamps': _coarse_stamps, 'filtered': _filtered,
     'wrong_robot': _wrong_robot, 'directed_load': _directed_load, 'zero_off': _zero_off,
-    'clipped_late': _clipped_late, 'slow_velocities': _slow_velocities}
+    'clipped_late': _clipped_late, 'slow_velocities': _slow_velocities,
+    'creeping': _creeping, 'velocity_degrees': _velocity_times(180.0 / np.pi),
+    'velocity_sign': _velocity_times(-1.0, True), 'velocity_scale': _velocity_times(1.25, True),
+    'joint_delay': _joint_delay, 'dead_band': _dead_band, 'fading_torque': _fading_torque}

@@ -61,4 +61,5 @@ def random_windows(rotor: Array, scale: float = 1.0, gear: float = 0.0, motor: f
     more = np.array([columns.at(*state) for state in states])
     return Data(np.arange(float(COUNT)), dq, way, more, np.zeros((COUNT, 2, len(STRIBECK))),
                 np.abs(base), np.zeros((COUNT, 2)), residual, (0,), torque,
-                np.full(2, 1e-4)), columns
+                np.full(2, 1e-4), bent=np.stack((np.sign(torque), torque * np.abs(torque)), axis=2)
+                ), columns

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import argparse
-from math import inf
 
 from ctc_chattering.analysis.output import prepare
 from ctc_chattering.cli.command_line import say
@@ -32,6 +31,7 @@ from ctc_chattering.cli.presentation import print_page
 from ctc_chattering.control.controller import LAWS
 from ctc_chattering.errors import given_by_user, near, UsageError
 from ctc_chattering.simulation.plant_config import PlantConfig
+from ctc_chattering.studies.comparison import FILE, GAINS
 from ctc_chattering.studies.conditions import ALL, check_conditions, CONDITIONS
 
 DETAILS = ('Run every parameter file with every law and, under law chattering, every switching; '
@@ -50,16 +50,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                              f'{" | ".join((*CONDITIONS, ALL))}; may be repeated')
     parser.add_argument('--laws', metavar='A,B', default=','.join(LAWS),
                         help='laws to run, default: all')
-    parser.add_argument('--trials', type=int, metavar='N',
-                        help="tune every law with N trials; without it, the file's gains are used")
-    parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of the trials and of the held-out conditions, default: 0')
-    parser.add_argument('--variation', type=float, default=1.5, metavar='X',
-                        help='torque variation allowed to every tuned law, relative to that of '
-                             'observer_feedback with recommended settings, default: 1.5')
+    parser.add_argument('--gains', choices=GAINS, default=FILE,
+                        help='of the file, which is the default, or recommended: of every law by '
+                             'a rule in what the controller knows')
     parser.add_argument('--held-out', type=int, default=0, metavar='N',
-                        help='also evaluate all laws in N random conditions for which no law '
-                             'was tuned')
+                        help='also evaluate all laws in N random conditions')
+    parser.add_argument('--seed', type=int, default=0, metavar='S',
+                        help='seed of the held-out conditions, default: 0')
     add_jobs(parser)
     parser.add_argument('--ros', action='store_true',
                         help='run the nodes and evaluate their bags instead of simulating')
@@ -79,13 +76,13 @@ def run(options: argparse.Namespace) -> int:
     if options.ros:
         from ctc_chattering.studies.over_ros import over_ros as runner
     files, backends, laws = list(map(find_file, options.files)), _backends(options), _laws(options)
-    trials, others, conditions = _trials(options), _others(options), options.condition or []
+    others, conditions = _others(options), options.condition or []
     check_conditions(conditions)
     if options.out is not None:
         prepare(options.out, NAMES, options.overwrite)
     with counting_bar(desc='compare', unit='law') as progress:
         outcomes = compare(
-            files, laws, conditions, backends, trials, options.variation, others, options.seed,
+            files, laws, conditions, backends, options.gains, others, options.seed,
             1 if options.ros else number_of_jobs(options.jobs), runner, say, progress)
     print(to_markdown(outcomes))
     if options.out is not None:
@@ -110,22 +107,6 @@ def _laws(options: argparse.Namespace) -> list[str]:
             raise UsageError(f'--laws: no law is called {law}; allowed: {", ".join(LAWS)}'
                              + near(law, LAWS))
     return names
-
-
-def _trials(options: argparse.Namespace) -> int:
-    """Return the number of trials, 0 without them; raise `UsageError`."""
-    from ctc_chattering.studies.search import require_optuna
-
-    if not 0.0 < options.variation < inf:
-        raise UsageError(f'--variation: {options.variation}; allowed: a number > 0')
-    if options.trials is None:
-        return 0
-    if options.trials < 1 or not 0 <= options.seed < 2 ** 32:
-        raise UsageError('allowed: --trials from 1 on, --seed from 0 to 2**32 - 1')
-    if options.ros:
-        raise UsageError('--trials and --ros exclude each other: the simulation is tuned')
-    require_optuna('--trials')
-    return int(options.trials)
 
 
 def _others(options: argparse.Namespace) -> int:

@@ -29,21 +29,21 @@ from ctc_chattering.configuration import parameter_file
 from ctc_chattering.errors import CtcError, given_by_user, ParameterError
 from ctc_chattering.identification.excitation.plan import (
     CHECK,
+    excite,
     MOTION,
     Plan,
     request_of,
     RUN,
     write,
 )
-from ctc_chattering.identification.excite import excite
 from ctc_chattering.parameters import Parameter
 import numpy as np
 
-DETAILS = ('Slow reversals of every joint at a few poses, then Fourier series, within the limits '
-           'of the description, optimised for `ctc identify`. Write motion.yaml, its waypoints, '
-           'and run.yaml, the parameter file with this motion under law compensation. Where the '
-           'description has collision shapes, links keep their distance from each other; '
-           'obstacles around the robot are not known.')
+DETAILS = ('Slow reversals of every joint at a few poses, where it also creeps, then multisines, '
+           'within the limits of the description: the best of many random motions. Write '
+           'motion.yaml, its waypoints, and run.yaml, the parameter file with this motion under '
+           'law compensation. Where the description has collision shapes, links keep their '
+           'distance from each other; obstacles around the robot are not known.')
 #: Options that are parameters of the motion.
 _SCALARS = ('duration', 'poses', 'velocity_scale', 'clearance')
 _LISTS = ('center', 'position_range', 'velocity_limit', 'acceleration_limit')
@@ -79,10 +79,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
                         help='do not check links that this SRDF allows to touch')
     parser.add_argument('--floor', type=float, metavar='Z',
                         help='height of a floor in the frame of the root link [m]')
-    parser.add_argument('--evaluations', type=int, default=1000, metavar='N',
-                        help='motions to evaluate in the search, default: 1000')
+    parser.add_argument('--evaluations', type=int, default=200, metavar='N',
+                        help='random motions, of which the best is taken, default: 200')
     parser.add_argument('--seed', type=int, default=0, metavar='S',
-                        help='seed of the initial random motions, default: 0')
+                        help='seed of the random motions, default: 0')
+    parser.add_argument('--for', dest='joints', metavar='A,B',
+                        help='joints that the motion is for: the others move little; default: all')
     add_output(parser)
 
 
@@ -91,7 +93,9 @@ def run(options: argparse.Namespace) -> int:
     check('--evaluations', options.evaluations, 1)
     check('--seed', options.seed, 0)
     file = find_file(options.params_file)
-    setup, sections = parameter_file.load(file), parameter_file.read(file)
+    # The motion of the reference is not played, and so may exceed the limits.
+    still = {'reference': {'amplitude': 0.0, 'trajectory_file': ''}}
+    setup, sections = parameter_file.load(file, still), parameter_file.read(file)
     with given_by_user((*_SCALARS, *_LISTS, 'friction')):
         request = _request(options, len(setup.controller.joint_names))
         friction = _friction(options, len(setup.controller.joint_names))
@@ -102,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     if options.out is not None and not options.overwrite:
         prepare(options.out, (MOTION, RUN))  # Refused before the search rather than after it.
     found = excite(setup, request, friction, options.evaluations, options.seed, srdf,
-                   options.floor)
+                   options.floor, tuple(filter(None, (options.joints or '').split(','))))
     if options.out is not None:
         write(found, sections, prepare(options.out, (MOTION, RUN), options.overwrite))
     _show(found)
@@ -164,14 +168,13 @@ def _show(found: Plan) -> None:
             f'{found.kp[i]:g}', f'{found.kv[i]:g}', f'{found.hold[i]:.3f}'))
     wide = max(map(len, columns([row[1:] for row in rows])))
     print_columns([(_short(row[0], _LINE - 2 - wide), *row[1:]) for row in rows])
-    (first, _), (_, last) = found.excitation.slow[0], found.excitation.slow[-1]
-    begin, end = found.excitation.fourier
-    print(f'slow reversals at {len(found.excitation.slow)} poses from {first:.1f} to '
-          f'{last:.1f} s, Fourier series from {begin:.1f} to {end:.1f} s')
-    best = found.best
-    _say(f'condition: {best.information.condition:.3g} (best of {len(best.random)} random '
-         f'motions: {best.random.min():.3g}; median {np.median(best.random):.3g}), of '
-         f'{len(best.information.matrix)} parameters; {best.evaluations} motions evaluated')
+    (first, _), (_, last) = found.excitation.slow[0], found.excitation.creep[-1]
+    begin, end = found.excitation.sines
+    _say(f'slow reversals and creeping at {len(found.excitation.slow)} poses from {first:.1f} to '
+         f'{last:.1f} s, multisines from {begin:.1f} to {end:.1f} s')
+    _say(f'condition: {found.information.condition:.3g}, median of {len(found.conditions)} random '
+         f'motions {np.median(found.conditions):.3g}, of {len(found.information.matrix)} '
+         'parameters')
     _show_distances(found)
     _warn(found)
 
@@ -211,9 +214,9 @@ def _warn(found: Plan) -> None:
         found.limits, found.hold, found.bounds.slow) if hold > 0.5 * slow]
     if held:
         _say('warning: friction may hold joints through much of their slow reversals: '
-             f'{", ".join(held)}; a greater position_range helps, or a shorter control_period, '
-             'which allows a higher kp')
-    if found.best.information.condition > _POOR:
+             f'{", ".join(held)}; a greater position_range helps, a higher kp (a shorter '
+             'control_period allows it), or a position controller that plays the motion')
+    if found.information.condition > _POOR:
         _say('warning: the motion hardly separates friction and errors of the model, least on '
              f'{found.limits[int(found.widened.argmax())].name}: a condition number above '
              f'{_POOR:g}; a greater position_range or duration helps')

@@ -23,22 +23,21 @@ reaches, so that far links are looked at rarely, and no approach is passed over.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+import copy
 import importlib
 from itertools import combinations
 from math import inf
 from typing import Any, NamedTuple
+import xml.etree.ElementTree as ET
 
+from ctc_chattering.configuration.robot_description import find_file
 from ctc_chattering.dynamics.urdf_parser import Tree
 from ctc_chattering.errors import CtcError, refused_as
-from ctc_chattering.identification.excitation.link_shapes import (
-    convex_hulls,
-    geometry,
-    link_of,
-    shaped,
-)
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
+#: Name of the floor in messages, and half the sides of the box that stands for it [m].
+FLOOR, _WIDE = 'the floor', 50.0
 #: Distance of hulls below which meshes count at the latest [m].
 _NEAR = 0.05
 #: Distance below which links touch [m].
@@ -191,11 +190,6 @@ class SelfCollision:
         how = f'{near.distance:.2g} m' if near.distance > 0.0 else 'they touch'
         return f'{how}, {first} and {second} at {time:.1f} s; at least {near.kept:.2g} m'
 
-    def spare(self, pair: int, q: Array) -> float:
-        """Return the distance of a pair at q, shape (n,), over what it must keep, less 1."""
-        self._place(q)
-        return self._distance(pair) / float(self._least[pair]) - 1.0
-
     def _place(self, q: Array) -> None:
         hulls, data = self._states[0]
         self._pin.updateGeometryPlacements(self._model, self._data, hulls, data, q[self._order])
@@ -231,3 +225,82 @@ def _reach(model: Any, first: Any, second: Any, far: Array) -> Array:
             length += np.linalg.norm(model.jointPlacements[joint].translation) + (
                 2.0 * far[at] + 1.0 if slides else 0.0)
     return found
+
+
+def shaped(tree: Tree) -> tuple[str, list[str]]:
+    """Return a URDF with collision shapes, and the links that should have one more."""
+    robot = ET.fromstring(tree.bare())
+    unseen = []
+    for link, element in zip(tree.links.values(), robot.findall('link')):
+        shapes = [copy.deepcopy(shape) for shape in link.findall('collision')]
+        files = [mesh for shape in shapes for mesh in shape.iter('mesh')]
+        there = [_found(mesh) for mesh in files]
+        if all(there):
+            element.extend(shapes)
+        if not all(there) or (not shapes and link.find('visual') is not None):
+            unseen.append(link.get('name', ''))
+    return ET.tostring(robot, encoding='unicode'), unseen
+
+
+def _found(mesh: ET.Element) -> bool:
+    """Return whether the file of a mesh is there, and put its path in the place of its name."""
+    try:
+        path = find_file(mesh.get('filename', '').removeprefix('file://'))
+    except CtcError:
+        return False
+    mesh.set('filename', str(path.absolute()))
+    return path.is_file()
+
+
+def link_of(links: Sequence[str], shape: str) -> str:
+    """Return the link of a shape, whose name `Tree.bare` and Pinocchio made."""
+    return FLOOR if shape == FLOOR else links[int(shape.split()[1].split('_')[0])]
+
+
+def geometry(pin: Any, text: str, stand: Mapping[str, float], floor: float | None) -> Any:
+    """Return Pinocchio's model of the joints that move, and its shapes."""
+    model = pin.buildModelFromXML(text)
+    shapes = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    if floor is not None:
+        coal: Any = importlib.import_module('coal')
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, floor - _WIDE]))
+        shapes.addGeometryObject(pin.GeometryObject(
+            FLOOR, 0, 0, place, coal.Box(*[2.0 * _WIDE] * 3)))
+    q = pin.neutral(model)
+    ids = [model.getJointId(name) for name in stand]
+    for joint, value in zip(ids, stand.values()):
+        q[model.joints[joint].idx_q] = value
+    return pin.buildReducedModel(model, shapes, ids, q)
+
+
+def convex_hulls(meshes: Any) -> Any:
+    """Return the shapes with the convex hull in the place of each mesh that has one."""
+    hulls = meshes.copy()
+    for shape in hulls.geometryObjects:
+        if hasattr(shape.geometry, 'buildConvexHull'):
+            try:
+                shape.geometry.buildConvexHull(True, 'Qt')
+            except (RuntimeError, ValueError):  # All points in a plane.
+                continue
+            shape.geometry = shape.geometry.convex
+    return hulls
+
+
+def allowed_pairs(srdf: str) -> set[frozenset[str]]:
+    """
+    Return the pairs of links that the text of an SRDF allows to touch.
+
+    Raises
+    ------
+    CtcError
+        If it is no SRDF.
+
+    """
+    try:
+        robot = ET.fromstring(srdf.strip())
+    except ET.ParseError as error:
+        raise CtcError(f'SRDF: not XML: {error}') from None
+    if robot.tag != 'robot':
+        raise CtcError(f'SRDF: the outermost element is <{robot.tag}>, not <robot>')
+    return {frozenset((x.get('link1', ''), x.get('link2', '')))
+            for x in robot.iter('disable_collisions')}

@@ -25,24 +25,21 @@ of inertial parameters of serial robots", 1990), the columns that are independen
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import inf, isfinite
 from typing import NamedTuple
 
 from ctc_chattering.dynamics.linear_model import LinearModel
 from ctc_chattering.dynamics.model import Model
-from ctc_chattering.identification.excitation.limits import Bounds
+from ctc_chattering.identification.excitation.motion import Bounds
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 from scipy.linalg import qr  # type: ignore[import-untyped]
 
 #: Part of the velocity bound below which a joint counts as at rest: it may stick.
-_REST = 0.01
+_MOVES = 0.01
 #: Random states of which the independent columns are found, and the least part of one that is.
 _STATES, _INDEPENDENT = 200, 1e-7
-#: Step of the finite differences, as a part of the bounds.
-_STEP = 1e-5
-#: Weight of the condition number in the merit, and the power that makes it smooth.
-_CONDITION, _POWER = 2.0, 6
 
 #: Columns of the model's parameters at N states, shape (N, n, p).
 Columns = Callable[[Array, Array, Array], Array]
@@ -50,61 +47,54 @@ Columns = Callable[[Array, Array, Array], Array]
 
 class Information(NamedTuple):
     """
-    Information of a motion.
+    Information of a motion about p numbers.
 
     Attributes
     ----------
-    x : ndarray, shape (N, n, p)
-        Weighted columns at each sample.
     matrix : ndarray, shape (p, p)
-        The sum of Xᵀ X.
+        The sum of Xᵀ X over the samples; friction forwards of each joint, backwards, viscous, then
+        base parameters.
+    joints : int
+        Number n of joints.
 
     """
 
-    x: Array
     matrix: Array
+    joints: int
 
     @property
     def condition(self) -> float:
         """Return the condition number of X with columns scaled to length 1."""
         length = np.sqrt(self.matrix.diagonal())
         if not (length > 0.0).all():
-            return float('inf')
+            return inf
         values = np.linalg.eigvalsh(self.matrix / np.outer(length, length))
-        return float(np.sqrt(values[-1] / values[0])) if values[0] > 0.0 else float('inf')
-
-    @property
-    def log_determinant(self) -> float:
-        """Return that of the matrix, -inf where it is singular."""
-        sign, value = np.linalg.slogdet(self.matrix)
-        return float(value) if sign > 0.0 else -float('inf')
-
-    def merit(self) -> tuple[float, Array]:
-        """
-        Return what a motion is chosen by, and its derivative by the matrix, shape (p, p).
-
-        That is the logarithm of the determinant by parameter, less `_CONDITION` times that of a
-        smooth condition number: powers of all eigenvalues in the place of the extreme ones.
-        """
-        p = len(self.matrix)
-        length = np.sqrt(self.matrix.diagonal())
-        if not (np.isfinite(self.log_determinant) and (length > 0.0).all()):
-            return -float('inf'), np.zeros((p, p))
-        values, vectors = np.linalg.eigh(self.matrix / np.outer(length, length))
-        values = np.maximum(values, 1e-16)
-        large, small = (values / values[-1]) ** _POWER, (values / values[0]) ** -_POWER
-        smooth = np.log(values[-1] / values[0]) + np.log(large.sum() * small.sum()) / _POWER
-        share = large / large.sum() - small / small.sum()
-        v = vectors / length[:, np.newaxis]
-        slope = (v * (share / values)) @ v.T - np.diag(v * v @ share)
-        return (self.log_determinant / p - 0.5 * _CONDITION * float(smooth),
-                np.linalg.inv(self.matrix) / p - 0.5 * _CONDITION * slope)
+        return float(np.sqrt(values[-1] / values[0])) if values[0] > 0.0 else inf
 
     def inflation(self) -> Array:
         """Return by how much each interval is wider than with all else known, shape (p,)."""
-        found: Array = np.sqrt(self.matrix.diagonal() * np.linalg.pinv(
-            self.matrix, rcond=1e-13, hermitian=True).diagonal())
+        found: Array = np.sqrt(self.matrix.diagonal() * self._variance())
         return found
+
+    def _variance(self) -> Array:
+        """Return the variances of the numbers, shape (p,)."""
+        return np.asarray(np.linalg.pinv(self.matrix, rcond=1e-13, hermitian=True).diagonal())
+
+    def merit(self, only: Sequence[int] = ()) -> float:
+        """
+        Return what a motion is chosen by, -inf where it does not show all.
+
+        That is the logarithm of the determinant by parameter, less twice that of the condition
+        number; with `only` some joints, less that of the variances of their friction.
+        """
+        condition = self.condition
+        if not isfinite(condition):
+            return -inf
+        if only:
+            mine = [k for k in range(3 * self.joints) if k % self.joints in only]
+            return -float(np.log(self._variance()[mine]).mean())
+        return float(np.linalg.slogdet(self.matrix)[1] / len(self.matrix)
+                     - 2.0 * np.log(condition))
 
 
 class Regression:
@@ -162,48 +152,18 @@ class Regression:
         x[:, joint, joint] = dq > 0.0
         x[:, joint, n + joint] = dq < 0.0
         x[:, joint, 2 * n + joint] = dq
-        x[:, :, 3 * n:] = self._model_columns(motion)
+        x[:, :, 3 * n:] = self.columns(motion)
         x *= self._scale(dq, time)[:, :, np.newaxis]
         rows = x.reshape(-1, x.shape[2])
-        return Information(x, rows.T @ rows)
-
-    def gradient(self, motion: Array, time: Array, found: Information, slope: Array) -> Array:
-        """
-        Return the derivatives of a function of the information by a motion, shape (3, N, n).
-
-        Parameters
-        ----------
-        motion, time
-            As `of` takes them.
-        found : Information
-            What it returned.
-        slope : ndarray, shape (p, p)
-            Derivative of the function by the matrix.
-
-        """
-        n, joint = self.n, np.arange(self.n)
-        pull = 2.0 * (found.x @ slope) * self._scale(motion[1], time)[:, :, np.newaxis]
-        motion = motion.copy()
-        result = np.zeros_like(motion)
-        result[1] = pull[:, joint, 2 * n + joint]
-        here = self._model_columns(motion)
-        for kind, bound in enumerate((self._bounds.room, self._bounds.velocity,
-                                      self._bounds.acceleration)):
-            for i in range(n):
-                step = _STEP * bound[i]
-                motion[kind, :, i] += step
-                change = (self._model_columns(motion) - here) / step
-                motion[kind, :, i] -= step
-                result[kind, :, i] += np.einsum('kip,kip->k', pull[:, :, 3 * n:], change)
-        return result
+        return Information(rows.T @ rows, n)
 
     def _scale(self, dq: Array, time: Array) -> Array:
         """Return the weight of each row, 0 where a joint may stick, shape (N, n)."""
-        moves = np.abs(dq) > _REST * self._bounds.velocity
+        moves = np.abs(dq) > _MOVES * self._bounds.velocity
         return np.asarray(moves * self._weight * np.sqrt(time)[:, np.newaxis])
 
-    def _model_columns(self, motion: Array) -> Array:
-        """Return the columns of the base parameters, shape (N, n, parameters)."""
+    def columns(self, motion: Array) -> Array:
+        """Return the columns of the base parameters for states of shape (3, N, n), (N, n, p)."""
         return np.asarray(self._columns(*motion)[:, :, self._base])
 
 

@@ -16,30 +16,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 import dataclasses
 from math import inf
+from numbers import Real
 from pathlib import Path
+from typing import Any
 
+from ctc_chattering.analysis.output import prepare
+from ctc_chattering.arguments import check_each, checked, vector, whole
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.configuration.loop_setup import Setup, Values
 from ctc_chattering.configuration.trajectory_file import write_trajectory
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.dynamics.registry import locked_positions, model_of
-from ctc_chattering.errors import CtcError, MachineError, ParameterError
-from ctc_chattering.identification.excitation.best_motion import Excitation, Shapes
-from ctc_chattering.identification.excitation.collision import Approach, SelfCollision
-from ctc_chattering.identification.excitation.forecast import gains, Played, played, sticking
-from ctc_chattering.identification.excitation.information import Regression
-from ctc_chattering.identification.excitation.limits import Bounds, bounds_of, ExcitationConfig
-from ctc_chattering.identification.excitation.margins import (
-    ADVICE,
-    AssumedFriction,
-    DistanceLimit,
-    Limit,
-    TorqueLimit,
+from ctc_chattering.errors import CtcError, MachineError, near, ParameterError
+from ctc_chattering.identification.excitation.collision import (
+    allowed_pairs,
+    Approach,
+    SelfCollision,
 )
-from ctc_chattering.identification.excitation.search import BestMotion, Search
+from ctc_chattering.identification.excitation.information import Information, Regression
+from ctc_chattering.identification.excitation.motion import (
+    Bounds,
+    bounds_of,
+    Excitation,
+    ExcitationConfig,
+    Quintics,
+    RandomMotion,
+    RandomMotions,
+)
 from ctc_chattering.numerics.linear_algebra import Array
 from ctc_chattering.numerics.time_grid import NANOSECONDS
 from ctc_chattering.parameters import matrix
@@ -48,11 +54,248 @@ import numpy as np
 
 #: Files that `write` makes.
 MOTION, RUN = 'motion.yaml', 'run.yaml'
+#: What may help where no motion keeps a limit.
+ADVICE = 'choose smaller limits, a smaller position_range or another centre'
+#: By what random motions are scaled one after the other until they keep all limits.
+_SMALLER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15)
+#: Step in which a motion is evaluated for its information, and most samples of a motion [s].
+_COARSE, _SAMPLES = 0.1, 1200
+#: Step in which distances are checked at first and at the end [s], by how much a motion shrinks
+#: that is too near then, and how often it may.
+_STEP, CHECK, _SHRINK, _TIMES = 0.025, 0.002, 0.98, 50
+#: Part of a largest torque that is used, since it is computed in steps [s].
+_TORQUE, _TORQUE_STEP = 0.97, 0.05
+#: Step in which a motion is evaluated for what is reported [s].
+_FINE = 0.01
+#: Part of the amplitude of the slow reversals within which friction may hold a joint.
+_STICKING = 0.2
+#: Largest product of the velocity gain with control period and delay.
+_GAIN = 0.1
+#: Part of the room that joints take which a motion is not for.
+_OTHERS = 0.25
 
 
-#: Step in which distances are checked at the end [s], by how much a motion shrinks that is too
-#: near then, and how often it may.
-CHECK, _SHRINK, _TIMES = 0.002, 0.98, 50
+@dataclasses.dataclass(frozen=True)
+class AssumedFriction:
+    """Assumed Coulomb [N·m] and viscous [N·m·s/rad] friction, each of shape (n,)."""
+
+    coulomb: Array
+    viscous: Array
+
+    def added(self, torque: Array, dq: Array) -> Array:
+        """Return torque with friction; where a joint rests, friction acts with the torque."""
+        smooth = torque + self.viscous * dq
+        found: Array = smooth + self.coulomb * np.sign(np.where(dq == 0.0, smooth, dq))
+        return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Played:
+    """
+    A motion as it is played, with its torques.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Time [s].
+    q, dq, ddq : ndarray, shape (N, n)
+        Position [rad], velocity [rad/s] and acceleration [rad/s²].
+    inertial, gravity, tau : ndarray, shape (N, n)
+        M ddq + C dq; G; both with friction [N·m].
+
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    inertial: Array
+    gravity: Array
+    tau: Array
+
+    @property
+    def peak_torque(self) -> Array:
+        """Largest torque of each joint, shape (n,) [N·m]."""
+        peak: Array = np.abs(self.tau).max(axis=0)
+        return peak
+
+
+def played(path: Quintics, model: Model, friction: AssumedFriction, step: float = _FINE
+           ) -> Played:
+    """
+    Return a motion through waypoints with its torques.
+
+    Parameters
+    ----------
+    path : Quintics
+        The waypoints, in the order of the model's joints.
+    model : Model
+        Gives the torques.
+    friction : AssumedFriction
+        At rest, Coulomb friction acts with the rest of the torque.
+    step : float
+        Time between two samples [s].
+
+    """
+    t = np.arange(round(path.times[-1] / NANOSECONDS / step) + 1) * step
+    q, dq, ddq = path.at(t)
+    gravity = np.array([model.gravity_torque(row) for row in q.tolist()])
+    inertial = np.array([model.inverse_dynamics(*point) for point in zip(
+        q.tolist(), dq.tolist(), ddq.tolist())]) - gravity
+    return Played(t, q, dq, ddq, inertial, gravity,
+                  friction.added(inertial + gravity, dq))
+
+
+def sticking(model: Model, positions: Array, kp: Array, friction: AssumedFriction) -> Array:
+    """
+    Return how far friction can hold each joint from the motion under computed torque, (n,) [rad].
+
+    All joints stick while the law's torque M Kp e is within ±Kf: |e| ≤ |Kp⁻¹ M⁻¹| Kf.
+
+    Parameters
+    ----------
+    model : Model
+        Gives M.
+    positions : ndarray, shape (m, n)
+        Where to evaluate it; the largest distance is returned.
+    kp : ndarray, shape (n,)
+        Position gains [1/s²].
+    friction : AssumedFriction
+        Its Coulomb friction counts.
+
+    """
+    inverse = np.array([np.linalg.inv(np.array(model.mass_matrix(q.tolist())))
+                        for q in positions])
+    distance: Array = (np.abs(inverse) @ friction.coulomb).max(axis=0) / kp
+    return distance
+
+
+def gains(kp: Array, kv: Array, hold: Array, slow: Array, delay: float) -> tuple[Array, Array]:
+    """
+    Return gains with which friction takes little of the slow reversals, as far as they may rise.
+
+    Parameters
+    ----------
+    kp, kv : ndarray, shape (n,)
+        Gains [1/s², 1/s]; they are never lowered.
+    hold : ndarray, shape (n,)
+        What `sticking` returns for them [rad].
+    slow : ndarray, shape (n,)
+        Amplitude of the reversals [rad].
+    delay : float
+        Control period and input delay [s].
+
+    """
+    most = (0.5 * _GAIN / delay) ** 2
+    wanted = np.ceil(np.minimum(kp * hold / (_STICKING * slow), most))
+    higher = np.where(hold > _STICKING * slow, np.maximum(kp, wanted), kp)
+    return higher, np.where(higher > kp, np.maximum(kv, np.ceil(2.0 * np.sqrt(higher))), kv)
+
+
+class MotionSearch:
+    """
+    Random motions, the best of which keeps all limits.
+
+    Parameters
+    ----------
+    motions : RandomMotions
+        That are drawn.
+    regression : Regression
+        Says what they tell.
+    model, friction
+        Give torques.
+    effort : ndarray, shape (n,)
+        Largest torques [N·m]; inf for unlimited.
+    links : SelfCollision or None
+        Gives distances.
+
+    """
+
+    def __init__(self, motions: RandomMotions, regression: Regression, model: Model,
+                 friction: AssumedFriction, effort: Array, links: SelfCollision | None) -> None:
+        self._motions, self._regression, self._model = motions, regression, model
+        self._friction, self._effort, self._links = friction, effort, links
+
+    def information(self, found: Excitation) -> Information:
+        """Return what a motion tells."""
+        end = found.path.times[-1] / NANOSECONDS
+        step = max(_COARSE, end / _SAMPLES)
+        t = np.arange(0.0, end, step)
+        return self._regression.of(found.path.at(t), np.full(len(t), step))
+
+    def best(self, count: int, seed: int, only: Sequence[int] = ()
+             ) -> tuple[Excitation, Information, Approach | None, Array]:
+        """
+        Return the best motion, what it tells, its nearest approach, and all condition numbers.
+
+        Parameters
+        ----------
+        count, seed : int
+            Motions to draw, and their seed.
+        only : sequence of int
+            Joints that it is for; empty for all.
+
+        Raises
+        ------
+        CtcError
+            If no motion keeps the limits.
+
+        """
+        rng = np.random.default_rng(seed)
+        drawn = []
+        for _ in range(count):
+            one = self._motions.draw(rng)
+            told = self.information(self._motions.motion(one))
+            drawn.append((told.merit(only), told.condition, one))
+        drawn.sort(key=lambda x: -x[0])
+        found: tuple[float, RandomMotion, float] | None = None
+        for merit, _, one in drawn:
+            if found is not None and found[0] >= merit:
+                break
+            size = next((x for x in _SMALLER if not self._beyond(one, x)), None)
+            if size is not None:
+                kept = self.information(self._motions.motion(one, size)).merit(only)
+                if found is None or kept > found[0]:
+                    found = kept, one, size
+        if found is None or found[0] == -inf:
+            raise CtcError(self._beyond(drawn[0][2], _SMALLER[-1])
+                           or 'no motion moves all joints')
+        motion, nearest = self._kept(*found[1:])
+        return (motion, self.information(motion), nearest,
+                np.array([condition for _, condition, _ in drawn]))
+
+    def _beyond(self, drawn: RandomMotion, size: float) -> str:
+        """Return which limit a motion does not keep; empty if it keeps all."""
+        found = self._motions.motion(drawn, size)
+        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS, _TORQUE_STEP)
+        torque = np.array([np.abs(self._friction.added(np.array(self._model.inverse_dynamics(
+            *(x.tolist() for x in point))), point[1]))
+            for point in found.path.at(t).transpose(1, 0, 2)])
+        k, i = np.unravel_index(int((torque / self._effort).argmax()), torque.shape)
+        if torque[k, i] > _TORQUE * self._effort[i]:
+            return (f'peak torque of {found.names[i]}: {torque[k, i]:.4g} is not allowed; at most '
+                    f'{self._effort[i]:g} N*m, its effort limit: {ADVICE}')
+        return self._too_near(found, _STEP)[0]
+
+    def _too_near(self, found: Excitation, step: float) -> tuple[str, Approach | None]:
+        """Return which links come too near, in words, and the nearest approach."""
+        if self._links is None:
+            return '', None
+        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + step, step)
+        nearest = self._links.nearest(found.path.at(t)[0])
+        return '' if nearest.spare >= 0.0 else (
+            'the motion is refused; nearest approach of two links: '
+            f'{self._links.text(nearest, float(t[nearest.sample]))} is needed: {ADVICE}'), nearest
+
+    def _kept(self, drawn: RandomMotion, size: float) -> tuple[Excitation, Approach | None]:
+        """Return a motion, smaller if in small steps links come too near, and its approach."""
+        for _ in range(_TIMES):
+            found = self._motions.motion(drawn, size)
+            text, nearest = self._too_near(found, CHECK)
+            if not text:
+                return found, nearest
+            size *= _SHRINK
+        raise CtcError(text)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,10 +333,10 @@ class Plan:
         As it is played.
     effort : ndarray
         Largest torques [N·m]; inf for unlimited.
-    regression : Regression
-        What identification solves.
-    best : BestMotion
+    information : Information
         What it tells of friction and parameters.
+    conditions : ndarray, shape (m,)
+        Condition numbers of the random motions.
     widened : ndarray
         By how much the interval of Coulomb friction is wider than with all else known.
     checked : Checked
@@ -112,8 +355,8 @@ class Plan:
     excitation: Excitation
     motion: Played
     effort: Array
-    regression: Regression
-    best: BestMotion
+    information: Information
+    conditions: Array
     widened: Array
     checked: Checked
     near: Approach | None
@@ -142,64 +385,84 @@ def request_of(setup: Setup, values: Values) -> ExcitationConfig:
         'center': [center[name] for name in names], **values})
 
 
-def plan(setup: Setup, config: ExcitationConfig, coulomb: Array | None = None,
-         evaluations: int = 1000, seed: int = 0, allowed: Collection[frozenset[str]] = (),
-         floor: float | None = None) -> Plan:
+@checked(setup=Setup, request=(Mapping, type(None)), friction=(Sequence, type(None)), srdf=str,
+         floor=(Real, type(None)), joints=Sequence)
+def excite(setup: Setup, request: Mapping[str, Any] | None = None,
+           friction: Sequence[float] | None = None, evaluations: int = 200, seed: int = 0,
+           srdf: str = '', floor: float | None = None, joints: Sequence[str] = ()) -> Plan:
     """
-    Return the motion that tells most of the robot of a parameter file.
+    Return a motion that shows the friction of every joint within the robot's limits.
 
     Parameters
     ----------
     setup : Setup
         Model, limits, gains and friction of the robot.
-    config : ExcitationConfig
-        What is asked for.
-    coulomb : ndarray, shape (n,), optional
-        Coulomb friction to expect [N·m], in place of the plant's.
+    request : mapping, optional
+        What is asked of the motion: ``duration`` [s], ``poses``, ``center`` [rad],
+        ``position_range`` [rad], ``velocity_limit`` [rad/s], ``acceleration_limit`` [rad/s²],
+        ``velocity_scale``, ``clearance`` [m].
+    friction : sequence of float, length n, optional
+        Coulomb friction to expect, in place of the plant's [N·m].
     evaluations, seed : int
-        Number of motions to evaluate, and seed of the random ones.
-    allowed : collection of frozenset of str
-        Pairs of links that may touch.
+        Random motions, of which the best is taken, and their seed.
+    srdf : str
+        Text of an SRDF: links that it allows to touch are not checked for collisions.
     floor : float, optional
         Height of a floor in the frame of the root link [m].
+    joints : sequence of str
+        Joints that the motion is for: the others move little; empty for all.
+
+    Returns
+    -------
+    Plan
+        The motion with its peaks, condition number and distances; for `write_excitation`.
 
     Raises
     ------
     CtcError
-        If there is no model, or the limits cannot be kept.
+        If an argument is not allowed, there is no model, or the limits cannot be kept.
 
     """
-    plant, controller = setup.plant, setup.controller
+    evaluations, seed = whole('evaluations', evaluations, 1), whole('seed', seed, 0)
+    check_each('joints', joints, str)
+    config = request_of(setup, dict(request or {}))
+    names, plant, controller = config.joint_names, setup.plant, setup.controller
+    for name in joints:
+        if name not in names:
+            raise CtcError(f'joints: no joint is called {name}; allowed: {", ".join(names)}'
+                           f'{near(name, names)}')
+    coulomb = np.array(plant.coulomb_friction)
+    if friction is not None:
+        coulomb = vector('friction', friction, len(names))
+        if not (coulomb >= 0.0).all() or not np.isfinite(coulomb).all():
+            raise ParameterError('friction', friction, 'finite numbers >= 0')
     description = setup.descriptions.get('controller', '')
-    model = model_of(controller, description)
-    limits = _limits(description, config.joint_names)
+    model, limits = model_of(controller, description), _limits(description, names)
     bounds = bounds_of(config, limits)
-    friction = AssumedFriction(np.array(plant.coulomb_friction) if coulomb is None else coulomb,
-                               np.array(plant.viscous_friction))
+    assumed = AssumedFriction(coulomb, np.array(plant.viscous_friction))
     effort = np.minimum(
         controller.largest_torque(model.effort_limits), plant.torque_saturation)
-    checked = _checked(setup, config, allowed, floor)
-    kept: list[Limit] = [TorqueLimit(config.joint_names, model, friction, effort)]
-    if checked.links is not None:
-        kept.append(DistanceLimit(checked.links))
-    shapes = Shapes(config, bounds)
-    regression = Regression(model, bounds, _noise(shapes, model, friction, seed))
-    best = Search(shapes, bounds, regression, kept).best(evaluations, seed)
-    found, near = _kept(shapes, best.z, checked.links)
-    motion = played(found.path, model, friction)
+    kept = _checked(setup, config, allowed_pairs(srdf) if srdf else (), floor)
+    only = [names.index(name) for name in joints]
+    share = np.where(np.isin(np.arange(len(names)), only), 1.0, _OTHERS) if only else None
+    motions = RandomMotions(config, bounds, share)
+    regression = Regression(model, bounds, _noise(motions, model, assumed, seed))
+    found, told, approach, conditions = MotionSearch(
+        motions, regression, model, assumed, effort, kept.links).best(evaluations, seed, only)
+    motion = played(found.path, model, assumed)
     slow = [round((a + b) / 2.0 / (motion.t[1] - motion.t[0])) for a, b in found.slow]
     kp, kv = (matrix(x, model.n).diagonal() for x in (controller.kp, controller.kv))
-    hold = sticking(model, motion.q[slow], kp, friction)
+    hold = sticking(model, motion.q[slow], kp, assumed)
     delay = controller.control_period * (1 + controller.input_delay)
     higher, kv = gains(kp, kv, hold, bounds.slow, delay)
-    widened = best.information.inflation()[:2 * model.n].reshape(2, -1).max(axis=0)
-    return Plan(limits, bounds, found, motion, effort, regression, best, widened, checked, near,
-                higher, kv, hold * kp / higher)
+    widened = told.inflation()[:2 * model.n].reshape(2, -1).max(axis=0)
+    return Plan(limits, bounds, found, motion, effort, told, conditions, widened, kept,
+                approach, higher, kv, hold * kp / higher)
 
 
-def _noise(shapes: Shapes, model: Model, friction: AssumedFriction, seed: int) -> Array:
+def _noise(motions: RandomMotions, model: Model, friction: AssumedFriction, seed: int) -> Array:
     """Return what torques are weighted by: those of a random motion, shape (n,) [N·m]."""
-    motion = shapes.motion(shapes.random(np.random.default_rng(seed)))
+    motion = motions.motion(motions.draw(np.random.default_rng(seed)))
     found = np.sqrt(np.square(played(motion.path, model, friction, 0.2).tau).mean(axis=0))
     return np.asarray(np.maximum(found, 1e-6 * found.max()))
 
@@ -222,23 +485,6 @@ def _checked(setup: Setup, config: ExcitationConfig, allowed: Collection[frozens
         why = f' ({", ".join(links.unseen)})' if links.unseen else ''
         return Checked(None, f'no two links have collision shapes{why}')
     return Checked(links)
-
-
-def _kept(shapes: Shapes, z: Array, links: SelfCollision | None
-          ) -> tuple[Excitation, Approach | None]:
-    """Return a motion, smaller if in small steps links come too near, and its least distance."""
-    if links is None:
-        return shapes.motion(z), None
-    for _ in range(_TIMES):
-        found = shapes.motion(z)
-        t = np.arange(0.0, found.path.times[-1] / NANOSECONDS + CHECK, CHECK)
-        near = links.nearest(found.path.at(t)[0])
-        if near.spare >= 0.0:
-            return found, near
-        z = z.copy()
-        z[shapes.free] *= _SHRINK
-    raise CtcError('the motion is refused; nearest approach of two links: '
-                   f'{links.text(near, float(t[near.sample]))} is needed: {ADVICE}')
 
 
 def _limits(description: str, names: tuple[str, ...]) -> tuple[JointLimits, ...]:
@@ -279,3 +525,31 @@ def write(found: Plan, sections: Mapping[str, Values], out: Path) -> None:
     parameter_file.dump({node: {**sections.get(node, {}), **changed.get(node, {})}
                          for node in (*sections, *changed)}, out / RUN)
     parameter_file.load(out / RUN)
+
+
+@checked(found=Plan, setup=Setup, out=(str, Path))
+def write_excitation(found: Plan, setup: Setup, out: str | Path) -> None:
+    """
+    Write a motion, and a parameter file that plays it.
+
+    Parameters
+    ----------
+    found : Plan
+        What `excite` has found.
+    setup : Setup
+        The robot for which it has.
+    out : str or Path
+        Directory for ``motion.yaml``, the waypoints, and ``run.yaml``, the robot's parameters
+        with this motion under law compensation.
+
+    Raises
+    ------
+    CtcError
+        If a file exists already, or cannot be written.
+
+    """
+    sections: dict[str, Values] = {node: {
+        **setup.values.get(node, {}), **config.as_mapping()} for node, config in (
+            ('plant', setup.plant), ('controller', setup.controller),
+            ('reference', setup.reference))}
+    write(found, sections, prepare(Path(out), (MOTION, RUN)))

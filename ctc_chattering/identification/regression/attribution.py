@@ -27,7 +27,7 @@ import dataclasses
 from itertools import pairwise
 from math import log
 
-from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
+from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind, DRIVE
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.intervals import correlation_length
 from ctc_chattering.identification.regression.least_squares import Data, Term
@@ -65,12 +65,15 @@ class Explanation:
         Numbers of each.
     square : float
         What is left, over the variance of noise.
+    left : ndarray, shape (joints,)
+        Mean square of what is left of each of the joints with windows enough [(N·m)²].
 
     """
 
     causes: tuple[Cause, ...]
     values: tuple[Array, ...]
     square: float
+    left: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def count(self) -> int:
@@ -121,7 +124,7 @@ class Projected:
             self.joints.append(i)
             rest = data.columns(mine)[used, i]
             x = np.column_stack((rest, data.more[used, i], data.torque[used, i],
-                                 data.residual[used, i]))
+                                 data.bent[used, i], data.residual[used, i]))
             q, r = np.linalg.qr(x, mode='reduced')
             block = r[len(mine):, len(mine):]
             left = q @ np.append(np.zeros(len(mine)), _rest(block[:, :-1], block[:, -1]))
@@ -133,7 +136,7 @@ class Projected:
             self.powers.append(float(weight[i] * used.sum()))
             count += len(left) / length
         m = data.more.shape[2]
-        stacked = np.concatenate([np.zeros((0, m + 2)), *self._blocks])
+        stacked = np.concatenate([np.zeros((0, m + 2 + data.bent.shape[2])), *self._blocks])
         u, s, v = np.linalg.svd(stacked[:, :m], full_matrices=False)
         seen = s > _SEEN
         self.saturated = v[seen].T
@@ -155,7 +158,9 @@ class Projected:
             values = [found[a:b] for a, b in pairwise(ends)]
             design, right = self._design(chosen, values, saturated)
         rest = right - design @ np.linalg.lstsq(design, right, rcond=1e-10)[0]
-        return Explanation(tuple(chosen), tuple(values), float(rest @ rest))
+        ends = np.cumsum([len(block) for block in self._blocks])[:-1]
+        return Explanation(tuple(chosen), tuple(values), float(rest @ rest), np.array([
+            float(x @ x) for x in np.split(rest, ends)]) / np.maximum(self.powers, 1e-300))
 
     def deviation(self, found: Explanation, cause: Cause, saturated: bool = False) -> float:
         """Return how exactly the first number of another cause would be known beside these."""
@@ -176,7 +181,7 @@ class Projected:
         unit = self.columns.coordinates(np.eye(len(self.columns.sizes)))
         right = np.concatenate([x[:, -1] for x in self._blocks])
         pairs = [] if found is None else [
-            x for x in zip(found.causes, found.values) if x[0].kind == CauseKind.SCALE]
+            x for x in zip(found.causes, found.values) if x[0].kind in DRIVE]
         if pairs:
             chosen, values = zip(*pairs)
             design, _ = self._design(chosen, values, False)
@@ -188,13 +193,17 @@ class Projected:
         """Return the columns of causes at these numbers, and what they are to explain."""
         rows = []
         m = self.columns.basis.shape[1]
-        mixed = [np.zeros((m, 1)) if cause.kind == CauseKind.SCALE
+        mixed = [np.zeros((m, 1)) if cause.kind in DRIVE
                  else cause.design(self.columns, value) for cause, value in zip(chosen, values)]
         for i, block in zip(self.joints, self._blocks):
             parts = [block[:, :m] @ self.saturated] if saturated else []
             for cause, mix in zip(chosen, mixed):
                 if cause.kind == CauseKind.SCALE:
                     parts.append(-block[:, m:m + 1] * (cause.which in (i, ALL)))
+                elif cause.kind in DRIVE:
+                    column = block[:, m + DRIVE.index(cause.kind), None]
+                    mine = np.arange(len(cause.size)) if cause.which == ALL else [cause.which]
+                    parts.append(column * (np.asarray(mine) == i))
                 else:
                     parts.append(block[:, :m] @ mix)
             rows.append(np.concatenate([np.empty((len(block), 0)), *parts], axis=1))
@@ -213,7 +222,8 @@ def without_noise(data: Data, terms: Sequence[Term]) -> Data:
         used = data.way[:, i] != 0.0
         mine = [term for term in terms if term.joint == i]
         x = np.concatenate((data.columns(mine)[used, i], data.more[used, i],
-                            (data.torque - data.residual)[used, i, None]), axis=1)
+                            (data.torque - data.residual)[used, i, None], data.bent[used, i]),
+                           axis=1)
         torque[used, i] -= _rest(x, data.residual[used, i])
     return dataclasses.replace(data, torque=torque)
 
@@ -267,9 +277,11 @@ def _large(found: Explanation) -> bool:
 
 
 def absurd(found: Explanation) -> bool:
-    """Return whether a torque scale or a tilt is one that no robot has."""
+    """Return whether a torque scale, a dead band or a tilt is one that no robot has."""
     for cause, value in zip(found.causes, found.values):
         if cause.kind == CauseKind.SCALE and abs(value[0]) > _ABSURD:
+            return True
+        if cause.kind in DRIVE[1:] and (value < 0.0).any():
             return True
         if cause.kind == CauseKind.GRAVITY:
             planar = len(cause.direction) > 0

@@ -44,12 +44,18 @@ class CauseKind(Enum):
     """What a cause is."""
 
     SCALE = 'torque scale'
+    DEAD_BAND = 'dead band'
+    FADING = 'fading torque'
     MASSES = 'all masses'
     GRAVITY = 'direction of gravity'
     ROTOR = 'rotor inertia'
     LINK = 'mass'
     CENTRE = 'centre of mass'
     BODY = 'mass, centre and inertia'
+
+
+#: What a drive makes of its command: columns beside those of the model's errors.
+DRIVE = (CauseKind.SCALE, CauseKind.DEAD_BAND, CauseKind.FADING)
 
 
 class Cause(NamedTuple):
@@ -133,9 +139,23 @@ def _moved(body: Array, shift: Array) -> Array:
     return np.concatenate(([mass], after, body[4:] - about(first) + about(after)))
 
 
-def causes(columns: ErrorColumns | None, joints: int, candidates: Sequence[ModelError]
-           ) -> list[Cause]:
-    """Return all causes that are looked for, those with fewer numbers first."""
+def causes(columns: ErrorColumns | None, joints: int, candidates: Sequence[ModelError],
+           torque: Array) -> list[Cause]:
+    """
+    Return all causes that are looked for, those with fewer numbers first.
+
+    Parameters
+    ----------
+    columns : ErrorColumns or None
+        Of the model.
+    joints : int
+        n.
+    candidates : sequence of ModelError
+        Masses that may be off.
+    torque : ndarray, shape (n,)
+        Root mean square of each joint's [N·m].
+
+    """
     scales = [Cause(CauseKind.SCALE, i, np.full(1, 0.1)) for i in (ALL, *range(joints))]
     if columns is None:
         return []
@@ -152,4 +172,8 @@ def causes(columns: ErrorColumns | None, joints: int, candidates: Sequence[Model
     if isinstance(columns.model, UrdfModel):
         found += [Cause(CauseKind.CENTRE, i, np.full(3, 0.01)) for i in range(joints)]
         found += [Cause(CauseKind.BODY, i, sizes[10 * i:10 * i + 10]) for i in range(joints)]
+    for kind, size in ((CauseKind.DEAD_BAND, 0.02 * torque),
+                       (CauseKind.FADING, 0.05 / np.maximum(torque, 1e-12))):
+        found += [Cause(kind, i, size[i:i + 1]) for i in range(joints)]
+        found.append(Cause(kind, ALL, size))
     return found

@@ -54,6 +54,8 @@ _UNEVEN, _FARTHER = 0.03, 2.0
 #: Samples between the shortest and the longest delay, and width of a set of lags [s], from which
 #: on they are not identified.
 UNSURE, _WIDE = 3, 0.01
+#: Changes of its sign in a second from which on a torque chatters [1/s].
+_CHATTERS = 20.0
 #: Part of a lag by which it is changed for a derivative.
 _LAG_STEP = 0.02
 #: Fewest rows of a joint.
@@ -131,8 +133,9 @@ class Profile:
     @cached_property
     def data(self) -> Data:
         """Return all windows with the torques as they are."""
-        return Data.of(self._rows, [self.torque(part, row, 0.0, 0.0)
-                                    for part, row in zip(self._parts, self._rows)])
+        pairs = list(zip(self._parts, self._rows))
+        return Data.of(self._rows, [self.torque(*pair) for pair in pairs],
+                       bent=[self.bent(*pair) for pair in pairs])
 
     @cached_property
     def count(self) -> Array:
@@ -151,7 +154,8 @@ class Profile:
                  Term(TermKind.VISCOUS, i),
                  *(Term(TermKind.MODEL, -1, k) for k in range(data.more.shape[2]))]
         columns = np.concatenate(
-            (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3]), axis=1)
+            (data.columns(terms)[used, i], data.stribeck[used, i, ::len(STRIBECK) // 3],
+             data.bent[used, i]), axis=1)
         length = np.sqrt(np.square(columns).sum(axis=0))
         u, s, _ = np.linalg.svd(columns / np.where(length > 0.0, length, 1.0),
                                 full_matrices=False)
@@ -173,6 +177,19 @@ class Profile:
             found = np.where(reach > 0.0, np.nan, found)
         return found
 
+    def bent(self, part: Stretch, rows: Rows, delay: float = 0.0, lag: Array | float = 0.0
+             ) -> Array:
+        """Return the weak sgn(tau) and tau |tau| of a stretch, shape (J, n, 2)."""
+        values = has(part, self._source)
+        assert values is not None
+        values = np.nan_to_num(values)
+        changes = (np.diff(np.sign(values), axis=0) != 0.0).sum(axis=0)
+        # Of commands that chatter neither shows.
+        values = values * (changes < _CHATTERS * part.period * len(values))
+        return np.stack([weak_torque(x, delay, np.asarray(lag), part.period, self._phi,
+                                     rows.centres)
+                         for x in (np.sign(values), values * np.abs(values))], axis=2)
+
     def windows(self, at: Timing) -> Data:
         """Return all windows with the torques of a timing."""
         pairs = list(zip(self._parts, self._rows))
@@ -182,7 +199,8 @@ class Profile:
         later = at.lag + step * (at.lag > 0.0)
         late = [(self.torque(part, rows, at.delay, later, rate) - tau) / step
                 for (part, rows), tau in zip(pairs, torques)] if at.lag.any() else None
-        return Data.of(self._rows, torques, late)
+        return Data.of(self._rows, torques, late, [
+            self.bent(part, rows, at.delay, at.lag) for part, rows in pairs])
 
     def unexplained(self, torque: Array, i: int) -> Array:
         """Return what is left of torques of joint i in its rows, shape (rows, ...) [N·m]."""

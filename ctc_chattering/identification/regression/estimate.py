@@ -22,8 +22,9 @@ from typing import Any
 from ctc_chattering.analysis.number_format import with_interval
 from ctc_chattering.errors import CtcError
 
-#: The reason where the data would show a quantity, and do not.
-NONE = 'none shows'
+#: The reason where the data would show a quantity, and do not; and where they would, beyond a
+#: bound that follows.
+NONE, NONE_ABOVE = 'none shows', 'none above '
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,15 +55,20 @@ class Estimate:
         """Return what is not identifiable."""
         return cls(None, reason=reason)
 
+    @property
+    def shows_none(self) -> bool:
+        """Whether the data show that there is none, at least beyond a bound."""
+        return self.value is None and self.reason.startswith((NONE, NONE_ABOVE))
+
     def __str__(self) -> str:
         """Return value, interval and unit, or the reason."""
         if self.value is None:
-            return NONE if self.reason == NONE else f'not identifiable: {self.reason}'
+            return self.reason if self.shows_none else f'not identifiable: {self.reason}'
         return with_interval(self.value, self.half, self.unit)
 
     def number(self) -> float:
         """Return the value, 0 if the data show that there is none; raise `CtcError` without."""
-        if self.value is None and self.reason != NONE:
+        if self.value is None and not self.shows_none:
             raise CtcError(f'not identifiable: {self.reason}')
         return self.value or 0.0
 

@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ctc_chattering.identification.regression.estimate import NONE
+from ctc_chattering.identification.regression.estimate import NONE, NONE_ABOVE
 from ctc_chattering.identification.regression.intervals import correlation_length, spread
 from ctc_chattering.identification.regression.least_squares import (
     Data,
@@ -46,6 +46,8 @@ _GAIN = 30.0
 _NEGLIGIBLE = 0.02
 #: Steps in which the velocity of Stribeck friction is refined.
 _REFINEMENTS = 6
+#: Part of the Coulomb friction from which on Stribeck friction would show, and deviations of it.
+_EXCLUDED, _SURE = 0.1, 3.0
 #: Windows that are slow enough for it, for each velocity.
 _SLOW = 10
 
@@ -104,11 +106,28 @@ def further_terms(data: Data, terms: Sequence[Term], joints: Sequence[str], leve
             del options[kind]
         for kind in options:
             missing[kind, i] = NONE
-        if not slow:
+        if TermKind.STRIBECK in options:
+            bound = _excluded(data, [*terms, *found], i, levels[i]) if slow else None
             missing[TermKind.STRIBECK, i] = (
-                f'{joints[i]} does not move slowly enough: at least '
-                f'{np.percentile(speed, 1.0):.2g} rad/s')
+                f'{joints[i]} does not slide slowly enough: at least '
+                f'{np.percentile(speed, 1.0):.2g} rad/s') if bound is None else (
+                f'{NONE_ABOVE}{bound:.2g} rad/s, the slowest that {joints[i]} slides at')
     return found
+
+
+def _excluded(data: Data, terms: Sequence[Term], i: int, level: float) -> float | None:
+    """Return the velocity above which joint i has no Stribeck friction; None if none is shown."""
+    used = data.way[:, i] != 0.0
+    rest, basis = _beside(data, terms, i)
+    variance = (float(rest.dot(rest)) / len(rest) * correlation_length(rest)
+                + float(data.floor[i if len(data.floor) > 1 else 0]) ** 2)
+    columns = data.stribeck[used, i]
+    columns = columns - basis @ (basis.T @ columns)
+    power = np.maximum(np.square(columns).sum(axis=0), 1e-300)
+    most = columns.T @ rest / power + _SURE * np.sqrt(variance / power)
+    small = np.flatnonzero(most > _EXCLUDED * level)
+    first = int(small[-1]) + 1 if len(small) else 0
+    return STRIBECK[first] if first < len(STRIBECK) else None
 
 
 def coulomb_level(data: Data, terms: Sequence[Term], i: int) -> float:
@@ -136,14 +155,8 @@ class _Gain(NamedTuple):
 
 def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int) -> _Gain | None:
     """Return the best of further terms of joint i, if it clearly helps."""
-    used = data.way[:, i] != 0.0
-    mine = [term for term in terms if term.joint == i]
-    x, y = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1), (
-        data.residual[used, i])
-    length = np.sqrt(np.square(x).sum(axis=0))
-    basis, sizes, _ = np.linalg.svd(x / np.where(length > 0.0, length, 1.0), full_matrices=False)
-    basis = basis[:, sizes > 1e-7 * sizes[0]]
-    rest = y - basis @ (basis.T @ y)
+    used, y = data.way[:, i] != 0.0, data.residual[data.way[:, i] != 0.0, i]
+    rest, basis = _beside(data, terms, i)
     before = least = float(rest.dot(rest))
     best, after = None, rest
     for option in options:
@@ -159,6 +172,18 @@ def _best(data: Data, terms: Sequence[Term], options: Sequence[Term], i: int) ->
     least += len(y) * float(data.floor[i if len(data.floor) > 1 else 0]) ** 2
     gain = (before - least) / max(least, 1e-300) * len(y)
     return _Gain(*best, gain) if best and gain > _GAIN * correlation_length(after) else None
+
+
+def _beside(data: Data, terms: Sequence[Term], i: int) -> tuple[Array, Array]:
+    """Return what terms and all errors of the model leave of joint i, and their basis."""
+    used = data.way[:, i] != 0.0
+    mine = [term for term in terms if term.joint == i]
+    x, y = np.concatenate((data.columns(mine)[used, i], data.more[used, i]), axis=1), (
+        data.residual[used, i])
+    length = np.sqrt(np.square(x).sum(axis=0))
+    basis, sizes, _ = np.linalg.svd(x / np.where(length > 0.0, length, 1.0), full_matrices=False)
+    basis = basis[:, sizes > 1e-7 * sizes[0]]
+    return y - basis @ (basis.T @ y), basis
 
 
 def refined(data: Data, terms: Sequence[Term]) -> list[Term]:

@@ -21,11 +21,12 @@ import dataclasses
 
 from ctc_chattering.errors import CtcError
 from ctc_chattering.identification.regression.attribution import Explanation, Projected
-from ctc_chattering.identification.regression.causes import ALL, CauseKind
+from ctc_chattering.identification.regression.causes import DRIVE
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimated_bodies import body_estimate
 from ctc_chattering.identification.regression.least_squares import Data, Term
 from ctc_chattering.identification.regression.physical_consistency import consistent
+from ctc_chattering.identification.regression.selection import drive_terms
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -60,11 +61,10 @@ def left_over(data: Data, terms: Sequence[Term], columns: ErrorColumns,
     """
     n = data.way.shape[1]
     first = np.arange(len(data.way)) < len(data.way) // 2
-    scale = np.zeros(n)
     for cause, value in zip(scales.causes, scales.values) if scales else ():
-        if cause.kind == CauseKind.SCALE:
-            scale[slice(None) if cause.which == ALL else cause.which] += value[0]
-    data = dataclasses.replace(data, residual=data.residual + scale * data.torque)
+        if cause.kind in DRIVE:
+            taken = data.columns(drive_terms([cause])) @ value
+            data = dataclasses.replace(data, residual=data.residual - taken)
     worst = np.zeros(n)
     for half in (first, ~first):
         fitted, judged = (dataclasses.replace(data, way=np.where(part[:, None], data.way, 0.0))

@@ -198,7 +198,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
 
     def selected_with(rows: list[Rows], columns: ErrorColumns | None) -> tuple[Data, Selected]:
         data = Profile(parts, rows, found.source, phi).windows(found)
-        return data, select(data, joints, columns, causes(columns, len(joints), candidates))
+        size = np.sqrt(np.square(data.torque).mean(axis=0))
+        return data, select(data, joints, columns, causes(columns, len(joints), candidates, size))
 
     data, selected = selected_with(rows, columns)
     gravity = tilted(selected, columns)
@@ -207,7 +208,7 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
         columns = ErrorColumns.of(model, gravity)
         rows = [Rows.of(part, model, phi, columns) for part in parts]
         data, selected = selected_with(rows, columns)
-    noise, lag = velocity_noise(recordings[0], phi.period)
+    noise, lag, velocities = velocity_noise(recordings[0], phi.period)
     base, weight = (np.concatenate([getattr(part, name) for part in rows])
                     for name in ('base', 'gravity'))
     friction = [joint_friction(selected, i) for i in range(len(joints))]
@@ -219,7 +220,8 @@ def identify(recordings: Sequence[Recording], model: Model, candidates: Sequence
     held_out = np.zeros(0)
     if bodies is not None and bodies.differ and columns is not None:
         held_out = left_over(whole, selected.friction, columns, selected.scales)
-    noticed = (*stamp_findings(recordings), *timing_findings(found, joints, parts[0].late),
+    noticed = (*stamp_findings(recordings), *velocities,
+               *timing_findings(found, joints, parts[0].late),
                *sides.findings, *named.findings(), *physical(friction, joints),
                *impossible)
     return _tested(Identification(

@@ -48,6 +48,12 @@ class TermKind(Enum):
     LAG_SLOPE = 'lag slope'
     MODEL = 'model'
     SCALE = 'torque scale'
+    DEAD_BAND = 'dead band'
+    FADING = 'fading torque'
+
+
+#: Kinds of what a drive makes of a command, those with a column in `Data.bent`.
+BENT = (TermKind.DEAD_BAND, TermKind.FADING)
 
 
 class Term(NamedTuple):
@@ -89,6 +95,9 @@ class Data:
         Least deviation that a torque is trusted to [N·m].
     motor : ndarray, shape (J, n)
         Magnitude of the torque by the model and Coulomb friction: that of motors [N·m].
+    bent : ndarray, shape (J, n, 2)
+        Weak sgn(tau), and weak tau |tau| [(N·m)²]: what a dead band of the drive takes, and a
+        torque constant that falls with the torque.
 
     """
 
@@ -104,10 +113,11 @@ class Data:
     torque: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     floor: Array = dataclasses.field(default_factory=lambda: np.zeros(1))
     motor: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    bent: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 2)))
 
     @classmethod
     def of(cls, rows: Sequence[Rows], torques: Sequence[Array],
-           late: Sequence[Array] | None = None) -> Data:
+           late: Sequence[Array] | None = None, bent: Sequence[Array] | None = None) -> Data:
         """
         Return the rows of stretches.
 
@@ -119,6 +129,8 @@ class Data:
             Weak torque, nan where it is not known [N·m].
         late : sequence of ndarray, shape (J, n), optional
             Derivative of the weak torque by the lag [N·m/s].
+        bent : sequence of ndarray, shape (J, n, 2), optional
+            Weak sgn(tau) and tau |tau|.
 
         """
         torque = np.concatenate(list(torques))
@@ -133,7 +145,9 @@ class Data:
                         / np.maximum((columns['way'] != 0.0).sum(axis=0), 1))
         slope = np.where(known & np.isfinite(slope), slope, 0.0)
         return cls(**columns, late=slope, residual=residual, starts=tuple(counts[:-1].tolist()),
-                   torque=np.where(known, torque, 0.0), floor=_FLOOR * sizes)
+                   torque=np.where(known, torque, 0.0), floor=_FLOOR * sizes,
+                   bent=np.zeros((*torque.shape, 2)) if bent is None else np.where(
+                       known[:, :, None], np.concatenate(list(bent)), 0.0))
 
     def loaded(self, levels: Array) -> Data:
         """
@@ -157,6 +171,8 @@ class Data:
             elif kind == TermKind.SCALE:
                 mine = slice(None) if i < 0 else slice(i, i + 1)
                 found[:, mine, k] = -self.torque[:, mine] * (self.way[:, mine] != 0.0)
+            elif kind in BENT:
+                found[:, i, k] = self.bent[:, i, BENT.index(kind)] * (self.way[:, i] != 0.0)
             elif kind in (TermKind.STRIBECK, TermKind.STRIBECK_SLOPE):
                 weights = interpolation(which, kind == TermKind.STRIBECK_SLOPE)
                 found[:, i, k] = self.stribeck[:, i] @ weights * (self.way[:, i] != 0.0)

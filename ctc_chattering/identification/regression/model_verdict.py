@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 import dataclasses
 
 from ctc_chattering.identification.regression.body_estimate import BodyEstimate
-from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
+from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind, DRIVE
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.estimate import Estimate, NONE
 from ctc_chattering.identification.regression.estimated_bodies import body_estimate
@@ -28,7 +28,7 @@ from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding
 from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.least_squares import Term, TermKind
 from ctc_chattering.identification.regression.model_errors import ModelError
-from ctc_chattering.identification.regression.selection import Selected
+from ctc_chattering.identification.regression.selection import drive_terms, Selected
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -36,6 +36,8 @@ import numpy as np
 _TURN = 3e-3
 #: Part across the plane of an arm from which on a direction is one that no motion shows.
 _PART = 1e-6
+#: Least half of an interval of a torque scale.
+_TRUSTED = 1e-4
 #: Half an interval of a torque scale from which on friction is in doubt.
 _UNSURE = 0.05
 #: Part of a shift of a centre by which its distance changes where the joint's zero may be off.
@@ -88,8 +90,8 @@ class ModelVerdict:
         """Yield causes with their numbers."""
         place = 0
         for cause in found:
-            if cause.kind == CauseKind.SCALE:
-                terms = [Term(TermKind.SCALE, cause.which)]
+            if cause.kind in DRIVE:
+                terms = drive_terms([cause])
             else:
                 terms = [Term(TermKind.MODEL, -1, place + k) for k in range(len(cause.size))]
                 place += len(terms)
@@ -125,8 +127,8 @@ class ModelVerdict:
         selected = self._selected
         if selected.projected is not None and selected.explanation is not None:
             for i in selected.projected.joints:
-                half = 2.0 * selected.projected.deviation(
-                    selected.explanation, Cause(CauseKind.SCALE, i, np.full(1, 0.1)))
+                half = max(_TRUSTED, 2.0 * selected.projected.deviation(
+                    selected.explanation, Cause(CauseKind.SCALE, i, np.full(1, 0.1))))
                 if selected.attributed:
                     found[i] = Estimate(1.0, half)
         for cause, (number, *_) in self._found:
@@ -178,7 +180,7 @@ class ModelVerdict:
         if selected.explanation is None:
             return
         for cause, numbers in self._found:
-            joint = cause.which if cause.kind in (CauseKind.SCALE, CauseKind.ROTOR) else ALL_JOINTS
+            joint = cause.which if cause.kind in (*DRIVE, CauseKind.ROTOR) else ALL_JOINTS
             yield Finding(Severity.CARE, joint, self._words(cause, numbers), _cure(cause))
         if not selected.attributed:
             likely = ', '.join(self._name(cause) for cause in selected.explanation.causes)
@@ -202,7 +204,7 @@ class ModelVerdict:
     def _name(self, cause: Cause) -> str:
         """Return a cause in words."""
         kind, i = cause.kind, cause.which
-        if kind in (CauseKind.SCALE, CauseKind.ROTOR):
+        if kind in (*DRIVE, CauseKind.ROTOR):
             return f'{kind.value} of {"all joints" if i == ALL else self._joints[i]}'
         if kind == CauseKind.LINK:
             return f'mass of {self._candidates[i].name}'
@@ -223,11 +225,15 @@ class ModelVerdict:
         if cause.kind == CauseKind.SCALE:
             return (f'{name}: the torque is {1.0 + size:.4g} ± {first.half:.1g} times '
                     'the signal, a wrong torque constant or gear ratio')
+        if cause.kind in DRIVE:
+            dead = cause.kind == CauseKind.DEAD_BAND
+            part = ('N*m: the drive takes it from each command' if dead else
+                    '1/(N*m): by this times the torque its torque constant is lower')
+            return f'{name}: {_listed(numbers)} {part}'
         if cause.kind == CauseKind.ROTOR:
             if all(x.half > abs(x.value or 0.0) for x in numbers):
                 return f'{name}: the motion does not show how much the model lacks'
-            sizes = ', '.join(f'{x.value or 0.0:.3g} ± {x.half:.1g}' for x in numbers)
-            return f'{name}: {sizes} kg*m^2 at the joint are missing in the model'
+            return f'{name}: {_listed(numbers)} kg*m^2 at the joint are missing in the model'
         if cause.kind == CauseKind.GRAVITY and len(cause.direction):
             turn = np.degrees((size, first.half))
             left = 1.0 - (numbers[1].value or 0.0)
@@ -259,9 +265,16 @@ def zero_in_words(centre: Array, shift: Sequence[float]) -> str:
             'looks like that')
 
 
+def _listed(numbers: Sequence[Estimate]) -> str:
+    """Return numbers with their intervals."""
+    return ', '.join(f'{x.value or 0.0:.3g} ± {x.half:.1g}' for x in numbers)
+
+
 def _cure(cause: Cause) -> str:
     """Return what to do about a cause."""
     return {CauseKind.SCALE: 'correct the torque constant of the drive, or give --effort',
+            CauseKind.DEAD_BAND: 'compensate the dead band in the drive',
+            CauseKind.FADING: 'linearise the torque in the drive, or record smaller torques',
             CauseKind.GRAVITY: 'level the base, or turn the root of the description',
             }.get(cause.kind, _CORRECT)
 

@@ -30,7 +30,7 @@ from ctc_chattering.identification.regression.attribution import (
     Projected,
     without_noise,
 )
-from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind
+from ctc_chattering.identification.regression.causes import ALL, Cause, CauseKind, DRIVE
 from ctc_chattering.identification.regression.error_columns import ErrorColumns
 from ctc_chattering.identification.regression.friction_terms import (
     coulomb_level,
@@ -41,6 +41,7 @@ from ctc_chattering.identification.regression.friction_terms import (
 )
 from ctc_chattering.identification.regression.intervals import Spread, spread
 from ctc_chattering.identification.regression.least_squares import (
+    BENT,
     Data,
     Fit,
     solve,
@@ -60,6 +61,10 @@ _COMMON = 0.06
 _MARGIN = 1.1
 #: Part of the difference between both forms of load-dependent friction that is in doubt.
 _FORM = 0.05
+#: Part of a joint's torque that errors of the model may have without a name.
+_TRIFLE = 1e-3
+#: Terms of what drives make of commands.
+_DRIVE = (TermKind.SCALE, *BENT)
 #: Halves of an interval by which friction may differ beside causes and beside all errors.
 _AGREES = 2.0
 
@@ -148,18 +153,21 @@ def select(data: Data, joints: Sequence[str], columns: ErrorColumns | None = Non
     if columns is None or projected is None or not projected.joints:
         fit, errors = _final(data.mixed(none), terms, missing)
         return Selected(fit, errors, missing, levels, none)
-    options = [x for x in options if x.kind != CauseKind.SCALE
+    options = [x for x in options if x.kind not in DRIVE
                or x.which in (ALL, *projected.joints)]
     causes = explain(projected, options)
     mixing, scales = _mixed(columns, causes)
     named = _final(data.mixed(mixing), [*terms, *scales], missing)
     beside = _beside(projected, causes, options)
-    free = [Term(TermKind.SCALE, x.which) for x in beside.causes]
+    free = drive_terms(beside.causes)
     whole = _final(data.mixed(projected.saturated), [*terms, *free], dict(missing))
     count = projected.saturated.shape[1] + beside.count - causes.count
-    attributed = len(causes.causes) <= _CAUSES and (
-        causes.square <= beside.square + projected.cost * count)
-    if attributed and _agree(named, whole):
+    size = np.square(data.torque[:, projected.joints]).mean(axis=0)
+    explained = causes.square <= beside.square + projected.cost * count and _agree(named, whole)
+    trifling = bool((causes.left - beside.left <= _TRIFLE ** 2 * size).all())
+    if trifling and not explained:
+        named = named[0], _containing(*named, whole[0])
+    if len(causes.causes) <= _CAUSES and (explained or trifling):
         alike = _alike(projected, causes, options)
         for other in alike:
             mixed, others = _mixed(columns, other)
@@ -177,16 +185,18 @@ def _beside(projected: Projected, found: Explanation, options: Sequence[Cause]) 
     scales = [x for x in found.causes if x.kind == CauseKind.SCALE and x.which != ALL]
     if len(scales) >= len(projected.joints):
         scales = []
-    if scales or any(x.kind == CauseKind.SCALE for x in found.causes):
-        return projected.fit(scales, saturated=True)
-    return explain(projected, [x for x in options if x.kind == CauseKind.SCALE
-                               and x.which != ALL], saturated=True)
+    if any(x.kind in DRIVE for x in found.causes):
+        return projected.fit([*scales, *(x for x in found.causes if x.kind in DRIVE[1:])],
+                             saturated=True)
+    return explain(projected, [x for x in options if x.kind in DRIVE and not (
+        x.kind == CauseKind.SCALE and x.which == ALL)], saturated=True)
 
 
 def _containing(fit: Fit, errors: Spread, other: Fit) -> Spread:
     """Return the spread with intervals of friction that contain another fit's as well."""
-    off = np.array([0.0 if term.joint < 0 else other.of(term) - value if term in other.terms
-                    else 0.0 for term, value in zip(fit.terms, fit.value)]) / errors.factor
+    off = np.array([other.of(term) - value if term in other.terms and term.joint >= 0
+                    and term.kind not in BENT else 0.0
+                    for term, value in zip(fit.terms, fit.value)]) / errors.factor
     return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
 
 
@@ -210,7 +220,8 @@ def _in_doubt(fit: Fit, errors: Spread, projected: Projected, causes: Explanatio
     """Return the spread with what the scales of torques may be off by."""
     covariance = errors.covariance.copy()
     common = max(_common(projected, causes, options),
-                 max((abs(float(x[0])) for x in beside.values), default=0.0))
+                 max((abs(float(x[0])) for cause, x in zip(beside.causes, beside.values)
+                      if cause.kind == CauseKind.SCALE), default=0.0))
     doubts = {-1: common / errors.factor}
     for option in options:
         if option.kind == CauseKind.SCALE and option.which != ALL and not any(
@@ -218,7 +229,7 @@ def _in_doubt(fit: Fit, errors: Spread, projected: Projected, causes: Explanatio
             doubts[option.which] = min(projected.deviation(beside, option, True), _SCALE)
     for i, doubt in doubts.items():
         off = doubt * np.array([
-            value if term.kind != TermKind.SCALE and term.joint >= 0 and i in (-1, term.joint)
+            value if term.kind not in _DRIVE and term.joint >= 0 and i in (-1, term.joint)
             else 0.0 for term, value in zip(fit.terms, fit.value)])
         covariance += np.outer(off, off)
     return dataclasses.replace(errors, covariance=covariance)
@@ -229,11 +240,21 @@ def _mixed(columns: ErrorColumns, found: Explanation) -> tuple[Array, list[Term]
     mixing = [np.zeros((columns.basis.shape[1], 0))]
     scales = []
     for cause, value in zip(found.causes, found.values):
-        if cause.kind == CauseKind.SCALE:
-            scales.append(Term(TermKind.SCALE, cause.which))
+        if cause.kind in DRIVE:
+            scales += drive_terms([cause])
         else:
             mixing.append(cause.design(columns, value))
     return np.concatenate(mixing, axis=1), scales
+
+
+def drive_terms(causes: Sequence[Cause]) -> list[Term]:
+    """Return the terms of causes that are in the torque, in the order of their numbers."""
+    found = []
+    for cause in causes:
+        kind = TermKind(cause.kind.value)
+        joints = range(len(cause.size)) if cause.which == ALL and kind in BENT else [cause.which]
+        found += [Term(kind, i) for i in joints]
+    return found
 
 
 def _all(terms: Sequence[Term], count: int) -> list[Term]:
@@ -253,8 +274,8 @@ def _other_load(data: Data, fit: Fit, errors: Spread) -> Spread:
     swapped = [term._replace(which=1 - term.which) if term.kind == TermKind.LOAD else term
                for term in fit.terms]
     other = solve(data, swapped)
-    off = _FORM * np.where([term.joint >= 0 for term in fit.terms], other.value - fit.value,
-                           0.0) / errors.factor
+    own = [term.joint >= 0 and term.kind not in BENT for term in fit.terms]
+    off = _FORM * np.where(own, other.value - fit.value, 0.0) / errors.factor
     return dataclasses.replace(errors, covariance=errors.covariance + np.outer(off, off))
 
 

@@ -39,6 +39,9 @@ _ROUNDING = 1e-13
 _SHORTEST = 0.03
 #: Part by which a period may change during a run.
 _DRIFT = 0.005
+#: Part by which a velocity may differ from the change of the position, and half an interval of it
+#: in deviations of independent samples: few are.
+_OTHER_VELOCITY, _INDEPENDENT = 0.1, 20.0
 #: Samples that noise and step are computed from, at most.
 _ENOUGH = 200_000
 
@@ -127,24 +130,38 @@ def encoder_step(q: Array) -> Estimate:
     return Estimate(least, unit='rad')
 
 
-def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate], list[Estimate]]:
+def velocity_noise(recording: Recording, period: float
+                   ) -> tuple[list[Estimate], list[Estimate], list[Finding]]:
     """
-    Return noise [rad/s] and lag [s] of the measured velocity of each joint.
+    Return noise [rad/s] and lag [s] of the measured velocity of each joint, and findings.
 
-    The velocity is compared with that of the smoothed positions.
+    The velocity is compared with that of the smoothed positions. Where it is no such velocity,
+    its noise is not known, and the joint is refused.
     """
     n = len(recording.joints)
     if recording.dq is None:
         reason = Estimate.none('no velocities in the bag')
-        return [reason] * n, [reason] * n
+        return [reason] * n, [reason] * n, []
     dq = recording.dq[:_ENOUGH]
     q = recording.q[:_ENOUGH]
     known = velocity_deviation(period) * position_noise(q, period)
-    noise, lag = [], []
-    for i in range(n):
-        rest = dq[:, i] - smooth(q[:, i], period, 1)
+    noise, lag, findings = [], [], []
+    for i, name in enumerate(recording.joints):
+        moved = smooth(q[:, i], period, 1)
+        rest = dq[:, i] - moved
         use = np.isfinite(rest)
         x, y = smooth(q[:, i], period, 2)[use], rest[use]
+        ratio, error = _ratio(dq[use, i], moved[use], x)
+        if abs(ratio - 1.0) > _OTHER_VELOCITY + error:
+            what = (f'the velocity of {name} is {ratio:.3g} ± {error:.1g} times the change of its '
+                    f'position, allowed: {1.0 - _OTHER_VELOCITY:g} to {1.0 + _OTHER_VELOCITY:g}')
+            findings.append(Finding(
+                Severity.REFUSED, i, f'{what}: another unit, as degrees (57.3), another sign or '
+                'another joint; laws that use velocities diverge with it',
+                'correct the velocities in joint_states, or record without them'))
+            noise.append(Estimate.none(what))
+            lag.append(Estimate.none(what))
+            continue
         # A lag shows where the joint accelerates, not where it stops or jerks.
         calm = np.abs(x) <= np.percentile(np.abs(x), 95.0)
         power = float(x[calm].dot(x[calm]))
@@ -158,4 +175,24 @@ def velocity_noise(recording: Recording, period: float) -> tuple[list[Estimate],
         else:
             shows = abs(slope) > max(error, _SHORTEST * period)
             lag.append(Estimate(slope, float(error), 's') if shows else Estimate.none(NONE))
-    return noise, lag
+    return noise, lag, findings
+
+
+def _ratio(dq: Array, moved: Array, change: Array) -> tuple[float, float]:
+    """
+    Return a velocity over that of the positions, with half its interval.
+
+    Parameters
+    ----------
+    dq, moved, change : ndarray, shape (N,)
+        Measured velocity, and velocity and acceleration of the smoothed positions; what goes with
+        the acceleration is a lag.
+
+    """
+    x = np.column_stack((moved, change))
+    length = np.sqrt(np.square(x).sum(axis=0))
+    if not length.all() or not len(dq):
+        return 1.0, 0.0
+    value, rest = np.linalg.lstsq(x / length, dq, rcond=1e-9)[:2]
+    spread = float(np.sqrt(rest.sum() / len(dq)))
+    return float(value[0] / length[0]), float(_INDEPENDENT * spread / length[0])

@@ -24,7 +24,7 @@ from ctc_chattering.dynamics.corrected_urdf import corrected_urdf
 from ctc_chattering.identification.regression.causes import CauseKind
 from ctc_chattering.identification.regression.finding import ALL_JOINTS, Finding, Severity
 from ctc_chattering.identification.regression.identify import Identification
-from ctc_chattering.identification.regression.least_squares import TermKind
+from ctc_chattering.identification.regression.least_squares import BENT, TermKind
 from ctc_chattering.numerics.linear_algebra import Array
 import numpy as np
 
@@ -116,7 +116,7 @@ def _friction(found: Identification) -> Array:
     """Return the friction as identified in each window, shape (J, n) [N·m]."""
     fit = found.selected.fit
     mine = [k for k, term in enumerate(fit.terms)
-            if term.kind not in (TermKind.MODEL, TermKind.SCALE)]
+            if term.kind not in (TermKind.MODEL, TermKind.SCALE, *BENT)]
     torque: Array = found.data.columns(fit.terms)[:, :, mine] @ fit.value[mine]
     return torque
 

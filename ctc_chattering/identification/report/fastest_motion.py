@@ -30,6 +30,7 @@ from math import pi
 from ctc_chattering.dynamics.model import Model
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.least_squares import (
+    BENT,
     stribeck_velocity,
     Term,
     TermKind,
@@ -184,7 +185,8 @@ def _torques(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array]) -> Array:
     """Return the largest torque of errors of the model, shape (n,) [N·m]."""
     fit, spread = found.selected.fit, found.selected.spread
-    mine = [k for k, term in enumerate(fit.terms) if term.kind in (TermKind.MODEL, TermKind.SCALE)]
+    mine = [k for k, term in enumerate(fit.terms)
+            if term.kind in (TermKind.MODEL, TermKind.SCALE, *BENT)]
     if not mine:
         return np.zeros(tau.shape[1])
     columns = np.stack([_error_column(fit.terms[k], tau) for k in mine], axis=2)
@@ -201,11 +203,13 @@ def _error(found: Identification, tau: Array, states: tuple[Array, Array, Array]
 
 
 def _error_column(term: Term, tau: Array) -> Array:
-    """Return the column of a scale of the torque, shape (S, n) [N·m]; 0 for others."""
+    """Return the column of what a drive makes of the torque, shape (S, n) [N·m]; else 0."""
     column = np.zeros_like(tau)
-    if term.kind == TermKind.SCALE:
+    if term.kind != TermKind.MODEL:
         joints = range(tau.shape[1]) if term.joint < 0 else [term.joint]
-        column[:, joints] = -tau[:, joints]
+        mine = tau[:, joints]
+        column[:, joints] = {TermKind.SCALE: -mine, TermKind.DEAD_BAND: np.sign(mine),
+                             TermKind.FADING: mine * np.abs(mine)}[term.kind]
     return column
 
 

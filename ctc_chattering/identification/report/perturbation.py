@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import dataclasses
 
 from ctc_chattering.identification.regression.finding import Finding, Severity
@@ -39,6 +39,9 @@ _FRICTION = (TermKind.FORWARDS, TermKind.BACKWARDS, TermKind.VISCOUS, TermKind.S
              TermKind.STRIBECK_SLOPE, TermKind.LOAD, TermKind.LAG_SLOPE)
 #: An outlier is this many times beyond the bound of what is unexplained, and this part of P.
 _FAR, _SEEN = 3.0, 0.1
+#: What a joint at rest may have beyond the friction of sliding: in bounds of what is unexplained,
+#: and as a part of the friction.
+_TAILS, _BREAK_AWAY = 3.0, 0.1
 #: Windows beside an outlier that share samples with it.
 _BESIDE = 4
 #: Fewest windows of which a tail is told.
@@ -121,6 +124,20 @@ class MeasuredPerturbation:
                     f'that nothing explains, up to {size[k]:.3g} N*m at {self.t[k]:.2f} s: a '
                     'contact, or wrong stamps; they are not in the largest |P|',
                     'look at the recording there')
+
+    def break_away(self, joints: Sequence[str]) -> Iterator[Finding]:
+        """Yield the joints with more friction at rest, or breaking away, than sliding shows."""
+        held = self.trusted[:, None] & ~np.isfinite(self.predicted)
+        more = np.abs(self.measured) - self.envelope
+        for i, name in enumerate(joints):
+            beyond = tail_bound(np.maximum(more[held[:, i], i], 0.0))
+            level = float(np.median(self.envelope[:, i]))
+            if beyond > max(_TAILS * self.tail[i], _BREAK_AWAY * level):
+                yield Finding(
+                    Severity.CARE, i, f'at rest or breaking away |P| is up to {beyond:.3g} N*m '
+                    f'more than {name} shows while it slides: Stribeck friction below the '
+                    'velocities shown, or a joint that is held by something else',
+                    'record slower reversals, as those of `ctc excite`')
 
     def misfit(self) -> tuple[Array, Array]:
         """Return the RMS of P and of what is not predicted of it, each of shape (n,) [N·m]."""

@@ -159,7 +159,7 @@ def recommend(found: Identification, run: MeasuredPerturbation, model: Model, po
     laws += [('observer_feedback', why if law != 'chattering' else 'the next one')]
     options = [_drive_values(found) | shared | _law_values(found, *one, resolution, slower)
                for one in laws for slower in (SLOWER if one[0] != 'chattering' else (1.0,))]
-    noticed = (*run.outliers(), *bound.findings, *drives.findings,
+    noticed = (*run.outliers(), *run.break_away(found.joints), *bound.findings, *drives.findings,
                *inertia_findings(found, model, positions))
     return Recommendation(law, 'implicit_observer', options[0], noise, allowed, texts, steps,
                           period, noticed, tuple(options))

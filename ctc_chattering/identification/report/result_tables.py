@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from ctc_chattering.analysis.number_format import with_interval
-from ctc_chattering.identification.regression.estimate import Estimate, NONE
+from ctc_chattering.identification.regression.estimate import Estimate, NONE, NONE_ABOVE
 from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.timing_findings import lag_in_words
 from ctc_chattering.identification.report.perturbation import MeasuredPerturbation
@@ -66,7 +66,7 @@ def tables(found: Identification, verdicts: Sequence[Verdict], run: MeasuredPert
     yield 'Sensors', _sensors(found)
     more = [(name, getattr(found, key)) for key, name in _MORE if getattr(found, key)]
     yield 'Motors and drives', rows(
-        ['lag of the drive', *(name for name, _ in more)],
+        ['lag, or delay of this joint', *(name for name, _ in more)],
         [lag_in_words(found.timing, i) for i in range(len(joints))],
         *([cell(x) for x in values] for _, values in more))
     whole, rest = run.misfit()
@@ -92,7 +92,7 @@ def _sensors(found: Identification) -> Rows:
 
 def cell(number: Estimate) -> str:
     """Return a number with its interval or bound, `none` where it would show, else `NO_NUMBER`."""
-    if number.value is None and number.reason.startswith(_AT_LEAST):
+    if number.value is None and number.reason.startswith((_AT_LEAST, NONE_ABOVE)):
         return ' '.join(number.reason.split()[:3])
     if number.value is None:
         return 'none' if number.reason == NONE else NO_NUMBER

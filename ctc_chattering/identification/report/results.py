@@ -177,7 +177,7 @@ class IdentificationResults:
                 yield (f'{joint}: friction differs by direction, or a constant torque of {offset} '
                        'is missing in the model; no motion distinguishes these')
         yield from found.left
-        if not any(number.value is not None for _, number in found.errors):
+        if found.selected.attributed and not any(x.value is not None for _, x in found.errors):
             yield 'no mass error is visible'
 
     def text(self) -> str:

@@ -26,12 +26,15 @@ from ctc_chattering.identification.regression.identify import Identification
 from ctc_chattering.identification.regression.joint_friction import JointFriction
 from ctc_chattering.identification.regression.rows import STRIBECK
 from ctc_chattering.identification.regression.torque import EFFORT
+import numpy as np
 
 #: What is said of a joint before its reasons.
 WORDS = {Severity.NOTE: 'usable', Severity.CARE: 'usable with care',
          Severity.REFUSED: 'not usable'}
 #: Part of the Coulomb friction by which both directions may differ before care is due.
 _UNEVEN = 0.5
+#: Part by which they may differ where the torque has one sign, and mean of its sign.
+_ONE_SIDED, _SIGN = 0.05, 0.9
 #: Half an interval of Coulomb friction as a part of it, above which care is due.
 _WIDE = 0.2
 #: Part of the range of Stribeck velocities that counts as its end.
@@ -133,7 +136,7 @@ def _bounds(found: Identification) -> Iterator[Finding]:
         if found.unexplained and left is None and friction.coulomb.value is not None:
             yield Finding(Severity.CARE, i, 'it slides for too short a time to test what its '
                           'friction depends on', _EXCITE)
-        yield from _friction_bounds(i, friction)
+        yield from _friction_bounds(i, friction, _one_sided(found, i))
         yield from _how_well(i, friction.coulomb, found.timing.source == EFFORT,
                              left is not None and left.off > 0.0)
         if lag >= _LONG_LAG and not any(x.joint == i and x.severity == Severity.REFUSED
@@ -142,6 +145,12 @@ def _bounds(found: Identification) -> Iterator[Finding]:
                 Severity.CARE, i, f'the lag of the drive is {lag:.3g} s, more than drives of arms '
                 'have: an elastic joint or backlash looks like that',
                 'measure the position behind the gear, or confirm that the drive is that slow')
+
+
+def _one_sided(found: Identification, i: int) -> bool:
+    """Return whether the torque of a joint has one sign nearly always while it slides."""
+    torque = found.data.torque[found.data.way[:, i] != 0.0, i]
+    return bool(len(torque)) and abs(float(np.sign(torque).mean())) > _SIGN
 
 
 def _model_bounds(found: Identification) -> Iterator[Finding]:
@@ -160,7 +169,20 @@ def _model_bounds(found: Identification) -> Iterator[Finding]:
                           f'correct the model, or {_EXCITE}')
 
 
-def _friction_bounds(i: int, friction: JointFriction) -> Iterator[Finding]:
+def _directions(i: int, friction: JointFriction, one_sided: bool) -> Iterator[Finding]:
+    """Yield that friction of each direction is not known where the torque has one sign."""
+    offset, coulomb = friction.offset, friction.coulomb
+    if one_sided and offset.value is not None and coulomb.value is not None and (
+            _UNEVEN * coulomb.value >= abs(offset.value) > max(
+                offset.half, _ONE_SIDED * coulomb.value)):
+        yield Finding(Severity.CARE, i, f'forwards and backwards differ by twice {offset}, and '
+                      'the torque has one sign: a dead band of the drive, a zero of the torque or '
+                      'a constant torque that the model lacks looks the same; then each direction '
+                      'is wrong by that, and their mean is right', 'record poses in which the '
+                      'load has the other sign')
+
+
+def _friction_bounds(i: int, friction: JointFriction, one_sided: bool) -> Iterator[Finding]:
     """Yield which numbers of the friction of a joint cannot be."""
     coulomb, offset = friction.coulomb, friction.offset
     if coulomb.value is None:
@@ -173,6 +195,7 @@ def _friction_bounds(i: int, friction: JointFriction) -> Iterator[Finding]:
         yield Finding(Severity.CARE, i, f'both directions differ by twice {offset}, Coulomb '
                       f'friction is {coulomb}: more likely a constant torque that the model '
                       'lacks', 'check the model and the offset of the torque sensor')
+    yield from _directions(i, friction, one_sided)
     speed = friction.stribeck_velocity.value
     if speed is not None and not STRIBECK[0] / _END < speed < STRIBECK[-1] * _END:
         yield Finding(Severity.CARE, i, f'the Stribeck velocity is {speed:.3g} rad/s, at the end '

@@ -19,8 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ctc_chattering.errors import CtcError
-from ctc_chattering.identification.excitation.collision import SelfCollision
-from ctc_chattering.identification.excitation.link_shapes import allowed_pairs
+from ctc_chattering.identification.excitation.collision import allowed_pairs, SelfCollision
 import numpy as np
 import numpy.typing as npt
 import pytest

@@ -21,8 +21,7 @@ from pathlib import Path
 
 from ctc_chattering.configuration import parameter_file
 from ctc_chattering.dynamics.registry import model_of
-from ctc_chattering.identification.excitation.forecast import gains, sticking
-from ctc_chattering.identification.excitation.margins import AssumedFriction
+from ctc_chattering.identification.excitation.plan import AssumedFriction, gains, sticking
 import numpy as np
 import pytest
 

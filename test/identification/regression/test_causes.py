@@ -30,8 +30,9 @@ import urdfs
 def gravity_cause(text: str, joints: tuple[str, ...]) -> tuple[ErrorColumns, Cause]:
     columns = ErrorColumns.of(UrdfModel(text, joints))
     assert columns is not None
-    return columns, next(x for x in causes(columns, len(joints), [])
-                         if x.kind == CauseKind.GRAVITY)
+    return columns, next(
+        x for x in causes(columns, len(joints), [], np.ones(len(joints)))
+        if x.kind == CauseKind.GRAVITY)
 
 
 def torques(columns: ErrorColumns, gravity: Array) -> Array:

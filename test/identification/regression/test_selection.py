@@ -31,7 +31,7 @@ def held(blur: float = 0.0, **faults: float) -> list[bool]:
     """Return whether the intervals of Coulomb friction contain the truth; load is blurred."""
     data, columns = random_windows(np.zeros(2), **faults)
     data = dataclasses.replace(data, load=np.hypot(data.load, blur))
-    found = select(data, ('a', 'b'), columns, causes(columns, 2, []))
+    found = select(data, ('a', 'b'), columns, causes(columns, 2, [], np.ones(2)))
     numbers = [joint_friction(found, i).coulomb for i in range(2)]
     assert all(x.value is not None for x in numbers)
     return [abs((x.value or 0.0) - COULOMB) <= x.half for x in numbers]

@@ -48,7 +48,7 @@ def test_noise_and_lag_of_the_velocity(lag: float) -> None:
     rng = np.random.default_rng(1)
     q = np.sin(3.0 * T)[:, None] + rng.normal(0.0, 1e-6, (len(T), 1))
     dq = 3.0 * np.cos(3.0 * (T - lag))[:, None] + rng.normal(0.0, 2e-3, (len(T), 1))
-    (noise,), (found,) = velocity_noise(Recording('r', ('a',), T, q, dq), H)
+    (noise,), (found,), _ = velocity_noise(Recording('r', ('a',), T, q, dq), H)
     assert noise.value == pytest.approx(2e-3, rel=0.05)
     assert found.number() == pytest.approx(lag, abs=3e-5)
     assert (found.value is None) == (lag == 0.0)

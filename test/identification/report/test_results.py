@@ -63,7 +63,9 @@ def results(refused: int = 2) -> IdentificationResults:
         unexplained=(), encoder=[Estimate(1e-5)] * n, noise=[none] * n, velocity_lag=[
             Estimate.none('it hardly accelerates')] * n, scale=numbers, rotor=numbers,
         rate=n * rate, tilt=(), bodies=None, side='', errors=[], left=[], duration=20.0,
-        clock=Clock(1e-3, 0.0, 1e-3, 0, ()))
+        selected=SimpleNamespace(attributed=True), clock=Clock(1e-3, 0.0, 1e-3, 0, ()),
+        data=SimpleNamespace(
+            torque=np.zeros((1, n)), way=np.zeros((1, n))))
     steps = {'sign': 2.0 * size, 'implicit': size, 'observer_feedback': size}
     recommended = SimpleNamespace(
         findings=(), ka=size.tolist(), verdicts=[f'{x}: possible: {s}' for x, s in zip(

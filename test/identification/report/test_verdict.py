@@ -41,7 +41,8 @@ def made(second: JointFriction = GOOD, lag: float = 0.0, source: str = 'command'
     timing = SimpleNamespace(drive=(1.0, np.array([0.0, lag]), np.zeros(2)), source=source)
     return cast(Identification, SimpleNamespace(
         joints=('a', 'b'), friction=[GOOD, second], timing=timing, findings=findings,
-        unexplained=(), scale=[], errors=[]))
+        unexplained=(), scale=[], errors=[], data=SimpleNamespace(
+            torque=np.zeros((1, 2)), way=np.zeros((1, 2)))))
 
 
 def test_a_joint_without_findings_is_usable() -> None:

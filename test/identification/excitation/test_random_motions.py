@@ -1,0 +1,132 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Waypoints of motions, random motions, and what they must keep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ctc_chattering.configuration.trajectory_file import read_trajectory, write_trajectory
+from ctc_chattering.errors import ParameterError
+from ctc_chattering.identification.excitation.motion import (
+    Bounds,
+    bounds_of,
+    ExcitationConfig,
+    PathBuilder,
+    random_multisine,
+    RandomMotions,
+)
+from ctc_chattering.trajectory.joint_limits import DescribedLimits
+from ctc_chattering.trajectory.waypoints import Route, Waypoints
+import numpy as np
+import pytest
+from urdfs import joint, link, urdf
+
+
+def test_between_waypoints_the_motion_is_the_series() -> None:
+    series = random_multisine(13, 27.0, 23, np.random.default_rng(0))
+    fastest = np.abs(series.at(np.linspace(0.0, 27.0, 500))[1]).max(axis=0)
+    for row in series.at(np.array([0.0, 27.0])):
+        assert np.abs(row).max() < 1e-9 * fastest.max()
+    mean = series.at(np.linspace(0.0, 27.0, 2001)[:-1])[0].mean(axis=0)
+    assert np.abs(mean).max() < 1e-9 * fastest.max()
+    path = PathBuilder(np.zeros(23))
+    path.rest(np.ones(23), 3.0)
+    path.series(series)
+    t = np.linspace(3.0, 30.0, 5000)
+    for rows, exact, most in zip(path.path().at(t), series.at(t - 3.0), (1e-6, 1e-5, 2e-4)):
+        offset = 1.0 if most == 1e-6 else 0.0
+        assert (np.abs(rows - offset - exact) / fastest).max() < most
+
+
+def test_a_motion_is_what_the_reference_plays_of_its_waypoints() -> None:
+    n = 3
+    config = ExcitationConfig(('a', 'b', 'c'), 45.0, (0.3, 0.0, -0.2), (0.0, 0.1, 0.2), poses=2)
+    bounds = Bounds(np.array(config.center), *(np.full(n, x) for x in (0.8, 1.0, 4.0)))
+    motions = RandomMotions(config, bounds)
+    motion = motions.motion(motions.draw(np.random.default_rng(0)))
+    route = motion.route
+    rest = (0.0,) * n
+    played = Waypoints(route.times, route.points, (0, (config.start, rest, rest)))
+    t = np.linspace(0.0, 45.0, 997)
+    expected = np.array([played.at(round(x * 1e9)) for x in t]).transpose(1, 0, 2)
+    assert motion.path.at(t) == pytest.approx(expected, abs=1e-7)
+
+
+def test_a_long_motion_repeats_a_series() -> None:
+    config = ExcitationConfig(('a', 'b'), 3600.0)
+    bounds = Bounds(np.zeros(2), *(np.full(2, x) for x in (0.8, 1.0, 4.0)))
+    motions = RandomMotions(config, bounds)
+    drawn = motions.draw(np.random.default_rng(0))
+    assert len(drawn.sines.cosines) < 30
+    motion = motions.motion(drawn)
+    (begin, end), path = motion.sines, motion.path
+    period = (end - begin) / np.ceil((end - begin) / 45.0)
+    t = begin + np.linspace(0.0, period, 50)
+    assert path.at(t) == pytest.approx(path.at(t + 7.0 * period), abs=1e-6)
+
+
+def test_waypoints_are_read_as_they_were_written(tmp_path: Path) -> None:
+    route = Route(('b', 'a'), (100_000_001, 2_000_000_000), (
+        ((1.0, -2.5e-7), (1e8, 0.0), (3.0, -4.0)), ((1.5, 2.0), (), ())))
+    write_trajectory(route, tmp_path / 'way.yaml')
+    read = read_trajectory(tmp_path / 'way.yaml', ('b', 'a'))
+    assert read.times == route.times
+    assert read.points == route.points
+    turned = read_trajectory(tmp_path / 'way.yaml', ('a', 'b'))
+    assert turned.points[0][0] == (-2.5e-7, 1.0)
+
+
+ARM = urdf([
+    link('base'), link('a', 2.0, (0.2, 0.0, 0.0), (0.1, 0.1, 0.1)),
+    link('b', 1.0, (0.1, 0.0, 0.0), (0.05, 0.05, 0.05)),
+    joint('turn', 'revolute', 'base', 'a', '0 1 0', more=(
+        '<limit lower="-1" upper="3" velocity="2" effort="30" acceleration="5"/>')),
+    joint('slide', 'prismatic', 'a', 'b', '1 0 0', more=(
+        '<limit lower="0" upper="0.2" velocity="0.1" effort="40"/>'))])
+
+
+def test_bounds_of_a_description_with_acceleration_and_a_short_slide() -> None:
+    limits = DescribedLimits(ARM, ('turn', 'slide')).joints
+    config = ExcitationConfig(('turn', 'slide'), center=(1.0, 0.08), start=(0.0, 0.0))
+    bounds = bounds_of(config, limits)
+    assert bounds.room == pytest.approx([0.8, 0.07])
+    assert bounds.velocity == pytest.approx([1.0, 0.05])
+    assert bounds.acceleration == pytest.approx([2.5, 0.2])
+    bounds = bounds_of(config.changed({
+        'velocity_limit': [0.3, 0.1], 'acceleration_limit': [5.0, float('inf')]}), limits)
+    assert bounds.velocity == pytest.approx([0.3, 0.1])
+    assert bounds.acceleration == pytest.approx([5.0, 0.4])
+    with pytest.raises(ParameterError, match=r'start of slide: 0\.3 is not allowed'):
+        bounds_of(config.changed({'start': [0.0, 0.3]}), limits)
+
+
+def test_joints_creep_at_every_pose() -> None:
+    """Slow enough for Stribeck friction at 0.02 rad/s, in windows of 0.1 s."""
+    config = ExcitationConfig(('a', 'b'), 60.0)
+    bounds = Bounds(np.zeros(2), *(np.full(2, x) for x in (0.8, 1.0, 4.0)))
+    motions = RandomMotions(config, bounds)
+    motion = motions.motion(motions.draw(np.random.default_rng(0)))
+    assert len(motion.creep) == 3
+    for (begin, end), speed in zip(motion.creep, (0.02, 0.01, 0.005)):
+        q, dq, _ = motion.path.at(np.arange(begin, end, 0.01))
+        creeps = np.abs(np.abs(dq) - speed) < 0.05 * speed
+        for i in range(2):
+            for way in (1.0, -1.0):
+                mine = np.flatnonzero(creeps[:, i] & (dq[:, i] * way > 0.0))
+                assert len(mine) * 0.01 > 0.5
+                # It has come a way before it creeps, so that it slides already.
+                middle = mine[len(mine) // 2]
+                assert np.ptp(q[max(middle - 200, 0):middle, i]) > 0.4 * bounds.slow[i]

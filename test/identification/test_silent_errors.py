@@ -1,0 +1,102 @@
+# Copyright 2026 The ctc_chattering maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""No number is silently wrong: an independent plant with what linear drives and sensors lack."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ctc_chattering.analysis.recording import Recording
+from ctc_chattering.analysis.result import simulate
+from ctc_chattering.configuration import parameter_file
+from ctc_chattering.dynamics.two_link import TwoLink
+from ctc_chattering.identification.regression.finding import Severity
+from ctc_chattering.identification.regression.identify import identify
+from ctc_chattering.identification.regression.model_errors import candidates
+from ctc_chattering.identification.report.result_tables import tables
+from faults_of_arms import case, recorded
+from identification_judge import judged, Outcome, outcome
+import pytest
+
+DURATION = 15.0
+
+
+def of(robot: str, fault: str, seed: int) -> tuple[Outcome, list[str]]:
+    """Return what is made of a fault, and the numbers that are silently wrong."""
+    one = case(robot, fault, seed, DURATION)
+    seen, recording = recorded(one, seed, DURATION)
+    made = outcome(one, recording, seed)
+    return made, judged(one, fault, seen, made, DURATION)['wrong']
+
+
+def test_friction_of_slow_motion_is_excluded_only_above_a_velocity() -> None:
+    made, wrong = of('two_link_urdf', 'creeping', 7500)
+    assert not wrong
+    assert made.results is not None
+    for friction, reasons in zip(made.results.found.friction, made.reasons):
+        assert friction.stribeck.reason.startswith('none above 0.0')
+        # The joint needs more to break away than it shows while it slides.
+        assert 'breaking away |P| is up to' in reasons
+
+
+@pytest.mark.parametrize(('fault', 'refused'), [
+    ('velocity_degrees', 2), ('velocity_sign', 1), ('velocity_scale', 1)])
+def test_velocities_that_are_no_change_of_the_positions_are_refused(
+        fault: str, refused: int) -> None:
+    made, wrong = of('two_link_urdf', fault, 7501)
+    assert not wrong
+    assert made.severity.count(Severity.REFUSED) == refused
+    assert sum('times the change of its position' in x for x in made.reasons) == refused
+    assert made.results is not None
+    assert all(x.value is None for x, of_joint in zip(made.results.found.noise, made.severity)
+               if of_joint == Severity.REFUSED)
+
+
+def test_a_delay_of_one_joint_is_a_lag_or_a_delay() -> None:
+    made, wrong = of('two_link_urdf', 'joint_delay', 7500)
+    assert not wrong
+    assert made.results is not None
+    found = made.results
+    heads = {head for _, rows in tables(found.found, found.verdicts, found.run,
+                                        found.recommended, ()) for head in rows[0]}
+    assert 'lag, or delay of this joint' in heads
+
+
+@pytest.mark.parametrize(('robot', 'fault', 'seed', 'name'), [
+    ('two_link_urdf', 'dead_band', 7500, 'dead band'),
+    ('drawn3', 'dead_band', 7501, 'dead band'),
+    ('drawn3', 'fading_torque', 7501, 'fading torque')])
+def test_a_drive_that_is_not_linear_is_named_beside_right_friction(
+        robot: str, fault: str, seed: int, name: str) -> None:
+    one = case(robot, fault, seed, DURATION)
+    made, wrong = of(robot, fault, seed)
+    assert not wrong
+    assert made.severity.count(Severity.CARE) == one.robot.n
+    assert made.results is not None
+    for i, (friction, reasons) in enumerate(zip(made.results.found.friction, made.reasons)):
+        assert name in reasons
+        assert friction.coulomb.value == pytest.approx(one.robot.physics.coulomb[i], rel=0.01)
+        assert friction.forwards.value == pytest.approx(one.robot.physics.coulomb[i], rel=0.05)
+        assert made.results.found.scale[i].value == pytest.approx(1.0, abs=1e-3)
+
+
+def test_an_exact_run_has_no_error_of_the_model() -> None:
+    run = simulate(parameter_file.load(Path('config/friction.yaml'))).run
+    model = TwoLink()
+    found = identify([Recording('run', ('joint1', 'joint2'), run.t, run.q, run.dq, None, run.tau
+                                ).checked()], model, candidates(model))
+    assert found.selected.attributed
+    assert not [x.text for x in found.findings if x.severity > Severity.NOTE]
+    assert [x.coulomb.value for x in found.friction] == pytest.approx([9.9, 9.9], rel=1e-3)
