@@ -70,7 +70,8 @@ RESULT = Result('', [(0.0, CONFIG)], RUN)
 RIGHT: dict[str, dict[str, Any]] = {
     'Result': {'experiment': '', 'configs': [(0.0, CONFIG)], 'run': RUN, 'computed': None,
                'description': '', 'source': '', 'window': (0.0, 1.0)},
-    'read_bag': {'path': 'bag', 'model': '', 'law': '', 'switching': ''}, 'repair': {'bag': 'bag'}, 'laws': {},
+    'read_bag': {'path': 'bag', 'model': '', 'law': '', 'switching': ''},
+    'repair': {'bag': 'bag'}, 'laws': {},
     'check_dynamics': {'model': TwoLink(), 'seed': 0, 'samples': 1},
     'export': {'result': RESULT, 'path': 'run.csv'},
     'read_motion': {'path': 'bag', 'joints': (), 'description': '', 'states': 'joint_states',
